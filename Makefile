@@ -1,0 +1,43 @@
+# Two commands do everything on a fresh machine: `make demo` and `make test`.
+PYTHON ?= python3
+BIN := .venv/bin
+export OPENBLAS_NUM_THREADS ?= 2
+
+.PHONY: demo test check lint types bench blind slow docs clean
+
+.venv/.ok: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@
+
+demo: .venv/.ok
+	$(BIN)/tactilevision calibrate sample_frames/gelslim3 --out demo_out
+
+test: .venv/.ok
+	$(BIN)/python -m pytest
+
+lint: .venv/.ok
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: .venv/.ok
+	$(BIN)/mypy
+	$(BIN)/mypy tests
+
+check: lint types test
+
+slow: .venv/.ok
+	$(BIN)/python -m pytest -m slow
+
+bench: .venv/.ok
+	$(BIN)/python -m benchmarks
+
+blind: .venv/.ok
+	$(BIN)/python -m benchmarks.blind
+
+docs: .venv/.ok
+	$(BIN)/sphinx-build -W -q docs docs/_build
+
+clean:
+	rm -rf .venv build dist docs/_build demo_out
