@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -37,6 +38,31 @@ def replacing(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def staged(folder: Path | str) -> Iterator[Path]:
+    """Yield an empty folder for results; on success all its files move into `folder`, else none does.
+
+    The moves come last and take no time, so an interrupted run leaves the earlier results as they were.
+    Files of `folder` that the new results do not replace stay. Raises OutputError as `replacing` does.
+    """
+    target = Path(folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=target))
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    try:
+        yield stage
+        for path in sorted(p for p in stage.rglob("*") if p.is_file()):
+            place = target / path.relative_to(stage)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(place)
+    except OSError as fault:
+        raise _refused(target, fault) from fault
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
 
 
 def write_text(path: Path | str, text: str) -> None:

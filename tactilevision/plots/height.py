@@ -1,0 +1,180 @@
+"""Pictures of a height map: from above, cut, in perspective, and laid over the frame it came from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.records import Bytes, Floats, Footprint, HeightMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+
+@style.house_look
+def draw_height(height: HeightMap, *, title: str = "") -> Figure:
+    """The map from above with contours, scale bar and colour bar, and two cuts through its deepest place."""
+    figure, axes = style.new_figure(10, 4.2, columns=2)
+    above, cuts = axes
+    image = depth_image(above, height)
+    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
+    above.set_title(title or height.name or "Depth of the gel's surface")
+    row, column = deepest_place(height)
+    cut_lines(cuts, height, row, column)
+    above.axhline(row * height.mm_per_px[1], color="white", lw=0.6, ls=":")
+    above.axvline(column * height.mm_per_px[0], color="white", lw=0.6, ls=":")
+    return figure
+
+
+@style.house_look
+def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
+    """The surface in perspective, depth downwards. The vertical scale is exaggerated and says by how much."""
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+    figure = Figure(figsize=(7.5, 5.5))
+    axes = Axes3D(figure)
+    figure.add_axes(axes)
+    step = max(1, max(height.depth_mm.shape) // 160)
+    depth = np.where(height.valid, height.depth_mm, np.nan)[::step, ::step]
+    x, y = np.meshgrid(
+        *(np.arange(n) * step * s for n, s in zip(depth.shape[::-1], height.mm_per_px, strict=True))
+    )
+    axes.plot_surface(x, y, depth, cmap=style.DEPTH_MAP, rstride=1, cstride=1, linewidth=0, antialiased=False)
+    span = max(float(np.nanmax(depth) - np.nanmin(depth)), 1e-3) if np.isfinite(depth).any() else 1.0
+    axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), 0.25 * float(np.ptp(x))))
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="depth (mm)")
+    axes.invert_zaxis()
+    axes.invert_yaxis()
+    exaggerated = 0.25 * float(np.ptp(x)) / span
+    axes.set_title(f"{title or height.name}   vertical scale × {exaggerated:.0f}", loc="left", fontsize=10)
+    axes.view_init(elev=48, azim=-62)
+    return figure
+
+
+@style.house_look
+def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, title: str = "") -> Figure:
+    """The rectified frame with the contours of the depth and the indenter's circle on it."""
+    figure, (axes,) = style.new_figure(5.6, 4.2)
+    overlay(axes, rgb, height, footprint)
+    axes.set_title(title or height.name)
+    return figure
+
+
+@style.house_look
+def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second minus first") -> Figure:
+    """Second map minus first, on a scale that is symmetric about no change."""
+    change = np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
+    limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
+    figure, (axes,) = style.new_figure(6.2, 4.2)
+    image = axes.imshow(
+        change, cmap="PuOr", vmin=-limit, vmax=limit, extent=extent_mm(first), interpolation="none"
+    )
+    figure.colorbar(image, ax=axes, label="change of depth (mm)", shrink=0.85)
+    axes.set_title(title)
+    axes.grid(False)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    return figure
+
+
+def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
+    """Draw the depth in mm with contours; places of unknown depth are grey."""
+    import matplotlib as mpl
+
+    depth = np.where(height.valid, height.depth_mm, np.nan)
+    axes.set_facecolor(style.INVALID)
+    top = max(float(np.nanmax(depth)), 1e-3) if np.isfinite(depth).any() else 1e-3
+    bottom = min(float(np.nanpercentile(depth, 0.5)), 0.0) if np.isfinite(depth).any() else 0.0
+    image = axes.imshow(
+        depth,
+        cmap=mpl.colormaps[style.DEPTH_MAP],
+        vmin=bottom,
+        vmax=top,
+        extent=extent_mm(height),
+        interpolation="none",
+    )
+    if top - bottom > 0.02:
+        axes.contour(
+            np.where(height.valid, height.depth_mm, 0.0),
+            levels=np.linspace(bottom, top, 9)[1:-1],
+            colors="white",
+            linewidths=0.35,
+            alpha=0.6,
+            extent=extent_mm(height),
+            origin="upper",
+        )
+    scale_bar(axes, height)
+    axes.grid(False)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    return image
+
+
+def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
+    """Depth along x and along y through one place, with the standard deviation as a band where it is known."""
+    cuts = (
+        ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
+        ("along y", style.ORANGE, (slice(None), column), height.mm_per_px[1]),
+    )
+    for label, colour, where, scale in cuts:
+        depth = np.where(height.valid[where], height.depth_mm[where], np.nan)
+        place = np.arange(depth.size) * scale
+        axes.plot(place, depth, color=colour, label=label)
+        if height.std_mm is not None:
+            std = height.std_mm[where]
+            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0)
+    axes.axhline(0, color=style.GREY, lw=0.8)
+    axes.invert_yaxis()
+    axes.set(xlabel="place (mm)", ylabel="depth into the gel (mm)", title="Cuts through the deepest place")
+    axes.legend(loc="lower right")
+
+
+def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | None) -> None:
+    """Draw a frame, the contours of its depth, and the circle of the indenter's face, in mm on the picture."""
+    extent = extent_mm(height)
+    axes.imshow(rgb, extent=extent)
+    top = float(np.nanmax(np.where(height.valid, height.depth_mm, np.nan))) if height.valid.any() else 0.0
+    if top > 0.02:
+        levels = np.array([0.25, 0.5, 0.75]) * top
+        depth = np.where(height.valid, height.depth_mm, 0.0)
+        axes.contour(depth, levels=levels, colors="white", linewidths=0.5, extent=extent, origin="upper")
+    if footprint is not None:
+        middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)
+        turn = np.linspace(0, 2 * np.pi, 200)
+        x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
+        y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
+        axes.plot(x, y, color=style.ORANGE, lw=1.6)
+    axes.grid(False)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+
+
+def scale_bar(axes: Axes, height: HeightMap) -> None:
+    """A bar of a round length, in the lower left."""
+    width = height.depth_mm.shape[1] * height.mm_per_px[0]
+    tall = height.depth_mm.shape[0] * height.mm_per_px[1]
+    length = max((b for b in (0.5, 1, 2, 5, 10, 20, 50) if b <= width / 4), default=width / 4)
+    x, y = 0.04 * width, 0.94 * tall
+    axes.plot([x, x + length], [y, y], color="white", lw=3, solid_capstyle="butt")
+    axes.text(
+        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color="white", ha="center", va="bottom", fontsize=8
+    )
+
+
+def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top of the picture in mm, pixel centres at whole steps from the top left pixel."""
+    rows, columns = height.depth_mm.shape
+    sx, sy = height.mm_per_px
+    return (-0.5 * sx, (columns - 0.5) * sx, (rows - 0.5) * sy, -0.5 * sy)
+
+
+def deepest_place(height: HeightMap) -> tuple[int, int]:
+    """Row and column of the middle of the deepest tenth: steadier than the single deepest pixel."""
+    depth: Floats = np.where(height.valid, height.depth_mm, -np.inf).astype(np.float64)
+    top = depth.max()
+    if not np.isfinite(top):
+        return depth.shape[0] // 2, depth.shape[1] // 2
+    rows, columns = np.nonzero(depth >= 0.9 * top) if top > 0 else np.nonzero(depth == top)
+    return int(np.median(rows)), int(np.median(columns))
