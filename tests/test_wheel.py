@@ -39,7 +39,7 @@ def test_every_data_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
 
 
 def test_installed_alone_it_reproduces_the_papers_figures(wheel: Path, tmp_path: Path) -> None:
-    """A fresh environment sees the wheel and the dependencies, but neither the checkout nor its editable install."""
+    """A fresh environment sees the wheel and the dependencies, but no checkout and no editable install."""
     home = tmp_path / "env"
     venv.create(home, with_pip=False)
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"

@@ -1,0 +1,124 @@
+"""Pictures of force against depth: certified points, the straight line through P/w, what it leaves, E over nu."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.records import Estimate, Floats, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True)
+class PointCloud:
+    """What is drawn of the points: (N,) each; `used`: those that entered the fit; `group`: the indenter's name."""
+
+    depth_mm: Floats
+    depth_std_mm: Floats
+    force_N: Floats
+    force_std_N: Floats
+    thickness_mm: Floats
+    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    group: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class FittedLine:
+    """A fitted model along one indenter: depth, force and the standard deviation of the force, (M,) each."""
+
+    name: str
+    depth_mm: Floats
+    force_N: Floats
+    force_std_N: Floats
+    thickness_mm: float
+
+
+@style.house_look
+def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], predicted_N: Floats, *, title: str = "") -> Figure:
+    """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
+    figure, (force, stiffness, rest) = style.new_figure(11.5, 3.8, columns=3)
+    strain = cloud.depth_mm / cloud.thickness_mm
+    secant = cloud.force_N / cloud.depth_mm
+    secant_std = secant * np.hypot(cloud.force_std_N / cloud.force_N, cloud.depth_std_mm / cloud.depth_mm)
+    scatter(force, cloud, cloud.depth_mm, cloud.force_N, 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N)
+    scatter(stiffness, cloud, strain, secant, 1.96 * cloud.depth_std_mm / cloud.thickness_mm, 1.96 * secant_std)
+    left = cloud.force_N - predicted_N
+    scatter(rest, cloud, strain, 1e3 * left, None, 1.96e3 * cloud.force_std_N)
+    for line, colour in zip(lines, style.CYCLE, strict=False):
+        low, high = line.force_N - 1.96 * line.force_std_N, line.force_N + 1.96 * line.force_std_N
+        for axes, x, scale in (
+            (force, line.depth_mm, np.ones_like(line.depth_mm)),
+            (stiffness, line.depth_mm / line.thickness_mm, line.depth_mm),
+        ):
+            axes.plot(x, line.force_N / scale, color=colour, label=line.name)
+            axes.fill_between(x, low / scale, high / scale, color=colour, alpha=0.18, lw=0)
+    rest.axhline(0, color=style.GREY, lw=0.8)
+    force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
+    stiffness.set(xlabel="w / h", ylabel="P / w (N/mm)", title="The line that gives c and β")
+    rest.set(xlabel="w / h", ylabel="measured − fitted (mN)", title="What the fit leaves")
+    if len(lines) > 1:
+        stiffness.legend(fontsize=8)
+    force.legend(fontsize=8, loc="upper left")
+    return figure
+
+
+def scatter(
+    axes: Axes, cloud: PointCloud, x: Floats, y: Floats, x_bar: Floats | None, y_bar: Floats | None
+) -> None:
+    """Points with bars; those that were left out of the fit are hollow."""
+    for mask, face, label in ((cloud.used, style.BLUE, "accepted"), (~cloud.used, "white", "rejected")):
+        kept = mask & np.isfinite(x) & np.isfinite(y)
+        if not kept.any():
+            continue
+        bars = [None if bar is None else np.nan_to_num(bar[kept]) for bar in (x_bar, y_bar)]
+        axes.errorbar(
+            x[kept],
+            y[kept],
+            xerr=bars[0],
+            yerr=bars[1],
+            fmt="o",
+            ms=4.5,
+            color=style.GREY if face == "white" else face,
+            mfc=face,
+            elinewidth=0.8,
+            label=label,
+        )
+
+
+@style.house_look
+def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Estimate) -> Figure:
+    """E over nu at the fitted stiffness: the curve that one punch fixes, and the part of it that remains."""
+    figure, (axes,) = style.new_figure(5.2, 3.8)
+    nu, e = np.array(modulus_of_nu).T
+    axes.plot(nu, e, color=style.BLUE, label="E(ν) at the fitted c")
+    if poisson.interval95 is not None:
+        axes.axvspan(*poisson.interval95, color=style.ORANGE, alpha=0.2, lw=0, label="95 % interval of ν")
+    if modulus.interval95 is not None:
+        axes.axhspan(*modulus.interval95, color=style.GREEN, alpha=0.15, lw=0, label="95 % interval of E")
+    if poisson.value is not None and modulus.value is not None:
+        axes.plot(poisson.value, modulus.value, "o", color=style.RED, ms=6)
+    axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="What is fixed, and what is not")
+    axes.legend(fontsize=8)
+    return figure
+
+
+@style.house_look
+def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Sequence[bool]) -> Figure:
+    """Young's modulus of one sensor over time with 95 % intervals; a red point has moved beyond its interval."""
+    figure, (axes,) = style.new_figure(6.4, 3.6)
+    for place, (estimate, has_moved) in enumerate(zip(modulus, moved, strict=True)):
+        if estimate.value is None or estimate.interval95 is None:
+            continue
+        low, high = estimate.interval95
+        bar = [[estimate.value - low], [high - estimate.value]]
+        axes.errorbar([place], [estimate.value], yerr=bar, fmt="o", color=style.RED if has_moved else style.BLUE)
+    axes.set_xticks(range(len(dates)), dates, rotation=30, ha="right")
+    axes.set(ylabel="Young's modulus E (MPa)", title="Ageing of the gel")
+    return figure
