@@ -1,0 +1,74 @@
+"""The gel relaxes: a Prony series on the elastic force.
+
+    P(t) = Int G(t - s) dP_e(s),    G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i))
+
+P_e is the elastic force with the instantaneous modulus; each press begins from a gel at rest. Small g: the law's
+nonlinearity and the relaxation separate (quasi-linear). Vanishes at g_i = 0.
+Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.hereditary import relaxed
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+TAU_S = (0.05, 500.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Viscoelasticity(EffectBase):
+    """`terms` Prony terms, each a fraction g and a time constant."""
+
+    terms: int = 1
+
+    key = "viscoelasticity"
+    title = "the gel relaxes under load"
+    stage = Stage.HISTORY
+    seen_in = ("t", "rate", "load/unload")
+    confused_with = ("stiffening", "clock_offset", "tilt")
+    separated_by = ("a hold of 25 s", "two decades of rate")
+    source = "Fung, Biomechanics (1993), sec. 7.6"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """g and tau of each term."""
+        table: list[Parameter] = []
+        for k in range(self.terms):
+            tail = "" if self.terms == 1 else f"_{k + 1}"
+            tau = 3.0 * 10.0 ** (k - (self.terms - 1) / 2)
+            table += [
+                Parameter(f"g{tail}", "1", 0.0, (0.0, 0.6), "fraction of the force that relaxes", 0.1),
+                Parameter(f"tau{tail}_s", "s", tau, TAU_S, "time constant", tau),
+            ]
+        return tuple(table)
+
+    def missing(self, data: Observations) -> str:
+        """Needs several samples in time of at least one press."""
+        if not data.is_curves or not np.isfinite(data.time_s).all():
+            return "needs the force over time within a press (curves)"
+        return ""
+
+    def starts(self, data: Observations) -> Floats:
+        """A tenth relaxes, at time constants spread over what the presses last."""
+        defaults = [p.default for p in self.parameters]
+        table = []
+        for tau in (0.2, 1.0, 5.0, 25.0):
+            row = list(defaults)
+            row[0::2] = [0.1 / self.terms] * self.terms
+            row[1::2] = [float(np.clip(tau * 5.0**k, *TAU_S)) for k in range(self.terms)]
+            table.append(row)
+        return np.array(table)
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Take the relaxed part off the force."""
+        lost = sum(
+            (g * relaxed(state.force_N, tau, data) for g, tau in values.reshape(-1, 2)), np.zeros(data.size)
+        )
+        return replace(state, force_N=state.force_N - lost)

@@ -1,0 +1,87 @@
+"""Flat-ended cylinder on a bonded layer, with a free curvature of force against depth.
+
+    P = c w (1 + beta w/h),    c = 2 a E kappa(nu, a/h) / (1 - nu^2)
+
+P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
+small strain, frictionless, sharp edge, layer far wider than the punch. beta holds what large strain, friction and
+the edge add; theory gives it no single value, so it is free, and as it changes with a/h each radius has its own.
+No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
+Med. Eng. Phys. 19 (1997) 57.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.model import Composable
+from calibration.parameters import Parameter, Prior
+from calibration.stages import State
+from calibration.stiffness import punch_stiffness
+from tactilevision.records import Floats, Gel, Pair
+
+SILICONE_NU: Pair = (0.45, 0.4999)
+NOMINAL_NU = 0.48
+STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit
+
+
+@dataclass(frozen=True, slots=True)
+class FlatPunch(Composable):
+    """The default law. `free_poisson_ratio` lets nu vary where several radii may fix it."""
+
+    free_poisson_ratio: bool = False
+
+    @property
+    def key(self) -> str:
+        """The name in the catalogue."""
+        return "flat_punch"
+
+    def parameters(self, data: Observations) -> tuple[Parameter, ...]:
+        """E, nu, then beta for each radius in rising order."""
+        modulus = Parameter("youngs_modulus_MPa", "MPa", starting_modulus(data), (1e-5, 1e4),
+                            "Young's modulus of the gel", starting_modulus(data))  # fmt: skip
+        return (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *betas(data))
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """c and the force on the state's own radius and thickness."""
+        stiffness = state.factor * punch_stiffness(values[0], values[1], state.radius_mm, state.thickness_mm)
+        beta = values[2:][radius_number(data)]
+        depth = np.maximum(state.depth_mm, 0)
+        force = stiffness * depth * (1 + beta * depth / state.thickness_mm)
+        return replace(state, stiffness_N_per_mm=stiffness, force_N=force)
+
+
+def betas(data: Observations) -> tuple[Parameter, ...]:
+    """One beta a radius, named by it where there are several."""
+    radii = np.unique(data.presses.radius_mm)
+    names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
+    return tuple(Parameter(n, "1", 0.85, (-3.0, 12.0), "curvature of P/w against w/h", 1.0) for n in names)
+
+
+def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Which radius, in rising order, each sample (N,) belongs to."""
+    return np.unique(data.presses.radius_mm, return_inverse=True)[1][data.press]
+
+
+def poisson_parameter(gel: Gel, free: bool) -> Parameter:
+    """nu with what is known of it: a prior where one is stated, else free in the silicones' range or held."""
+    if gel.poisson_ratio is not None:
+        mean, std = gel.poisson_ratio, gel.poisson_ratio_std
+        if std == 0:
+            return Parameter("poisson_ratio", "1", mean, (mean, mean), "Poisson's ratio, as stated", 0.01)
+        spread = STATED_NU_STD if std is None else std
+        return Parameter("poisson_ratio", "1", min(mean, 0.4999), (0.0, 0.4999), "Poisson's ratio", 0.01,
+                         Prior(mean, spread, "recording.toml"))  # fmt: skip
+    bounds = (0.3, 0.4999) if free else (NOMINAL_NU, NOMINAL_NU)
+    return Parameter("poisson_ratio", "1", NOMINAL_NU, bounds, "Poisson's ratio of the gel", 0.01)
+
+
+def starting_modulus(data: Observations) -> float:
+    """E of the right size: from the median of P/w, for a start."""
+    deep = data.depth_mm > 0.5 * np.max(data.depth_mm)
+    per_depth = float(np.median(data.normal_N[deep] / data.depth_mm[deep]))
+    radius, thickness = float(np.median(data.radius_mm)), data.gel.thickness_mm
+    unit = float(punch_stiffness(1.0, NOMINAL_NU, np.array([radius]), np.array([thickness]))[0])
+    return max(per_depth / unit / 1.1, 1e-4)

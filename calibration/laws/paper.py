@@ -1,0 +1,62 @@
+"""The published route, kept as a reproduction: one a/h for every gel, and nu read from the curvature.
+
+    P/w = c (1 + beta w/h),    nu = 0.0813 ln beta + 0.4464,    E = c (1 - nu^2) / (2 a kappa(nu, 0.8))
+
+Its logarithmic law rests on five points (R^2 = 0.98), and beta says more about friction, the edge and large
+strain than about nu: a modulus from it reproduces the publication and is no measurement of nu. kappa is taken
+at a/h = 0.8 whatever the gel. Source: eqs. 1-5 there; Zhang, Zheng, Mak, Med. Eng. Phys. 19 (1997) 57.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.laws.flat_punch import betas, radius_number, starting_modulus
+from calibration.model import Composable
+from calibration.parameters import Parameter
+from calibration.stages import State
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.records import Floats
+
+A_OVER_H = 0.8
+SLOPE, OFFSET = 0.0813, 0.4464
+
+
+@dataclass(frozen=True, slots=True)
+class Paper(Composable):
+    """c and beta are fitted; nu and E follow from them."""
+
+    @property
+    def key(self) -> str:
+        """The name in the catalogue."""
+        return "paper"
+
+    def parameters(self, data: Observations) -> tuple[Parameter, ...]:
+        """c of the first radius (others scale with a), then beta for each radius."""
+        stiffness = starting_modulus(data) * 15
+        c = Parameter("c_N_per_mm", "N/mm", stiffness, (1e-5, 1e5), "P/w as the depth goes to 0", stiffness)
+        return (c, *betas(data))
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """P = c w (1 + beta w/h), c in proportion to the radius."""
+        stiffness = values[0] * state.factor * state.radius_mm / np.min(data.presses.radius_mm)
+        beta = values[1:][radius_number(data)]
+        depth = np.maximum(state.depth_mm, 0)
+        force = stiffness * depth * (1 + beta * depth / state.thickness_mm)
+        return replace(state, stiffness_N_per_mm=stiffness, force_N=force)
+
+
+def poisson_from_beta(beta: float) -> float:
+    """The log law; NaN for beta <= 0."""
+    return SLOPE * float(np.log(beta)) + OFFSET if beta > 0 else float("nan")
+
+
+def modulus_from(c_N_per_mm: float, beta: float, radius_mm: float) -> float:
+    """E in MPa by the published route; NaN where its nu leaves [0, 0.5)."""
+    nu = poisson_from_beta(beta)
+    if not 0 <= nu < 0.5:
+        return float("nan")
+    return float(c_N_per_mm * (1 - nu**2) / (2 * radius_mm * fast_kappa(nu, A_OVER_H)))

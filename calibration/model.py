@@ -1,0 +1,115 @@
+"""A law and its effects, composed: one function from parameters to the force that the sensor should read.
+
+model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import Effect, Law, Stage, State
+from tactilevision.errors import InputError
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A contact law and the effects on it. `+` adds one; the order of adding does not matter."""
+
+    law: Law
+    effects: tuple[Effect, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        keys = [effect.key for effect in self.effects]
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        if twice:
+            raise InputError("an effect stands in a model once", where="Model", value=", ".join(twice))
+        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=_place)))
+
+    def __add__(self, effect: Effect) -> Model:
+        return Model(self.law, (*self.effects, effect))
+
+    def without(self, key: str) -> Model:
+        """The model less one effect."""
+        return Model(self.law, tuple(e for e in self.effects if e.key != key))
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of the effects, in the order in which they act."""
+        return tuple(effect.key for effect in self.effects)
+
+    @property
+    def name(self) -> str:
+        """The law's key and the effects', joined by +."""
+        return " + ".join((self.law.key, *self.keys))
+
+    def parameters(self, data: Observations) -> tuple[Parameter, ...]:
+        """All parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
+        from dataclasses import replace
+
+        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in e.parameters]
+        return (*self.law.parameters(data), *effects)
+
+    def slices(self, data: Observations) -> dict[str, slice]:
+        """Where each part's values stand in the vector of parameters: "law", then the effects' keys."""
+        start = len(self.law.parameters(data))
+        places = {"law": slice(0, start)}
+        for effect in self.effects:
+            places[effect.key] = slice(start, start + len(effect.parameters))
+            start = places[effect.key].stop
+        return places
+
+    def defaults(self, data: Observations) -> Floats:
+        """Where each parameter rests; with every effect off."""
+        return np.array([p.default for p in self.parameters(data)])
+
+    def predict(self, values: Floats, data: Observations) -> Floats:
+        """Normal force (N,) that the sensor should read, in N. `values` as `parameters` orders them."""
+        return self.state(values, data).force_N
+
+    def state(self, values: Floats, data: Observations) -> State:
+        """The state after the last stage."""
+        places = self.slices(data)
+        state = rest_state(data)
+        stages = [(e.stage, e) for e in self.effects]
+        for effect in (e for stage, e in stages if stage < Stage.MATERIAL):
+            state = effect.apply(state, values[places[effect.key]], data)
+        state = self.law.apply(state, values[places["law"]], data)
+        for effect in (e for stage, e in stages if stage >= Stage.MATERIAL):
+            state = effect.apply(state, values[places[effect.key]], data)
+        return state
+
+    def slope(self, values: Floats, data: Observations) -> Floats:
+        """d force / d depth as read (N,), N/mm, by central differences over 1 um."""
+        step = 1e-3
+        high, low = (self.predict(values, data.shifted(side * step)) for side in (0.5, -0.5))
+        return (high - low) / step
+
+
+class Composable:
+    """Gives a law the `+` that makes a model of it."""
+
+    def __add__(self: Any, effect: Effect) -> Model:
+        return Model(self) + effect
+
+
+def rest_state(data: Observations) -> State:
+    """The state before the first stage: everything as it was read or stated."""
+    ones, zeros = np.ones(data.size), np.zeros(data.size)
+    thickness = np.full(data.size, data.gel.thickness_mm)
+    return State(data.depth_mm, data.radius_mm, thickness, ones, zeros, zeros)
+
+
+def _place(effect: Effect) -> tuple[int, int, str]:
+    from calibration.effects import CATALOGUE
+
+    return (
+        int(effect.stage),
+        CATALOGUE.index(effect.key) if effect.key in CATALOGUE else len(CATALOGUE),
+        effect.key,
+    )

@@ -1,0 +1,26 @@
+"""Stiffness of a punch on a bonded layer, for every sample of a fit.
+
+P = 2 a E kappa(nu, a/h) / (1 - nu^2) * w
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.records import Floats, Pair
+
+NU_RANGE: Pair = (0.0, 0.4999)
+RATIO_RANGE: Pair = (0.05, 10.0)
+
+
+def punch_stiffness(modulus_MPa: float, poisson_ratio: float, radius_mm: Floats, thickness_mm: Floats) -> Floats:
+    """Force over depth of a frictionless flat punch, N/mm; radius and thickness of one shape (N,).
+
+    nu and a/h are held inside their ranges, so that an optimiser that strays meets a wall and not an error.
+    """
+    nu = float(np.clip(poisson_ratio, *NU_RANGE))
+    ratio = np.clip(radius_mm / thickness_mm, *RATIO_RANGE)
+    few, where = np.unique(ratio, return_inverse=True)  # the same few ratios over and over
+    kappa = fast_kappa(nu, few)[where]
+    return np.asarray(2 * radius_mm * modulus_MPa * kappa / (1 - nu**2))
