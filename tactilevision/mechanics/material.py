@@ -1,0 +1,142 @@
+"""Moduli of an isotropic gel, and the way between a punch's initial stiffness and Young's modulus.
+
+    c = P/w at w -> 0 = 2 a E kappa(nu, a/h) / (1 - nu^2)
+
+c in N/mm, E in MPa, a punch radius and h layer thickness in mm. Numbers or arrays that broadcast throughout.
+The stiffness assumes what kappa assumes: small strain, no friction, a sharp edge, a wide layer bonded to a rigid
+base. Sticking raises c by 1.5 to 4.7 % (nu .45 to .495 at a/h = .83); a rounded edge of .02 a lowers it by 4 %.
+nu in [0, .5] for stiffness, nu in [0, .5) wherever compressibility is divided by. InputError outside.
+
+Source: Hayes et al., J. Biomech. 5 (1972) 541, eq. 21; Landau, Lifshitz, Theory of Elasticity, section 5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.kappa import fast_kappa, fast_kappa_gradient
+from tactilevision.records import Floats
+
+
+def contact_stiffness(
+    youngs_modulus_MPa: npt.ArrayLike,
+    poisson_ratio: npt.ArrayLike,
+    *,
+    radius_mm: npt.ArrayLike,
+    thickness_mm: npt.ArrayLike,
+) -> Floats:
+    """c = 2 a E kappa / (1 - nu^2), N/mm."""
+    modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
+    return np.asarray(modulus * _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
+
+
+def youngs_modulus(
+    c_N_per_mm: npt.ArrayLike,
+    poisson_ratio: npt.ArrayLike,
+    *,
+    radius_mm: npt.ArrayLike,
+    thickness_mm: npt.ArrayLike,
+) -> Floats:
+    """E = c (1 - nu^2) / (2 a kappa), MPa."""
+    stiffness = positive("c_N_per_mm", c_N_per_mm)
+    return np.asarray(stiffness / _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
+
+
+def youngs_modulus_log_gradient(
+    poisson_ratio: npt.ArrayLike, *, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
+) -> dict[str, Floats]:
+    """Partial derivatives of ln E at fixed c, for carrying uncertainty from what was measured to E.
+
+    Keys: `ln_c` (always 1), `poisson_ratio`, `ln_radius`, `ln_thickness`. With s = d ln kappa/d ln(a/h):
+    d ln E/d nu = -2 nu/(1 - nu^2) - d ln kappa/d nu,  d ln E/d ln a = -1 - s,  d ln E/d ln h = s.
+    """
+    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
+    alpha = radius / thickness
+    value = fast_kappa(nu, alpha)
+    by_nu, by_alpha = fast_kappa_gradient(nu, alpha)
+    slope = by_alpha * alpha / value
+    return {
+        "ln_c": np.ones_like(value),
+        "poisson_ratio": -2 * nu / (1 - nu**2) - by_nu / value,
+        "ln_radius": -1 - slope,
+        "ln_thickness": slope,
+    }
+
+
+def reduced_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
+    """E* = E / (1 - nu^2), MPa: what contact on a half-space feels."""
+    return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (1 - _poisson(poisson_ratio) ** 2))
+
+
+def shear_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
+    """mu = E / (2 (1 + nu)), MPa."""
+    return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (2 * (1 + _poisson(poisson_ratio))))
+
+
+def bulk_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
+    """K = E / (3 (1 - 2 nu)), MPa; nu < .5."""
+    nu = _compressible(poisson_ratio)
+    return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (3 * (1 - 2 * nu)))
+
+
+def constrained_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
+    """M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa: a layer compressed all over gives by h/M; nu < .5."""
+    nu = _compressible(poisson_ratio)
+    modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
+    return np.asarray(modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu)))
+
+
+def neo_hooke(youngs_modulus_MPa: float, poisson_ratio: float) -> tuple[float, float]:
+    """(C10 in MPa, D1 in 1/MPa) of W = C10 (I1bar - 3) + (J - 1)^2 / D1 with the same small-strain moduli.
+
+    C10 = mu/2 = E / (4 (1 + nu)),  D1 = 2/K = 6 (1 - 2 nu)/E. Source: Abaqus Theory Guide, section 4.6.1.
+    """
+    return (
+        float(shear_modulus(youngs_modulus_MPa, poisson_ratio)) / 2,
+        2 / float(bulk_modulus(youngs_modulus_MPa, poisson_ratio)),
+    )
+
+
+def moduli_of_neo_hooke(c10_MPa: float, d1_per_MPa: float) -> tuple[float, float]:
+    """(E in MPa, nu) of C10 and D1, the way back: E = 9 K mu/(3K + mu), nu = (3K - 2 mu)/(2 (3K + mu))."""
+    mu, bulk = 2 * float(positive("C10", c10_MPa)), 2 / float(positive("D1", d1_per_MPa))
+    return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
+
+
+def positive(name: str, value: npt.ArrayLike) -> Floats:
+    """`value` as an array, or InputError where any of it is not a finite number above 0."""
+    numbers = np.asarray(value, dtype=float)
+    if not (np.isfinite(numbers) & (numbers > 0)).all():
+        raise InputError(f"{name} is a finite number above 0", where="mechanics", value=np.min(numbers).item(),
+                         remedy="Check its unit and its sign.")  # fmt: skip
+    return numbers
+
+
+def _stiffness_of_unit_modulus(
+    poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
+) -> Floats:
+    nu, radius, thickness = _geometry(poisson_ratio, radius_mm, thickness_mm)
+    return np.asarray(2 * radius * fast_kappa(nu, radius / thickness) / (1 - nu**2))
+
+
+def _geometry(
+    poisson_ratio: npt.ArrayLike, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    return _poisson(poisson_ratio), positive("radius_mm", radius_mm), positive("thickness_mm", thickness_mm)
+
+
+def _poisson(value: npt.ArrayLike) -> Floats:
+    nu = np.asarray(value, dtype=float)
+    if not ((nu >= 0) & (nu <= 0.5)).all():
+        raise InputError("Poisson's ratio lies in [0, .5]", where="mechanics", value=np.ravel(nu).tolist())
+    return nu
+
+
+def _compressible(value: npt.ArrayLike) -> Floats:
+    nu = _poisson(value)
+    if (nu >= 0.5).any():
+        raise InputError("at nu = .5 this modulus is infinite", where="mechanics", value=0.5,
+                         remedy="For a nearly incompressible gel take .4999.")  # fmt: skip
+    return nu
