@@ -1,0 +1,93 @@
+"""What must agree between the files of one recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout
+from tactilevision.recording.model import Recording
+
+_BRIEF = 1e-6  # s; below any clock's step
+
+
+def check_forces_cover(recording: Recording) -> None:
+    """Raise where force readings start after the first press or end before the last one does.
+
+    With an unknown clock offset only lengths can be compared: the readings must last as long as the presses do.
+    """
+    if recording.forces is None or not recording.presses:
+        return
+    times = recording.forces.time_s
+    first, last = recording.presses[0], max(recording.presses, key=lambda press: press.end_s)
+    where = recording.path / layout.FORCES
+    remedy = "Copy the whole file, or take the presses without force out of presses.csv."
+    offset_s = recording.clock_offset_s
+    if offset_s is None:
+        lasts, needed = float(times[-1] - times[0]), last.end_s - first.start_s
+        if lasts < needed - _BRIEF:
+            raise RecordingError(
+                f"the readings end early: they last {lasts:.6g} s, the presses {needed:.6g} s",
+                where=where,
+                remedy=remedy,
+            )
+        return
+    if times[-1] < last.end_s + offset_s - _BRIEF:
+        raise RecordingError(
+            f"the readings end early: at {times[-1]:.6g} s, but press {last.press} ends at "
+            f"{last.end_s + offset_s:.6g} s of the same clock",
+            where=where,
+            remedy=remedy,
+        )
+    if times[0] > first.start_s + offset_s + _BRIEF:
+        raise RecordingError(
+            f"the readings start late: at {times[0]:.6g} s, but press {first.press} starts at "
+            f"{first.start_s + offset_s:.6g} s of the same clock",
+            where=where,
+            remedy=remedy,
+        )
+
+
+def doubts(recording: Recording) -> Iterator[str]:
+    """What is legal but unlikely, one sentence each, for a person to look at."""
+    yield from _doubts_of_frames(recording)
+    yield from _doubts_of_forces(recording)
+    labels = [point.press for point in recording.points]
+    if len(set(labels)) < len(labels):
+        yield f"{layout.POINTS}: some presses have more than one row"
+    starts = [curve.time_s[0] for curve in recording.curves]
+    if any(after < before for before, after in pairwise(starts)):
+        yield f"{layout.CURVES}: time_s starts anew between presses, so rest and order cannot be told"
+
+
+def _doubts_of_frames(recording: Recording) -> Iterator[str]:
+    times = recording.frame_times_s
+    if times.size == 0 or np.isnan(times).any():
+        return
+    equal = int(np.count_nonzero(np.diff(times) == 0))
+    if equal:
+        yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
+    blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
+    if blind:
+        yield f"{layout.PRESSES}: no frames were taken during {_some(blind)}"
+
+
+def _doubts_of_forces(recording: Recording) -> Iterator[str]:
+    if recording.forces is None:
+        return
+    times, normal = recording.forces.time_s, recording.forces.force_N[:, 2]
+    step_s = float(np.median(np.diff(times)))
+    rate = recording.force_rate_Hz
+    if rate is not None and step_s > 0 and not math.isclose(1 / step_s, rate, rel_tol=0.1):
+        yield f"{layout.FORCES}: readings come at {1 / step_s:.4g} Hz, not at rate_Hz = {rate:g}"
+    free = float(np.median(normal))
+    if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
+        yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

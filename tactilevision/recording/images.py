@@ -1,0 +1,110 @@
+"""One picture file -> RGB, 8 bits a channel.
+
+The bit depth of the file decides, never its content: 8-bit pictures are taken as they are; integers of 16
+bits are scaled so that `white_level` (left out: the largest number that the file's type can hold) becomes
+255; floating point pictures run from 0 to 1. Transparency is dropped. Grey pictures are refused, since slopes
+are read from colours. A .npy file holds (height, width, 3 or 4) in the order red, green, blue.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import RecordingError
+from tactilevision.records import Bytes
+
+_REMEDY_TORN = "Copy it again from where it came, or take it out of the list."
+
+
+class TornImageError(RecordingError):
+    """The file is damaged or cut short, so that this one picture is lost; others may be sound."""
+
+
+def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
+    """Read a picture as (height, width, 3) uint8 in the order red, green, blue.
+
+    Raises TornImageError for a file that is cut short or damaged, RecordingError for one that is absent, grey,
+    or of a kind that is not read.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+    if not data:
+        raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
+    if path.suffix.lower() == ".npy":
+        return as_rgb(_array(data, path), path, white_level)
+    picture = _decoded(data, path)
+    if picture.ndim == 3 and picture.shape[2] in (3, 4):
+        picture = picture[..., 2::-1]
+    return as_rgb(picture, path, white_level)
+
+
+def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:
+    """Bring an array in the order red, green, blue to 8 bits; `path` is for the messages."""
+    if picture.ndim == 2 or (picture.ndim == 3 and picture.shape[2] in (1, 2)):
+        raise RecordingError(
+            "the picture is grey, but photometric stereo needs the colours of the lights",
+            where=path,
+            value=picture.shape,
+            remedy="Record in colour. Grey copies of colour frames cannot be used.",
+        )
+    if picture.ndim != 3 or picture.shape[2] not in (3, 4):
+        raise RecordingError("a picture has the shape (height, width, 3)", where=path, value=picture.shape)
+    picture = picture[..., :3]
+    if picture.dtype == np.uint8:
+        return np.ascontiguousarray(picture)
+    if picture.dtype == np.uint16:
+        return _scaled(picture, white_level or 65535.0)
+    if picture.dtype.kind == "f":
+        if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
+            raise RecordingError(
+                "a picture of floating point numbers runs from 0 to 1",
+                where=path,
+                value=(float(picture.min()), float(picture.max())),
+                remedy="Divide it by its white, or store 8 or 16 bit integers.",
+            )
+        return _scaled(picture, 1.0)
+    raise RecordingError(
+        "pictures hold 8 or 16 bit unsigned integers, or floating point numbers from 0 to 1",
+        where=path,
+        value=str(picture.dtype),
+        remedy="Convert it.",
+    )
+
+
+def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
+    scaled = np.rint(picture.astype(np.float32) * np.float32(255.0 / white))
+    bounded: Bytes = np.minimum(scaled, 255.0).astype(np.uint8)
+    return bounded
+
+
+def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
+    try:
+        return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+    except (ValueError, EOFError, OSError) as fault:
+        raise TornImageError(f"the array is damaged: {fault}", where=path, remedy=_REMEDY_TORN) from fault
+
+
+def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
+    """The picture in OpenCV's order of colours. Ends are looked for first: some decoders fill up what is lost."""
+    cut = (data.startswith(b"\x89PNG") and b"IEND" not in data[-1024:]) or (
+        # within a JPEG's data these marks cannot occur, so the end stands after the last start of a scan
+        data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
+    )
+    if cut:
+        raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise TornImageError("the picture cannot be decoded", where=path, remedy=_REMEDY_TORN)
+    return np.asarray(picture)

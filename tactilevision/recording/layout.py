@@ -1,0 +1,98 @@
+"""The names of the files of a recording folder, and the columns of its tables. Said here and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SETTINGS = "recording.toml"
+FRAMES = "frames"
+FRAME_TABLE = "frames.csv"
+FORCES = "forces.csv"
+PRESSES = "presses.csv"
+STAGE = "stage.csv"
+CURVES = "curves.csv"
+POINTS = "points.csv"
+FLATS = "reference/flat"
+BALLS = "reference/ball"
+BALL_TABLE = "reference/ball.csv"
+
+FORMAT = 1
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi")
+PHASES = ("free", "load", "hold", "unload")
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The columns that one table may have.
+
+    `numbers` and `words` must be there and be filled in; `gap_numbers` must be there, though a row may leave
+    them empty (NaN); `maybe_numbers` and `maybe_words` may be left out, or be left empty in a row (NaN, "").
+    """
+
+    numbers: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    gap_numbers: tuple[str, ...] = ()
+    maybe_numbers: tuple[str, ...] = ()
+    maybe_words: tuple[str, ...] = ()
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """What no table can do without."""
+        return self.words + self.numbers + self.gap_numbers
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Every column that has a meaning here."""
+        return self.required + self.maybe_words + self.maybe_numbers
+
+
+FRAME_COLUMNS = Columns(words=("frame",), numbers=("time_s",))
+FORCE_COLUMNS = Columns(
+    numbers=("time_s", "fx_N", "fy_N", "fz_N"), maybe_numbers=("tx_Nm", "ty_Nm", "tz_Nm", "temperature_C")
+)
+PRESS_COLUMNS = Columns(
+    words=("press", "indenter"),
+    numbers=("start_s", "end_s"),
+    maybe_words=("date",),
+    maybe_numbers=(
+        "target_depth_mm",
+        "x_mm",
+        "y_mm",
+        "rest_s",
+        "speed_mm_s",
+        "hold_s",
+        "temperature_C",
+        "time_of_day_s",
+        "lubricated",
+    ),
+)
+STAGE_COLUMNS = Columns(numbers=("time_s", "z_mm"))
+CURVE_COLUMNS = Columns(
+    words=("press",),
+    numbers=("time_s", "depth_mm", "fx_N", "fy_N", "fz_N"),
+    maybe_words=("phase",),
+    maybe_numbers=("z_mm",),
+)
+POINT_COLUMNS = Columns(
+    words=("press", "indenter"),
+    gap_numbers=("depth_mm", "fz_N"),
+    maybe_words=("accepted", "reason"),
+    maybe_numbers=(
+        "depth_std_mm",
+        "fz_std_N",
+        "fx_N",
+        "fy_N",
+        "time_s",
+        "depth_uncorrected_mm",
+        "rest_s",
+        "speed_mm_s",
+        "x_mm",
+        "y_mm",
+    ),
+)
+BALL_COLUMNS = Columns(
+    words=("frame",),
+    numbers=("ball_radius_mm",),
+    maybe_numbers=("centre_x_px", "centre_y_px", "contact_radius_px"),
+)

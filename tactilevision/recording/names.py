@@ -1,0 +1,16 @@
+"""Which known name was probably meant by an unknown one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def nearest(name: str, among: Iterable[str]) -> str:
+    """The name that was probably meant: the same but for a unit or a slip of the pen; "" where none is."""
+    folded = {other.casefold(): other for other in among}
+    for other in folded:
+        if other.startswith(name.casefold() + "_") or name.casefold().startswith(other + "_"):
+            return folded[other]
+    close = difflib.get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.8)
+    return folded[close[0]] if close else ""

@@ -1,0 +1,150 @@
+"""Which pictures a recording has, found with one look into each folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout
+from tactilevision.recording.images import TornImageError, read_image
+from tactilevision.recording.model import BallPress
+from tactilevision.recording.series import read_frame_table
+from tactilevision.recording.tables import Table, read_table
+from tactilevision.recording.video import count_frames, iter_video, stated_frames
+
+
+def list_images(folder: Path) -> list[str]:
+    """Names of the pictures in a folder, in the order in which a person counts (2 before 10)."""
+    if not folder.is_dir():
+        return []
+    names = [p.name for p in folder.iterdir() if p.suffix.lower() in layout.IMAGE_SUFFIXES and p.name[0] != "."]
+    return sorted(names, key=lambda name: [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in _parts(name)])
+
+
+def _parts(name: str) -> list[str]:
+    return [part for part in re.split(r"([0-9]+)", name) if part]
+
+
+def find_frames(root: Path) -> Path | None:
+    """The folder of images, or the one video, of a recording; None where there is neither."""
+    folder = root / layout.FRAMES
+    if list_images(folder):
+        return folder
+    videos = [root / (layout.FRAMES + suffix) for suffix in layout.VIDEO_SUFFIXES]
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    videos += [path for path in inside if path.suffix.lower() in layout.VIDEO_SUFFIXES]
+    found = [path for path in videos if path.is_file()]
+    if len(found) > 1:
+        raise RecordingError(
+            f"there are {len(found)} videos of frames: {found[0].name}, {found[1].name}",
+            where=root,
+            remedy="Keep one.",
+        )
+    return found[0] if found else None
+
+
+def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
+    """frames.csv, every picture in it known to be there; and what is there without being listed."""
+    table = read_frame_table(root / layout.FRAME_TABLE)
+    names = table.words["frame"]
+    if frames_path.is_file():
+        _check_indices(table, frames_path)
+        return table, ()
+    present = set(list_images(frames_path))
+    _check_present(table, names, present)
+    left = len(present) - len(names)
+    return table, (f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",) if left else ()
+
+
+def _check_present(table: Table, names: Sequence[str], present: set[str]) -> None:
+    missing = [row for row, name in enumerate(names) if name not in present]
+    if missing:
+        name = names[missing[0]]
+        ended = sorted(other for other in present if other.rsplit(".", 1)[0] == name)
+        raise table.fault(
+            missing[0],
+            f"{len(missing)} of {len(names)} pictures listed are missing, the first is {name}",
+            remedy=f"Write its name with its ending: {ended[0]}."
+            if ended
+            else "Copy them, or take them off the list.",
+        )
+
+
+def _check_indices(table: Table, video: Path) -> None:
+    """Frames of a video are listed by number, from 0, rising."""
+    last = -1
+    for row, name in enumerate(table.words["frame"]):
+        if not (name.isascii() and name.isdigit()):
+            raise table.fault(row, f"frames of a video ({video.name}) are numbers, from 0", value=name)
+        if int(name) <= last:
+            raise table.fault(row, f"frame {name} stands after frame {last}", remedy="Numbers rise with time.")
+        last = int(name)
+    if last >= stated_frames(video) and last >= (count := count_frames(video)):
+        row = next(row for row, name in enumerate(table.words["frame"]) if int(name) >= count)
+        raise table.fault(
+            row,
+            f"frame {table.words['frame'][row]} is missing: {video.name} has {count} frames",
+            remedy="The first frame of a video has the number 0.",
+        )
+
+
+def find_flats(root: Path) -> tuple[Path, ...]:
+    """Pictures of the untouched gel."""
+    folder = root / layout.FLATS
+    return tuple(folder / name for name in list_images(folder))
+
+
+def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
+    """Ball presses with what their table says of them, and warnings."""
+    folder, path = root / layout.BALLS, root / layout.BALL_TABLE
+    images = list_images(folder)
+    if not images and not path.is_file():
+        return (), ()
+    if not path.is_file():
+        raise RecordingError(
+            f"the table is missing, though there are {len(images)} pictures of ball presses",
+            where=path,
+            remedy=f"Add it: columns {', '.join(layout.BALL_COLUMNS.required)}.",
+        )
+    table = read_table(path, layout.BALL_COLUMNS)
+    _check_present(table, table.words["frame"], set(images))
+    radius = table.numbers["ball_radius_mm"]
+    for row in np.flatnonzero(radius <= 0):
+        raise table.fault(int(row), "ball_radius_mm must be above 0", value=float(radius[row]))
+    unlikely = bool((radius > 100).any())
+    warning = f"{path.name}: ball_radius_mm = {radius.max():g} is very large: is it in micrometres?"
+    return tuple(_ball(table, row, folder) for row in range(len(radius))), (warning,) * unlikely
+
+
+def _ball(table: Table, row: int, folder: Path) -> BallPress:
+    x, y, contact = (float(table.optional(name)[row]) for name in layout.BALL_COLUMNS.maybe_numbers)
+    if contact <= 0:
+        raise table.fault(row, "contact_radius_px must be above 0", value=contact)
+    centre = None if np.isnan(x) or np.isnan(y) else (x, y)
+    return BallPress(
+        folder / table.words["frame"][row],
+        float(table.numbers["ball_radius_mm"][row]),
+        centre,
+        None if np.isnan(contact) else contact,
+    )
+
+
+def first_size(
+    frames_path: Path, names: Sequence[str], white_level: float | None = None
+) -> tuple[int, int] | None:
+    """(width, height) of the first picture that can be read; None where none of the first few can."""
+    for name in names[:10]:
+        if frames_path.is_file():
+            rgb = next(iter_video(frames_path, [int(name)]))[1]
+        else:
+            try:
+                rgb = read_image(frames_path / name, white_level=white_level)
+            except TornImageError:
+                continue
+        if rgb is not None:
+            return rgb.shape[1], rgb.shape[0]
+    return None

@@ -1,0 +1,188 @@
+"""Reading a recording folder: everything but the pictures, checked, in one record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout, pictures
+from tactilevision.recording.checks import check_forces_cover, doubts
+from tactilevision.recording.model import Recording
+from tactilevision.recording.protocol import read_curves, read_points, read_presses
+from tactilevision.recording.sensor import build_sensor
+from tactilevision.recording.series import read_forces, read_stage, rotation
+from tactilevision.recording.settings import IndenterSettings, SensorSettings, Settings
+from tactilevision.recording.settings_file import check_settings, load_toml
+from tactilevision.recording.tables import Table
+from tactilevision.recording.video import count_frames
+from tactilevision.records import Indenter, Sensor
+
+Columns = Mapping[str, npt.NDArray[Any]]
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Read a recording folder and check all that can be checked without decoding its pictures.
+
+    Raises RecordingError, with file and line or key, for the first fault found. What is legal but unlikely
+    stands in `Recording.warnings`.
+    """
+    root = Path(path)
+    toml = _find_settings(root)
+    content = load_toml(toml)
+    settings, news = check_settings(content, toml)
+    indenters = {name: _indenter(name, table) for name, table in settings.indenter.items()}
+    recording = Recording(
+        path=root,
+        name=settings.name or root.resolve().name,
+        sensor=Sensor("custom", 0, 0, (float("nan"), float("nan"))),
+        date=settings.date,
+        force_rate_Hz=settings.force.rate_Hz,
+        force_rotation=rotation(settings.force, toml),
+        depth_source=settings.depth.source,
+        depth_std_mm=settings.depth.std_mm,
+        clock_offset_s=settings.clock.offset_s,
+        indenters=indenters,
+        settings=content,
+        warnings=news,
+    )
+    recording = _with_pictures(recording, settings, toml)
+    recording = _with_tables(recording, settings, toml)
+    check_forces_cover(recording)
+    return replace(recording, warnings=recording.warnings + tuple(doubts(recording)))
+
+
+def _find_settings(root: Path) -> Path:
+    if not root.exists():
+        raise RecordingError("there is no such folder", where=root)
+    if not root.is_dir():
+        raise RecordingError(
+            "a recording is a folder, not a file",
+            where=root,
+            remedy=f"Name the folder that holds {layout.SETTINGS}.",
+        )
+    names = sorted(found.name for found in root.iterdir())
+    if not names:
+        raise RecordingError(
+            "the folder is empty", where=root, remedy=f"A recording holds {layout.SETTINGS} and its tables."
+        )
+    if layout.SETTINGS not in names:
+        inner = sorted(found.parent.name for found in root.glob(f"*/{layout.SETTINGS}"))
+        remedy = (
+            f"Did you mean {root / inner[0]}?"
+            if inner
+            else f"It needs {layout.SETTINGS}, with format = {layout.FORMAT}."
+        )
+        raise RecordingError(f"is not a recording: {layout.SETTINGS} is missing", where=root, remedy=remedy)
+    return root / layout.SETTINGS
+
+
+def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Recording:
+    """Add the list of frames, the references, and the sensor, whose size the pictures tell."""
+    root = recording.path
+    frames_path = pictures.find_frames(root)
+    names: tuple[str, ...] = ()
+    times, warnings, extra = np.zeros(0), names, dict[str, Columns]()
+    if frames_path is None:
+        _check_no_frames_needed(recording)
+    elif (root / layout.FRAME_TABLE).is_file() or _is_calibration(root):
+        table, warnings = pictures.list_frames(root, frames_path)
+        names, times, extra = tuple(table.words["frame"]), table.numbers["time_s"], _extra(table)
+        warnings += table.warnings
+    else:
+        names, times, warnings = _unlisted(frames_path)
+    sensor_settings = settings.sensor or SensorSettings()
+    white = sensor_settings.white_level
+    size = pictures.first_size(frames_path, names, white) if frames_path else None
+    sensor, notes = build_sensor(sensor_settings, toml, size)
+    balls, ball_notes = pictures.find_balls(root)
+    return replace(
+        recording,
+        sensor=sensor,
+        white_level=white,
+        frames_path=frames_path,
+        frame_names=names,
+        frame_times_s=times,
+        frame_size_px=size,
+        flats=pictures.find_flats(root),
+        balls=balls,
+        extra=extra,
+        warnings=recording.warnings + warnings + notes + ball_notes,
+    )
+
+
+def _check_no_frames_needed(recording: Recording) -> None:
+    """Without pictures there must be curves or points; a list of pictures must not be there."""
+    root = recording.path
+    if (root / layout.FRAME_TABLE).is_file():
+        raise RecordingError(
+            "frames are listed, but there are no pictures",
+            where=root / layout.FRAMES,
+            remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
+        )
+    if not any((root / name).is_file() for name in (layout.CURVES, layout.POINTS)):
+        raise RecordingError(
+            "the recording holds nothing to work on: neither frames nor curves nor points",
+            where=root,
+            remedy=f"Add {layout.FRAMES}/ with {layout.FRAME_TABLE}, or {layout.CURVES}, or {layout.POINTS}.",
+        )
+
+
+def _is_calibration(root: Path) -> bool:
+    """Whether times matter: then a missing frames.csv is a fault at once."""
+    return any((root / name).is_file() for name in (layout.FORCES, layout.PRESSES))
+
+
+def _unlisted(frames_path: Path) -> tuple[tuple[str, ...], npt.NDArray[np.float64], tuple[str, ...]]:
+    if frames_path.is_file():
+        names = tuple(str(index) for index in range(count_frames(frames_path)))
+    else:
+        names = tuple(pictures.list_images(frames_path))
+    warning = f"{layout.FRAME_TABLE} is missing: frames are taken in the order of their names, without times"
+    return names, np.full(len(names), np.nan), (warning,)
+
+
+def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Recording:
+    """Add whichever tables there are."""
+    root, tables = recording.path, list[Table]()
+    found: dict[str, Any] = {}
+
+    def present(name: str) -> bool:
+        return (root / name).is_file()
+
+    def keep(name: str, read: tuple[Any, Table]) -> None:
+        found[name] = read[0]
+        tables.append(read[1])
+
+    if present(layout.FORCES):
+        keep("forces", read_forces(root / layout.FORCES, settings.force, toml))
+        found["force_std_N"] = found["forces"].std_N
+        if not settings.force.std_N:
+            found["warnings"] = (f"{toml.name}: [force] std_N is left out: it was estimated from {layout.FORCES}",)
+    if present(layout.PRESSES):
+        keep("presses", read_presses(root / layout.PRESSES, recording.indenters))
+    if present(layout.STAGE):
+        keep("stage", read_stage(root / layout.STAGE))
+    if present(layout.CURVES):
+        keep("curves", read_curves(root / layout.CURVES))
+    if present(layout.POINTS):
+        keep("points", read_points(root / layout.POINTS, recording.indenters))
+    notes = tuple(note for table in tables for note in table.warnings) + found.pop("warnings", ())
+    extra = dict(recording.extra)
+    for table in tables:
+        extra |= _extra(table)
+    return replace(recording, **found, extra=extra, warnings=recording.warnings + notes)
+
+
+def _extra(table: Table) -> dict[str, Columns]:
+    return {table.path.name: table.extra} if table.extra else {}
+
+
+def _indenter(name: str, settings: IndenterSettings) -> Indenter:
+    found = settings.model_dump(include=set(Indenter.__dataclass_fields__), exclude_none=True)
+    return Indenter(name=name, **found)

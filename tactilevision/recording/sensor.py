@@ -1,0 +1,147 @@
+"""The sensor as recording.toml describes it: a registered one with changes, or a custom one."""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording.names import nearest
+from tactilevision.recording.settings import GelSettings, SensorSettings
+from tactilevision.records import Gel, Sensor
+from tactilevision.sensors import SENSORS, get_sensor
+
+Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+Size = tuple[int, int]
+
+
+def build_sensor(
+    settings: SensorSettings, toml: Path, frame_size_px: Size | None
+) -> tuple[Sensor, tuple[str, ...]]:
+    """The sensor, and what a person should know about it.
+
+    `frame_size_px` (width, height) is that of the pictures, None where there are none: then a custom sensor may
+    leave its size and scale out (0 and NaN).
+    Raises RecordingError for an unknown kind, missing or contradictory sizes, and unreadable maps.
+    """
+    maps = None if settings.rectification is None else read_maps(toml.parent / settings.rectification)
+    straight = (maps[0].shape[1], maps[0].shape[0]) if maps else frame_size_px
+    stated = _stated_size(settings, straight, toml)
+    given: dict[str, Any] = {
+        "serial": settings.serial,
+        "gel": _gel(settings.gel),
+        "rectification": maps,
+        "has_markers": settings.has_markers,
+    }
+    if settings.mm_per_px is not None:
+        given["mm_per_px"] = (settings.mm_per_px[0], settings.mm_per_px[1])
+    if stated is not None:
+        given["width_px"], given["height_px"] = stated
+    given = {name: value for name, value in given.items() if value is not None}
+    if settings.kind == "custom":
+        return _custom(given, settings, toml, frame_size_px), ()
+    return _named(given, settings, toml, frame_size_px)
+
+
+def _custom(given: dict[str, Any], settings: SensorSettings, toml: Path, frame_size_px: Size | None) -> Sensor:
+    wanted = {"mm_per_px": settings.mm_per_px, "width_px": settings.width_px, "height_px": settings.height_px}
+    missing = [name for name, value in wanted.items() if value is None]
+    if missing and frame_size_px is not None:
+        raise RecordingError(
+            f"[sensor] {missing[0]} is missing, and a custom sensor needs it to read the frames",
+            where=toml,
+            remedy="State it for the rectified frame, or name a sensor: " + ", ".join(SENSORS) + ".",
+        )
+    unknown: dict[str, Any] = {"kind": "custom", "width_px": 0, "height_px": 0, "mm_per_px": (np.nan, np.nan)}
+    return Sensor(**(unknown | given))
+
+
+def _named(
+    given: dict[str, Any], settings: SensorSettings, toml: Path, frame_size_px: Size | None
+) -> tuple[Sensor, tuple[str, ...]]:
+    if settings.kind not in SENSORS:
+        near = nearest(settings.kind, SENSORS)
+        known = ", ".join(sorted({*SENSORS, "custom"}))
+        raise RecordingError(
+            "[sensor] kind names no known sensor",
+            where=toml,
+            value=settings.kind,
+            remedy=(f"Did you mean {near}? " if near else "") + f"Known are {known}.",
+        )
+    usual = get_sensor(settings.kind)
+    sensor = get_sensor(settings.kind, **given)
+    if frame_size_px is None:
+        return sensor, ()
+    warnings = []
+    if settings.rectification is None and sensor.rectification is None:
+        warnings.append(f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already")
+    straight = sensor.rectification[0].shape[::-1] if sensor.rectification else frame_size_px
+    if straight != (usual.width_px, usual.height_px) and settings.mm_per_px is None:
+        raise RecordingError(
+            f"frames of {settings.kind} are {_by(straight)} here, not {_by((usual.width_px, usual.height_px))}, "
+            "so that its usual scale does not hold",
+            where=toml,
+            remedy="State mm_per_px in [sensor].",
+        )
+    return dataclasses.replace(sensor, width_px=straight[0], height_px=straight[1]), tuple(warnings)
+
+
+def read_maps(path: Path) -> Maps:
+    """map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            missing = [name for name in ("map_x", "map_y") if name not in arrays]
+            if missing:
+                raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
+            maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
+    except OSError as fault:
+        raise RecordingError(
+            f"the rectification cannot be read: {fault.strerror or fault}",
+            where=path,
+            remedy="[sensor] rectification names a file beside recording.toml.",
+        ) from fault
+    except (ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as fault:
+        raise RecordingError(
+            f"the rectification cannot be read: {fault}",
+            where=path,
+            remedy="Save it with numpy.savez(path, map_x=..., map_y=...).",
+        ) from fault
+    if maps[0].ndim != 2 or maps[0].shape != maps[1].shape:
+        raise RecordingError(
+            "map_x and map_y are (height, width) alike", where=path, value=(maps[0].shape, maps[1].shape)
+        )
+    return maps
+
+
+def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) -> Size | None:
+    """Width and height as far as known; raises where what is stated is not what was found."""
+    stated = (settings.width_px, settings.height_px)
+    if straight is not None:
+        for name, said, found in zip(("width_px", "height_px"), stated, straight, strict=True):
+            if said is not None and said != found:
+                source = "the rectification" if settings.rectification else "the frames"
+                raise RecordingError(
+                    f"[sensor] {name} = {said}, but {source} have {found}",
+                    where=toml,
+                    remedy="It is the size of the rectified frame.",
+                )
+        return straight
+    return (stated[0], stated[1]) if stated[0] is not None and stated[1] is not None else None
+
+
+def _gel(settings: GelSettings | None) -> Gel | None:
+    if settings is None:
+        return None
+    found = settings.model_dump(include=set(Gel.__dataclass_fields__))
+    guess = "disc" if settings.radius_mm else "rectangle" if settings.size_mm else "unbounded"
+    size = None if settings.size_mm is None else (settings.size_mm[0], settings.size_mm[1])
+    return Gel(**(found | {"shape": settings.shape or guess, "size_mm": size}))
+
+
+def _by(size: tuple[int, ...]) -> str:
+    return f"{size[0]} x {size[1]}"

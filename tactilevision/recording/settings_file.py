@@ -1,0 +1,177 @@
+"""Reading recording.toml: checked settings, or one message that says what is wrong with which key."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout
+from tactilevision.recording.names import nearest
+from tactilevision.recording.settings import Settings
+
+_Place = tuple[str | int, ...]
+
+# beyond these a value was probably written in another unit: key, least, most, what it looks like above
+_PLAUSIBLE = (
+    (("sensor", "gel", "thickness_mm"), 0.05, 50.0, "micrometres"),
+    (("sensor", "gel", "radius_mm"), 0.5, 500.0, "micrometres"),
+    (("sensor", "gel", "youngs_modulus_MPa"), 1e-3, 50.0, "kPa or Pa"),
+    (("sensor", "mm_per_px"), 1e-3, 1.0, "pixels per mm"),
+    (("indenter", "*", "radius_mm"), 0.02, 100.0, "micrometres"),
+    (("indenter", "*", "height_mm"), 1e-3, 20.0, "micrometres"),
+    (("force", "std_N"), 0.0, 5.0, "mN"),
+    (("depth", "std_mm"), 0.0, 1.0, "micrometres"),
+)
+
+
+def load_toml(path: Path) -> dict[str, Any]:
+    """The file's content. Raises RecordingError with the line where it is not TOML."""
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except UnicodeDecodeError as fault:
+        raise RecordingError("is not UTF-8 text", where=path, remedy="Save it as UTF-8.") from fault
+    except tomllib.TOMLDecodeError as fault:
+        line = re.search(r"line (\d+)", str(fault))
+        place = f"{path}, line {line[1]}" if line else f"{path}, at its end"
+        raise RecordingError(
+            f"is not TOML: {fault}",
+            where=place,
+            remedy="Text stands in quotes, the name of a table in [brackets].",
+        ) from fault
+    except OSError as fault:
+        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+
+
+def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
+    """The checked settings, and a warning for each key without a meaning and each implausible value.
+
+    Raises RecordingError for an unknown format, for a key that resembles a known one which is absent (a slip
+    of the pen, or its unit left out), and for values that cannot be.
+    """
+    _check_format(content, path)
+    unknown = list(_unknown(Settings, content, ()))
+    for place, meant in unknown:
+        if meant:
+            raise RecordingError(
+                f"{_key(place)} is not known",
+                where=path,
+                value=_at(content, place),
+                remedy=f"Did you mean {meant}? Units are part of the name.",
+            )
+    try:
+        settings = Settings.model_validate(content)
+    except ValidationError as fault:
+        raise _translated(fault, path) from None
+    news = (f"{path.name}: {_key(place)} has no meaning here and is left alone" for place, _ in unknown)
+    return settings, (*news, *_implausible(content, path))
+
+
+def _check_format(content: Mapping[str, Any], path: Path) -> None:
+    if "format" not in content:
+        near = nearest("format", [key for key, value in content.items() if isinstance(value, int | str)])
+        raise RecordingError(
+            "the format's number is missing",
+            where=path,
+            value=near or None,
+            remedy=f"Put format = {layout.FORMAT} on its first line.",
+        )
+    if content["format"] is True or content["format"] != layout.FORMAT:
+        raise RecordingError(
+            f"this version reads format = {layout.FORMAT} only",
+            where=path,
+            value=content["format"],
+            remedy="Take a newer version of tactilevision, or convert the recording.",
+        )
+
+
+def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) -> Iterator[tuple[_Place, str]]:
+    """Every key without a meaning: its place, and the absent known key that it resembles, or ""."""
+    known = {name: name for name in model.model_fields}
+    for name, about in model.model_fields.items():
+        known |= {str(alias): name for alias in getattr(about.validation_alias, "choices", ())}
+    absent = [name for name in model.model_fields if name not in content]
+    for key, value in content.items():
+        if key not in known:
+            yield (*place, key), nearest(key, absent)
+            continue
+        inner = model.model_fields[known[key]].annotation
+        if (one := _model_in(inner)) and isinstance(value, dict):
+            tables = value.items() if one is not inner and dict in _origins(inner) else [("", value)]
+            for name, table in tables:
+                if isinstance(table, dict):
+                    yield from _unknown(one, table, (*place, key, name) if name else (*place, key))
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
+
+
+def _origins(annotation: Any) -> list[Any]:
+    return [getattr(annotation, "__origin__", None)]
+
+
+def _translated(fault: ValidationError, path: Path) -> RecordingError:
+    """Our words for pydantic's first finding; a missing key is named before what hangs on it."""
+    first = min(fault.errors(), key=lambda error: error["type"] != "missing")
+    kind, context = first["type"], first.get("ctx", {})
+    value = None if kind == "missing" or isinstance(first["input"], dict) else first["input"]
+    number = "Write the number alone: its unit is in the name." if isinstance(value, str) else ""
+    what, remedy = {
+        "missing": ("is missing", "Add it."),
+        "greater_than": (f"must be above {context.get('gt')}", ""),
+        "greater_than_equal": (f"must be at least {context.get('ge')}", ""),
+        "less_than": (f"must be below {context.get('lt')}", ""),
+        "less_than_equal": (f"must be at most {context.get('le')}", ""),
+        "float_type": ("must be a number", number),
+        "int_type": ("must be a whole number", number),
+        "string_type": ("must be text", "Put it in quotes."),
+        "literal_error": (f"must be {context.get('expected')}", ""),
+        "list_type": ("must be a list such as [1.0, 2.0]", ""),
+        "too_short": (f"must hold {context.get('min_length')} values", ""),
+        "too_long": (f"must hold {context.get('max_length')} values", ""),
+        "model_type": ("must be a table", "Open it with its name in [brackets]."),
+        "dict_type": ("must be a table", "Open it with its name in [brackets]."),
+        "value_error": (str(context.get("error")), ""),
+    }.get(kind, (first["msg"], ""))
+    return RecordingError(f"{_key(first['loc'])} {what}", where=path, value=value, remedy=remedy)
+
+
+def _key(place: _Place) -> str:
+    """How a person finds it in the file: [table.of.it] key, or key[index] in a list."""
+    names = [part for part in place if isinstance(part, str)]
+    index = "".join(f"[{part}]" for part in place if isinstance(part, int))
+    return f"[{'.'.join(names[:-1])}] {names[-1]}{index}" if len(names) > 1 else f"{names[0]}{index}"
+
+
+def _at(content: Any, place: _Place) -> Any:
+    for part in place:
+        content = content[part]
+    return None if isinstance(content, dict) else content
+
+
+def _implausible(content: Mapping[str, Any], path: Path) -> Iterator[str]:
+    for place, least, most, looks_like in _PLAUSIBLE:
+        for found, value in _values(content, place, ()):
+            if value > most:
+                yield f"{path.name}: {_key(found)} = {value:g} is very large: is it in {looks_like}?"
+            elif 0 < value < least:
+                yield f"{path.name}: {_key(found)} = {value:g} is very small: is it in metres, or the inverse?"
+
+
+def _values(content: Any, place: tuple[str, ...], found: _Place) -> Iterator[tuple[_Place, float]]:
+    if not place:
+        for value in content if isinstance(content, list) else [content]:
+            if isinstance(value, int | float):
+                yield found, value
+    elif isinstance(content, dict):
+        for key in content if place[0] == "*" else [place[0]]:
+            if key in content:
+                yield from _values(content[key], place[1:], (*found, key))

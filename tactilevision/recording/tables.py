@@ -1,0 +1,193 @@
+"""CSV tables with a header: columns in any order, unknown ones kept, every fault named with its line."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording.layout import Columns
+from tactilevision.recording.names import nearest
+from tactilevision.records import Floats
+
+_ROWS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table as read: `numbers` and `words` by column, all of length `len(lines)`; `extra` has no known name.
+
+    `lines` (N,) are line numbers of the file, for messages.
+    """
+
+    path: Path
+    lines: npt.NDArray[np.int64]
+    numbers: dict[str, Floats] = field(default_factory=dict)
+    words: dict[str, list[str]] = field(default_factory=dict)
+    extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def fault(self, row: int, what: str, *, value: object = None, remedy: str = "") -> RecordingError:
+        """The error for one row, to be raised by who found it."""
+        return RecordingError(what, where=f"{self.path}, line {self.lines[row]}", value=value, remedy=remedy)
+
+    def optional(self, name: str) -> Floats:
+        """A column of numbers, NaN throughout where the table has none."""
+        return self.numbers.get(name, np.full(len(self.lines), np.nan))
+
+
+def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
+    """Read one CSV file (UTF-8, a byte order mark is allowed; comma; decimal point).
+
+    A number left empty, or nan, in an optional column becomes NaN; in a required one it is an error.
+    Raises RecordingError, with file and line, for whatever is not such a table.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            return _read(path, csv.reader(stream, strict=True), columns, least_rows)
+    except UnicodeDecodeError as fault:
+        raise RecordingError(
+            "is not UTF-8 text", where=f"{path}, line {_undecodable(path)}", remedy="Save it as CSV UTF-8."
+        ) from fault
+    except csv.Error as fault:
+        raise RecordingError(f"is not a CSV table: {fault}", where=path) from fault
+    except OSError as fault:
+        raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+
+
+def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
+    header = _header(path, next(rows, None), columns)
+    lines = array("q")
+    number_names = {
+        name for name in header if name in columns.numbers + columns.gap_numbers + columns.maybe_numbers
+    }
+    numbers = {name: array("d") for name in header if name in number_names}
+    texts: dict[str, list[str]] = {name: [] for name in header if name not in number_names}
+    for chunk_lines, chunk in _chunks(path, rows, len(header)):
+        lines.extend(chunk_lines)
+        for name, cells in zip(header, zip(*chunk, strict=True), strict=True):
+            if name in numbers:
+                empty_allowed = name not in columns.numbers
+                numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
+            else:
+                texts[name].extend(map(str.strip, cells))
+    if len(lines) < least_rows:
+        rest = (
+            "has no rows under its header"
+            if not lines
+            else f"has {len(lines)} row, at least {least_rows} are needed"
+        )
+        raise RecordingError(rest, where=path)
+    table = Table(
+        path,
+        np.frombuffer(lines, dtype=np.int64) if lines else np.zeros(0, np.int64),
+        numbers={name: np.array(values) for name, values in numbers.items()},
+        words={name: texts[name] for name in header if name in columns.words + columns.maybe_words},
+        extra={name: _guess(texts[name]) for name in header if name not in columns.known},
+        warnings=_misspelt(path, header, columns),
+    )
+    for name in columns.words:
+        for row, word in enumerate(table.words[name]):
+            if not word:
+                raise table.fault(row, f"column {name} is empty")
+    return table
+
+
+def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
+    if not cells:
+        raise RecordingError("is empty", where=path, remedy=f"Give it a header: {','.join(columns.required)}.")
+    header = [cell.strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
+    for mark, called in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and mark in header[0]:
+            raise RecordingError(
+                f"its columns are separated by {called}",
+                where=f"{path}, line 1",
+                value=header[0],
+                remedy="Save it with commas, and with a decimal point.",
+            )
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise RecordingError(f"column {twice[0]} stands twice in the header", where=f"{path}, line 1")
+    missing = [name for name in columns.required if name not in header]
+    if missing:
+        near = nearest(missing[0], [name for name in header if name not in columns.known])
+        raise RecordingError(
+            f"column {', '.join(missing)} is missing; there are {', '.join(header)}",
+            where=f"{path}, line 1",
+            remedy=f"Rename {near} to {missing[0]}, if that is what it holds." if near else "",
+        )
+    return header
+
+
+def _chunks(path: Path, rows: Any, width: int) -> Iterator[tuple[list[int], list[list[str]]]]:
+    numbered = ((rows.line_num, row) for row in rows)
+    filled = ((line, row) for line, row in numbered if row and (row[0].strip() or any(map(str.strip, row))))
+    while some := list(itertools.islice(filled, _ROWS_AT_ONCE)):
+        for line, row in some:
+            if len(row) != width:
+                raise RecordingError(
+                    f"the row has {len(row)} cells, the header {width}",
+                    where=f"{path}, line {line}",
+                    value=",".join(row)[:80],
+                    remedy="A row cut short is a file cut short; a decimal comma makes cells too many.",
+                )
+        yield [line for line, _ in some], [row for _, row in some]
+
+
+def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empty_allowed: bool) -> Floats:
+    try:
+        values = np.array(
+            [float(cell) if cell else math.nan for cell in cells] if empty_allowed else list(map(float, cells))
+        )
+    except ValueError:
+        values = np.array([_number(cell, empty_allowed) for cell in cells])
+    faults = np.flatnonzero(np.isinf(values) if empty_allowed else ~np.isfinite(values))
+    # text was turned into an infinity above, so that one look finds every fault
+    if faults.size:
+        first = int(faults[0])
+        raise RecordingError(
+            f"column {name} holds no finite number",
+            where=f"{path}, line {lines[first]}",
+            value=cells[first],
+            remedy="Correct the cell, or remove the row.",
+        )
+    return values
+
+
+def _number(cell: str, empty_allowed: bool) -> float:
+    try:
+        return float(cell) if cell.strip() or not empty_allowed else math.nan
+    except ValueError:
+        return math.inf
+
+
+def _guess(cells: list[str]) -> npt.NDArray[Any]:
+    """Numbers where every cell is one or empty, text otherwise."""
+    try:
+        return np.array([float(cell) if cell else math.nan for cell in cells])
+    except ValueError:
+        return np.array(cells)
+
+
+def _misspelt(path: Path, header: Iterable[str], columns: Columns) -> tuple[str, ...]:
+    absent = [name for name in columns.maybe_numbers + columns.maybe_words if name not in header]
+    pairs = ((name, nearest(name, absent)) for name in header if name not in columns.known)
+    return tuple(f"{path.name}: column {name} has no meaning here; {near} has" for name, near in pairs if near)
+
+
+def _undecodable(path: Path) -> int:
+    for number, line in enumerate(path.read_bytes().split(b"\n"), start=1):
+        try:
+            line.decode("utf-8")
+        except UnicodeDecodeError:
+            return number
+    return 1
