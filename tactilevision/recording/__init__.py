@@ -1,10 +1,22 @@
 """Recordings on disk: the only room that knows the names and columns of their files (docs/format.md)."""
 
+from tactilevision.recording.folder import read_folder
 from tactilevision.recording.frames import iter_frames, read_frame
 from tactilevision.recording.images import read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
 from tactilevision.recording.need import require
 from tactilevision.recording.read import read_recording
+from tactilevision.recording.write import write_image, write_maps, write_recording, write_settings
+from tactilevision.recording.write_tables import (
+    write_balls,
+    write_curves,
+    write_forces,
+    write_frame_table,
+    write_points,
+    write_presses,
+    write_stage,
+    write_table,
+)
 
 __all__ = [
     "BadFrame",
@@ -12,8 +24,21 @@ __all__ = [
     "Recording",
     "StageSeries",
     "iter_frames",
+    "read_folder",
     "read_frame",
     "read_image",
     "read_recording",
     "require",
+    "write_balls",
+    "write_curves",
+    "write_forces",
+    "write_frame_table",
+    "write_image",
+    "write_maps",
+    "write_points",
+    "write_presses",
+    "write_recording",
+    "write_settings",
+    "write_stage",
+    "write_table",
 ]

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.names import nearest
-from tactilevision.recording.settings import Settings
+from tactilevision.recording.settings import SensorSettings, Settings
 
 _Place = tuple[str | int, ...]
 
@@ -55,6 +55,23 @@ def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple
     of the pen, or its unit left out), and for values that cannot be.
     """
     _check_format(content, path)
+    return _checked(content, path)
+
+
+def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, tuple[str, ...]]:
+    """The table [sensor] alone, of a recording.toml or of a file that holds nothing else; warnings likewise.
+
+    Raises RecordingError as `check_settings` does, and where there is no such table.
+    """
+    if "sensor" not in content:
+        raise RecordingError("the table [sensor] is missing", where=path, remedy="Put kind = ... under [sensor].")
+    alone = {"format": layout.FORMAT, "sensor": content["sensor"]}
+    settings, warnings = _checked(alone, path)
+    assert settings.sensor is not None
+    return settings.sensor, warnings
+
+
+def _checked(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:
     unknown = list(_unknown(Settings, content, ()))
     for place, meant in unknown:
         if meant:

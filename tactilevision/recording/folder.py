@@ -1,0 +1,89 @@
+"""A bare folder of pictures, or a video, as a recording without tables: for depth and force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import layout
+from tactilevision.recording.model import Recording
+from tactilevision.recording.pictures import find_flats, find_frames, first_size, list_images
+from tactilevision.recording.read import read_recording
+from tactilevision.recording.sensor import build_sensor
+from tactilevision.recording.settings import SensorSettings
+from tactilevision.recording.settings_file import check_sensor, load_toml
+from tactilevision.recording.video import count_frames
+from tactilevision.records import Sensor
+from tactilevision.sensors import SENSORS
+
+
+def read_folder(
+    path: Path | str, sensor: Sensor | Path | str | None = None, reference: Path | str | None = None
+) -> Recording:
+    """Take pictures as they are: in the order of their names, without times.
+
+    `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
+    `reference` a picture of the untouched gel, or a folder of such. Where `path` is a recording, what is not
+    given here is taken from it. Raises RecordingError for an empty folder, an unknown or missing sensor, and a
+    reference that is not there.
+    """
+    root = Path(path)
+    flats = _references(None if reference is None else Path(reference)) or find_flats(root)
+    if sensor is None:
+        if not (root / layout.SETTINGS).is_file():
+            raise RecordingError("the sensor is not known", where=root,
+                                 remedy=f"Name it with --sensor: {', '.join(SENSORS)}, or a TOML file.")  # fmt: skip
+        return replace(read_recording(root), flats=flats)
+    frames_path = root if root.is_file() else find_frames(root) or root
+    names = _names(frames_path)
+    settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
+    white_level = settings.white_level if settings else None
+    size = first_size(frames_path, names, white_level)
+    if not isinstance(sensor, Sensor):
+        assert settings is not None
+        sensor, notes = build_sensor(settings, place, size)
+        warnings += notes
+    return Recording(
+        path=root,
+        name=root.resolve().name,
+        sensor=sensor,
+        frames_path=frames_path,
+        frame_names=names,
+        frame_times_s=np.full(len(names), np.nan),
+        frame_size_px=size,
+        flats=flats,
+        white_level=white_level,
+        warnings=warnings,
+    )
+
+
+def _names(root: Path) -> tuple[str, ...]:
+    if root.is_file() and root.suffix.lower() in layout.VIDEO_SUFFIXES:
+        return tuple(str(index) for index in range(count_frames(root)))
+    if not root.is_dir():
+        raise RecordingError("there is no such folder of pictures, nor such a video", where=root)
+    names = tuple(list_images(root))
+    if not names:
+        raise RecordingError("the folder holds no pictures", where=root,
+                             remedy="Read are " + ", ".join(layout.IMAGE_SUFFIXES) + ".")  # fmt: skip
+    return names
+
+
+def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[str, ...]]:
+    if str(sensor).endswith(".toml"):
+        settings, warnings = check_sensor(load_toml(Path(sensor)), Path(sensor))
+        return settings, Path(sensor), warnings
+    return SensorSettings(kind=str(sensor)), Path("--sensor"), ()
+
+
+def _references(path: Path | None) -> tuple[Path, ...]:
+    if path is None:
+        return ()
+    found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))
+    if not found:
+        raise RecordingError("there is no picture of the untouched gel", where=path,
+                             remedy="Name one picture, or a folder of such.")  # fmt: skip
+    return found
