@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial import Legendre
 
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
@@ -42,6 +43,13 @@ class PunchSolution:
     def kappa(self) -> float:
         """Int_0^1 phi dx = P (1 - nu^2) / (2 a E w)."""
         return float(self.weights @ self.phi)
+
+    @property
+    def series(self) -> Legendre:
+        """phi on [0, 1] as the Legendre series that the Gauss rule gives: as exact as phi at its nodes."""
+        degree = np.arange(len(self.x))
+        modes = np.polynomial.legendre.legvander(2 * self.x - 1, len(self.x) - 1)
+        return Legendre((2 * degree + 1) * ((self.weights * self.phi) @ modes), domain=[0, 1])
 
     def transform(self, xi: Floats) -> Floats:
         """Int_0^1 phi(x) cos(xi x) dx, xi in 1/a, of any shape."""
