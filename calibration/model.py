@@ -57,7 +57,9 @@ class Model:
 
     def slices(self, data: Observations) -> dict[str, slice]:
         """Where each part's values stand in the vector of parameters: "law", then the effects' keys."""
-        start = len(self.law.parameters(data))
+        return self._places(len(self.law.parameters(data)))
+
+    def _places(self, start: int) -> dict[str, slice]:
         places = {"law": slice(0, start)}
         for effect in self.effects:
             places[effect.key] = slice(start, start + len(effect.parameters))
@@ -74,7 +76,7 @@ class Model:
 
     def state(self, values: Floats, data: Observations) -> State:
         """The state after the last stage."""
-        places = self.slices(data)
+        places = self._places(values.size - sum(len(e.parameters) for e in self.effects))
         state = rest_state(data)
         stages = [(e.stage, e) for e in self.effects]
         for effect in (e for stage, e in stages if stage < Stage.MATERIAL):

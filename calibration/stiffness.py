@@ -21,6 +21,5 @@ def punch_stiffness(modulus_MPa: float, poisson_ratio: float, radius_mm: Floats,
     """
     nu = float(np.clip(poisson_ratio, *NU_RANGE))
     ratio = np.clip(radius_mm / thickness_mm, *RATIO_RANGE)
-    few, where = np.unique(ratio, return_inverse=True)  # the same few ratios over and over
-    kappa = fast_kappa(nu, few)[where]
+    kappa = fast_kappa(nu, ratio)
     return np.asarray(2 * radius_mm * modulus_MPa * kappa / (1 - nu**2))

@@ -1,0 +1,96 @@
+"""What all presses of one indenter share by mistake: its machined height and radius, and the gel's thickness.
+
+    w -> w + dH_k,    a -> a + da_k,    h -> h + dh,    each ~ N(0, std^2) as stated
+
+They do not average out over repeats, so they are fitted along with the material, held by their priors, and so
+widen its interval by just what they are worth. Absent where no std is stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.model import Model
+from calibration.parameters import Parameter, Prior
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+HEIGHTS, DIMENSIONS = "heights", "dimensions"
+
+
+@dataclass(frozen=True, slots=True)
+class Heights(EffectBase):
+    """One depth error for each indenter whose machined height has a std; `stds` (name, mm) in the data's order."""
+
+    stds: tuple[tuple[str, float], ...]
+
+    key = HEIGHTS
+    title = "the machined heights are off"
+    stage = Stage.DEPTH
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """dH of each indenter with a std."""
+        return tuple(
+            _small(f"{name}_mm", std, "error of the machined height") for name, std in self.stds if std > 0
+        )
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Shift the depth of each indenter's presses."""
+        shift = np.zeros(len(self.stds))
+        shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
+        return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
+
+
+@dataclass(frozen=True, slots=True)
+class Dimensions(EffectBase):
+    """Errors of the thickness and of each radius that has a std; `radii` (radius, std) in rising order."""
+
+    thickness_std_mm: float
+    radii: tuple[tuple[float, float], ...]
+
+    key = DIMENSIONS
+    title = "the dimensions are off"
+    stage = Stage.GEOMETRY
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """dh, then da of each radius with a std."""
+        table = [_small("thickness_mm", self.thickness_std_mm, "error of the thickness")] if self._thick else []
+        for radius, std in self.radii:
+            if std > 0:
+                table.append(_small(f"radius[{radius:g}]_mm", std, "error of the indenter's radius"))
+        return tuple(table)
+
+    @property
+    def _thick(self) -> bool:
+        return self.thickness_std_mm > 0
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Shift thickness and radius."""
+        thickness = state.thickness_mm + (values[0] if self._thick else 0.0)
+        known = [radius for radius, std in self.radii if std > 0]
+        radius = state.radius_mm.copy()
+        for value, where in zip(values[int(self._thick) :], known, strict=True):
+            radius[data.radius_mm == where] += value
+        return replace(state, thickness_mm=thickness, radius_mm=radius)
+
+
+def with_tolerances(model: Model, data: Observations) -> Model:
+    """The model with the stated tolerances of this data's indenters and gel; as it is where none is stated."""
+    kept = model.without(HEIGHTS).without(DIMENSIONS)
+    certified = not data.is_curves or data.depth_source == "gauge"
+    stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)
+    heights = Heights(stds)
+    if heights.parameters:
+        kept = kept + heights
+    spread = {i.radius_mm: i.radius_std_mm for i in data.indenters}
+    dimensions = Dimensions(data.gel.thickness_std_mm, tuple(sorted(spread.items())))
+    return kept + dimensions if dimensions.parameters else kept
+
+
+def _small(name: str, std: float, meaning: str) -> Parameter:
+    return Parameter(name, "mm", 0.0, (-8 * std, 8 * std), meaning, std, Prior(0.0, std, "stated tolerance"))
