@@ -1,0 +1,28 @@
+"""Frames to slopes.
+
+PHOTOMETRIC lists the methods that come along; any `method.PhotometricMethod` works as well.
+"""
+
+from __future__ import annotations
+
+from tactilevision.photometric.calibrate import BallPicture, Calibration, Fitter, calibrate_from_balls
+from tactilevision.photometric.lookup import fit_lookup
+from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.polynomial import fit_polynomial
+from tactilevision.photometric.reference import Reference, make_reference
+from tactilevision.photometric.storage import load_method, save_method
+
+PHOTOMETRIC: dict[str, Fitter] = {"polynomial": fit_polynomial, "lookup": fit_lookup}
+
+__all__ = [
+    "PHOTOMETRIC",
+    "BallPicture",
+    "CalibratedMethod",
+    "Calibration",
+    "PhotometricMethod",
+    "Reference",
+    "calibrate_from_balls",
+    "load_method",
+    "make_reference",
+    "save_method",
+]

@@ -1,0 +1,164 @@
+"""Balls to a calibrated method: balls found, samples drawn, law fitted, error measured on balls held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.ball import Ball, find_ball
+from tactilevision.photometric.change import ColourChange, Planes
+from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.samples import Samples, inside_ball, join, untouched
+from tactilevision.records import Bools, Bytes, Floats, Pair
+
+LEAST_BALLS = 3
+FOLDS = 3
+RIDGES = (1e-4, 1e-3, 1e-2)
+
+Fitter = Callable[..., ColourLaw]
+
+
+@dataclass(frozen=True, slots=True)
+class BallPicture:
+    """A rectified ball press (H, W, 3); the ball's radius; its centre and contact radius where they are known."""
+
+    rgb: Bytes
+    radius_mm: float
+    centre_px: Pair | None = None
+    contact_radius_px: float | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A method and how far it is to be trusted.
+
+    `balls` as found, None where a picture was left out (its reason is among `warnings`);
+    `direction_error_deg` median and `slope_error` rms over balls held out of the fit.
+    """
+
+    method: CalibratedMethod
+    balls: tuple[Ball | None, ...]
+    direction_error_deg: float
+    slope_error: float
+    warnings: tuple[str, ...]
+
+
+def calibrate_from_balls(
+    reference: Reference,
+    pictures: Sequence[BallPicture],
+    mm_per_px: Pair,
+    *,
+    fit: Fitter,
+    rng: np.random.Generator | None = None,
+) -> Calibration:
+    """Fit a colour law to ball presses; a third at a time is held out to choose the ridge and know the error.
+
+    Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than
+    LEAST_BALLS presses that can be used, naming what was wrong with the others.
+    """
+    rng = rng or np.random.default_rng(0)
+    change = ColourChange(reference)
+    balls, warnings, contact, quiet = _collect(change, pictures, mm_per_px, rng)
+    if len(contact) < LEAST_BALLS:
+        raise InputError(
+            f"too few ball presses that can be used; {LEAST_BALLS} are the least",
+            where="reference/ball",
+            value=f"{len(contact)} of {len(pictures)}: " + "; ".join(warnings),
+            remedy="Press the ball at more places, over the whole picture.",
+        )
+    touching, still = join(contact), join(quiet)
+    scores = [_held_out(fit, touching, still, ridge) for ridge in RIDGES]
+    best = int(np.argmin([_mean_square(found, touching) for found in scores]))
+    gain = float(np.sum(scores[best] * touching.slopes) / np.sum(touching.slopes**2))
+    law = fit(touching, still, ridge=RIDGES[best]).scaled(1.0 / gain)
+    found = scores[best] / gain
+    direction = float(np.median(direction_error_deg(found, touching.slopes)))
+    error = float(np.sqrt(_mean_square(found, touching)))
+    relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
+    warnings += _coverage(touching)
+    card: dict[str, Any] = {
+        "method": law.name,
+        "balls": len(contact),
+        "balls_left_out": len(pictures) - len(contact),
+        "held_out_direction_error_deg": direction,
+        "held_out_slope_rms": error,
+        "gain_before_correction": gain,
+        "ridge": RIDGES[best],
+        "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
+    }
+    return Calibration(
+        CalibratedMethod(law, reference, relative, card), tuple(balls), direction, error, tuple(warnings)
+    )
+
+
+def direction_error_deg(found: Floats, true: Floats) -> Floats:
+    """Angle (N,) between slopes found and true, both (N, 2)."""
+    turn = (found[:, 0] + 1j * found[:, 1]) * (true[:, 0] - 1j * true[:, 1])
+    return np.asarray(np.degrees(np.abs(np.angle(turn))))
+
+
+def _collect(
+    change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair, rng: np.random.Generator
+) -> tuple[list[Ball | None], list[str], list[Samples], list[Samples]]:
+    balls: list[Ball | None] = []
+    warnings: list[str] = []
+    contact: list[Samples] = []
+    quiet: list[Samples] = []
+    for number, picture in enumerate(pictures):
+        name = picture.name or f"ball {number + 1}"
+        try:
+            seen, _, valid = change.measure(picture.rgb)
+            ball = locate(seen, valid, picture, mm_per_px)
+        except InputError as fault:
+            warnings.append(f"{name} left out: {fault.what}")
+            balls.append(None)
+            continue
+        balls.append(ball)
+        contact.append(inside_ball(seen, ball, mm_per_px, number=number, valid=valid, rng=rng))
+        quiet.append(untouched(seen, ball, mm_per_px, number=number, valid=valid, rng=rng))
+    return balls, warnings, contact, quiet
+
+
+def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:
+    """The ball of one picture whose colour change (3, H, W) is known."""
+    image = np.ascontiguousarray(change.transpose(1, 2, 0))
+    return find_ball(
+        image,
+        mm_per_px,
+        radius_mm=picture.radius_mm,
+        centre_px=picture.centre_px,
+        contact_radius_px=picture.contact_radius_px,
+        usable=valid,
+    )
+
+
+def _held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> Floats:
+    """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball."""
+    found = np.empty_like(contact.slopes)
+    numbers = np.unique(contact.press)
+    for fold in range(FOLDS):
+        apart = np.isin(contact.press, numbers[fold::FOLDS])
+        law = fit(contact.where(~apart), quiet.where(~np.isin(quiet.press, numbers[fold::FOLDS])), ridge=ridge)
+        found[apart] = law.at(contact.change[apart], contact.place[apart])
+    return found
+
+
+def _mean_square(found: Floats, samples: Samples) -> float:
+    return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
+
+
+def _coverage(contact: Samples) -> list[str]:
+    """Balls all in one corner say nothing about the light elsewhere."""
+    spread = contact.place.max(axis=0) - contact.place.min(axis=0)
+    if spread.min() > 0.6:
+        return []
+    return [
+        f"the ball presses cover {50 * spread[0]:.0f} % by {50 * spread[1]:.0f} % of the picture only; "
+        "slopes elsewhere are extrapolated"
+    ]

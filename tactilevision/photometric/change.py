@@ -1,0 +1,67 @@
+"""Colour change against the untouched gel: the quantity that slope is read from.
+
+    u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
+
+Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
+keeps dark places from blowing their noise up. Drift is applied to first order, as u - drift I0 / (I0 + s).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.drift import Drift, DriftTracker
+from tactilevision.photometric.reference import SATURATED, Reference
+from tactilevision.records import Bools, Bytes
+
+SOFTENING_GREY = 20.0
+
+Planes = npt.NDArray[np.float32]
+
+
+class ColourChange:
+    """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
+
+    def __init__(self, reference: Reference) -> None:
+        self.reference = reference
+        self.tracker = DriftTracker(reference)
+        planes = np.ascontiguousarray(reference.rgb.transpose(2, 0, 1))
+        self.scale: Planes = 1.0 / (planes + np.float32(SOFTENING_GREY))
+        self.offset: Planes = planes * self.scale
+        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self._out: Planes = np.empty_like(planes)
+        self._work = np.empty(reference.shape, np.float32)
+
+    def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+        """Changes (3, H, W), drift, and validity (H, W) of a frame.
+
+        The changes are overwritten by the next call.
+        """
+        self._check(rgb)
+        drift = self.tracker.measure(rgb)
+        height, width = self.reference.shape
+        x, y = np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32)
+        for c, grey in enumerate(cv2.split(rgb)):
+            gain = drift.gains[c].astype(np.float32)
+            np.add((1.0 + gain[0] + gain[1] * x)[None, :], (gain[2] * y)[:, None], out=self._work)
+            self._work *= self.offset[c]
+            np.multiply(grey, self.scale[c], out=self._out[c])
+            self._out[c] -= self._work
+        return self._out, drift, self.reference.usable & unsaturated(rgb)
+
+    def _check(self, rgb: Bytes) -> None:
+        if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:
+            raise InputError(
+                "the frame does not match the reference in size or type",
+                where="frame",
+                value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
+                remedy="Use frames and reference of the same sensor and stream.",
+            )
+
+
+def unsaturated(rgb: Bytes) -> Bools:
+    """Where no channel is at its upper end."""
+    return np.asarray(cv2.inRange(rgb, (0, 0, 0), (SATURATED - 1,) * 3)) > 0

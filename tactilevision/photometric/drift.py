@@ -1,0 +1,113 @@
+"""Follows the light: how brightness has drifted since the reference was taken, seen on the untouched gel.
+
+    I = I_0 (1 + g_0 + g_x X + g_y Y)      per channel; X, Y from -1 to 1 over the picture
+
+fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
+pattern) does not count. Valid while less than about half of the picture is touched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.reference import Reference
+from tactilevision.records import Bools, Bytes, Floats
+
+BLOCKS = 600  # blocks over the picture, about
+ROUNDS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """`gains` (3 channels, 3): constant, x, y.
+
+    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise.
+    """
+
+    gains: Floats
+    untouched: Bools
+    strangeness: Floats
+
+
+class DriftTracker:
+    """Measures the drift of frames against one reference; what depends on the reference alone is made once."""
+
+    def __init__(self, reference: Reference) -> None:
+        height, width = reference.shape
+        block = max(4, int(np.sqrt(height * width / BLOCKS)))
+        self.size = (max(2, width // block), max(2, height // block))
+        self.reference = cv2.resize(reference.rgb, self.size, interpolation=cv2.INTER_AREA).astype(np.float64)
+        share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
+        self.usable = (share > 0.5).ravel()
+        noise = np.asarray(reference.noise_grey)
+        self.noise = np.sqrt(noise**2 / block**2 + 0.3**2)  # of a block's mean; rounding does not average out
+        x, y = np.meshgrid(np.linspace(-1, 1, self.size[0]), np.linspace(-1, 1, self.size[1]))
+        self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
+        flat = self.reference.reshape(-1, 3)
+        self.terms = [flat[:, c, None] * self.basis for c in range(3)]
+
+    def measure(self, rgb: Bytes) -> Drift:
+        """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
+        blocks = cv2.resize(rgb, self.size, interpolation=cv2.INTER_AREA).reshape(-1, 3).astype(np.float64)
+        change = blocks - self.reference.reshape(-1, 3)
+        self._check(blocks, change)
+        weights = self.usable.astype(np.float64)
+        gains = np.zeros((3, 3))
+        start = np.median((change / np.maximum(self.reference.reshape(-1, 3), 1.0))[self.usable], axis=0)
+        gains[:, 0] = start
+        for _ in range(ROUNDS):
+            size = self._strangeness(change, gains)
+            scale = max(1.0, 1.4826 * float(np.median(size[self.usable])) / 1.5382)
+            weights = self.usable / (1.0 + (size / (3.0 * scale)) ** 2) ** 2
+            gains = self._fit(change, weights)
+        size = self._strangeness(change, gains)
+        quiet = self.usable & (size < 4.0 * scale)
+        shape = (self.size[1], self.size[0])
+        return Drift(gains, quiet.reshape(shape), size.reshape(shape))
+
+    def _strangeness(self, change: Floats, gains: Floats) -> Floats:
+        """Distance of each block from the drift, in standard deviations of its noise, over the channels."""
+        total = np.zeros(len(change))
+        for c in range(3):
+            total += ((change[:, c] - self.terms[c] @ gains[c]) / self.noise[c]) ** 2
+        return np.asarray(np.sqrt(total))
+
+    def _fit(self, change: Floats, weights: Floats) -> Floats:
+        gains = np.empty((3, 3))
+        for c in range(3):
+            weighted = self.terms[c] * weights[:, None]
+            normal = weighted.T @ self.terms[c]
+            normal[np.diag_indices(3)] += 1e-6 * np.trace(normal)
+            gains[c] = np.linalg.solve(normal, weighted.T @ change[:, c])
+        return gains
+
+    def _check(self, blocks: Floats, change: Floats) -> None:
+        usable = self.usable
+        level = float(blocks[usable].mean())
+        usual = float(self.reference.reshape(-1, 3)[usable].mean())
+        if level < 0.1 * usual or float(np.median(blocks[usable].max(axis=1))) > 252.0 > usual + 20.0:
+            raise InputError(
+                "the frame is " + ("black" if level < 0.1 * usual else "saturated"),
+                where="frame",
+                value=f"mean grey {level:.0f}, the reference has {usual:.0f}",
+                remedy="Leave the frame out; check lights and exposure.",
+            )
+        off = float(np.median(np.abs(change[usable])))
+        swapped = float(np.median(np.abs((blocks[:, ::-1] - self.reference.reshape(-1, 3))[usable])))
+        if off > 12.0 and swapped < 0.4 * off:
+            raise InputError(
+                "the frame's colours are in the order blue, green, red",
+                where="frame",
+                remedy="Hand frames over as red, green, blue.",
+            )
+        if off > 0.5 * usual:
+            raise InputError(
+                "the frame is nothing like the reference",
+                where="frame",
+                value=f"median difference {off:.0f} grey levels",
+                remedy="Use a reference of the same sensor and light.",
+            )

@@ -1,0 +1,130 @@
+"""Slope out of a table of colour changes.
+
+The table has CELLS^3 entries over the range of changes that were seen; each holds the mean slope of the ball
+samples that fell near it, shrunk towards a cubic polynomial of the change fitted to all of them:
+
+    table = (n mean + PRIOR cubic) / (n + PRIOR)
+
+so that cells with no sample are filled smoothly. Nearest entry, one table for the whole
+picture: simple and fast, and less accurate than the polynomial, since the light's
+direction is taken to be the same everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.samples import Samples
+from tactilevision.records import Floats
+
+CELLS = 48
+PRIOR = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lookup:
+    """`table` (CELLS, CELLS, CELLS, 2) over changes from `lowest` (3,) to `highest` (3,)."""
+
+    table: npt.NDArray[np.float32]
+    lowest: Floats
+    highest: Floats
+
+    name = "lookup"
+
+    def at(self, change: Floats, place: Floats) -> Floats:
+        """Slopes (N, 2) for changes (N, 3); `place` does not matter."""
+        cells = np.clip((change - self.lowest) / (self.highest - self.lowest) * (CELLS - 1) + 0.5, 0, CELLS - 1)
+        i, j, k = cells.astype(np.intp).T
+        return np.asarray(self.table[i, j, k], np.float64)
+
+    def scaled(self, factor: float) -> Lookup:
+        return Lookup(self.table * np.float32(factor), self.lowest, self.highest)
+
+    def evaluator(self, shape: tuple[int, int]) -> LookupEvaluator:
+        return LookupEvaluator(self, shape)
+
+    def arrays(self) -> dict[str, Floats]:
+        return {"table": self.table.astype(np.float64), "lowest": self.lowest, "highest": self.highest}
+
+
+def fit_lookup(contact: Samples, quiet: Samples, *, ridge: float) -> Lookup:
+    """The table of the samples.
+
+    `ridge` is the penalty of the cubic that fills it, in parts of its terms' power.
+    """
+    seen = np.concatenate([contact.change, quiet.change])
+    slopes = np.concatenate([contact.slopes, quiet.slopes])
+    lowest, highest = np.percentile(seen, 0.1, axis=0), np.percentile(seen, 99.9, axis=0)
+    margin = 0.1 * (highest - lowest)
+    lowest, highest = lowest - margin, highest + margin
+    terms = _cubic(seen)
+    scale = np.sqrt(np.mean(terms**2, axis=0))
+    normal = (terms / scale).T @ (terms / scale) / len(terms) + ridge * 1e-2 * np.eye(terms.shape[1])
+    weights = np.linalg.solve(normal, (terms / scale).T @ slopes / len(terms)) / scale[:, None]
+    axes = [np.linspace(lowest[c], highest[c], CELLS) for c in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    steepest = 1.5 * np.abs(slopes).max()
+    cells = np.clip((seen - lowest) / (highest - lowest) * (CELLS - 1) + 0.5, 0, CELLS - 1).astype(np.intp)
+    flat = np.ravel_multi_index(tuple(cells.T), (CELLS,) * 3)
+    count = np.bincount(flat, minlength=CELLS**3)[:, None]
+    left = slopes - terms @ weights
+    extra = np.stack([np.bincount(flat, left[:, s], CELLS**3) for s in (0, 1)], axis=1) / (count + PRIOR)
+    table = np.clip(_cubic(grid) @ weights + extra, -steepest, steepest)
+    still = _cell_of_zero(lowest, highest)
+    table = table - table[np.ravel_multi_index(still, (CELLS,) * 3)]
+    return Lookup(table.reshape(CELLS, CELLS, CELLS, 2).astype(np.float32), lowest, highest)
+
+
+class LookupEvaluator:
+    """The table over a whole picture."""
+
+    def __init__(self, lookup: Lookup, shape: tuple[int, int]) -> None:
+        self.slopes_x, self.slopes_y = (np.ascontiguousarray(lookup.table[..., s].ravel()) for s in (0, 1))
+        self.per = ((CELLS - 1) / (lookup.highest - lookup.lowest)).astype(np.float32)
+        self.shift = (0.5 - lookup.lowest * self.per).astype(np.float32)
+        self.lookup = lookup
+        self._work = np.empty(shape, np.float32)
+        self._cell = np.empty(shape, np.int32)
+        self._index = np.empty(shape, np.int32)
+
+    def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Slopes (H, W) and (H, W) of changes (3, H, W)."""
+        self._index.fill(0)
+        for c in range(3):
+            np.multiply(change[c], self.per[c], out=self._work)
+            self._work += self.shift[c]
+            np.clip(self._work, 0, CELLS - 1, out=self._work)
+            np.copyto(self._cell, self._work, casting="unsafe")
+            self._index *= CELLS
+            self._index += self._cell
+        return self.slopes_x.take(self._index), self.slopes_y.take(self._index)
+
+    def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
+        i, j, k = _cell_of_zero(self.lookup.lowest, self.lookup.highest)
+        table = self.lookup.table
+        rates = (
+            np.stack(
+                [
+                    table[i + 1, j, k] - table[i - 1, j, k],
+                    table[i, j + 1, k] - table[i, j - 1, k],
+                    table[i, j, k + 1] - table[i, j, k - 1],
+                ]
+            )
+            * (self.per / 2.0)[:, None]
+        )
+        return np.asarray(np.sqrt(np.einsum("cs,chw->hw", rates**2, noise**2) / 2.0), dtype=np.float32)
+
+
+def _cell_of_zero(lowest: Floats, highest: Floats) -> tuple[int, int, int]:
+    i, j, k = np.clip((-lowest / (highest - lowest) * (CELLS - 1) + 0.5).astype(int), 1, CELLS - 2)
+    return int(i), int(j), int(k)
+
+
+def _cubic(change: Floats) -> Floats:
+    picks = [pick for order in (1, 2, 3) for pick in combinations_with_replacement(range(3), order)]
+    return np.stack([np.prod(change[:, pick], axis=1) for pick in picks], axis=1)

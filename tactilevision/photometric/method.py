@@ -1,0 +1,100 @@
+"""What a photometric method is: a rectified frame in, slopes out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.change import ColourChange, Planes
+from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.reference import Reference
+from tactilevision.records import Bytes, Floats, SlopeMap
+
+Picture = npt.NDArray[np.float32]
+
+
+class PhotometricMethod(Protocol):
+    """Anything with these members works everywhere; PHOTOMETRIC only lists the ones that come along."""
+
+    name: str
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap: ...
+
+
+class Evaluator(Protocol):
+    """A colour law made ready for one picture size."""
+
+    def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
+
+    def noise(self, noise: Planes) -> Picture: ...
+
+
+class ColourLaw(Protocol):
+    """Slope as a function of colour change and place, free of any one sensor's reference picture."""
+
+    @property
+    def name(self) -> str: ...
+
+    def at(self, change: Floats, place: Floats) -> Floats: ...
+
+    def scaled(self, factor: float) -> ColourLaw: ...
+
+    def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
+
+    def arrays(self) -> dict[str, Floats]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one frame says: its slopes, the drift of its light, and how strange each block of it is."""
+
+    slopes: SlopeMap
+    drift: Drift
+
+
+@dataclass
+class CalibratedMethod:
+    """A colour law with the reference it is used against.
+
+    `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
+    Not thread-safe: buffers are reused; make one for each thread.
+    """
+
+    law: ColourLaw
+    reference: Reference
+    relative_error: float = 0.0
+    card: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.name = self.law.name
+        self.change = ColourChange(self.reference)
+        self.evaluate = self.law.evaluator(self.reference.shape)
+        self.noise = self.evaluate.noise(self.change.noise)
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
+        """Slopes (H, W) of a rectified frame (H, W, 3) uint8.
+
+        Raises InputError for a frame that cannot be read.
+        """
+        return self.read(rgb_rectified).slopes
+
+    def read(self, rgb_rectified: Bytes) -> Reading:
+        """The slopes and what was found on the way."""
+        change, drift, valid = self.change.measure(rgb_rectified)
+        dz_dx, dz_dy = self.evaluate(change)
+        return Reading(SlopeMap(dz_dx, dz_dy, valid, self._std(dz_dx, dz_dy)), drift)
+
+    def with_reference(self, reference: Reference) -> CalibratedMethod:
+        """The same law against another picture of the untouched gel."""
+        return CalibratedMethod(self.law, reference, self.relative_error, self.card)
+
+    def _std(self, dz_dx: Picture, dz_dy: Picture) -> Picture:
+        std = np.abs(dz_dx)
+        std += np.abs(dz_dy)
+        std *= np.float32(self.relative_error)
+        std += self.noise
+        return std

@@ -1,0 +1,97 @@
+"""The untouched gel: its mean picture, the camera's noise, and where the picture can be used at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.records import Bools, Bytes
+
+SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
+LEAST_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """`rgb` (H, W, 3) float32, the mean untouched picture; `noise_grey` (3,) of one reading; `usable` (H, W)."""
+
+    rgb: npt.NDArray[np.float32]
+    noise_grey: tuple[float, float, float]
+    usable: Bools
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.rgb.shape[0], self.rgb.shape[1]
+
+
+def make_reference(flats: Sequence[Bytes]) -> Reference:
+    """The reference out of one or more rectified pictures of the untouched gel.
+
+    Noise comes from the differences between flats, or of a single one from its finest detail. Raises
+    InputError for no flats, sizes that differ, black or saturated ones, and ones that disagree (contact).
+    """
+    if not flats:
+        raise InputError(
+            "no picture of the untouched gel",
+            where="reference/flat",
+            remedy="Put one or more frames without contact into reference/flat.",
+        )
+    sizes = {flat.shape for flat in flats}
+    if len(sizes) > 1:
+        raise InputError("the flat frames differ in size", where="reference/flat", value=sorted(sizes))
+    stack = np.stack([np.asarray(flat, dtype=np.float32) for flat in flats])
+    mean = stack.mean(axis=0)
+    noise = _noise_between(stack) if len(flats) > 1 else _noise_within(mean)
+    _check_agreement(stack, noise)
+    signal = np.sqrt(np.sum((mean / np.asarray(noise, np.float32)) ** 2, axis=2))
+    usable = (mean.max(axis=2) < SATURATED) & (signal > LEAST_SIGNAL)
+    if usable.mean() < 0.3:
+        dark = float(mean.mean()) < 100
+        raise InputError(
+            "most of the reference is " + ("black" if dark else "saturated"),
+            where="reference/flat",
+            value=f"mean grey {mean.mean():.0f} of 255",
+            remedy="Check the lights." if dark else "Shorten the exposure.",
+        )
+    return Reference(mean, noise, usable)
+
+
+def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]:
+    spread = np.sqrt(np.mean(np.var(stack, axis=0, ddof=1), axis=(0, 1)))
+    return _floored(spread)
+
+
+def _noise_within(mean: npt.NDArray[np.float32]) -> tuple[float, float, float]:
+    """Median response to a filter that no plane or curved surface excites (Immerkaer, CVIU 64, 1996)."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0
+    fine = np.abs(cv2.filter2D(mean, -1, kernel))
+    return _floored(1.4826 * np.median(fine.reshape(-1, 3), axis=0))
+
+
+def _floored(noise: npt.NDArray[np.floating]) -> tuple[float, float, float]:
+    """Rounding to whole grey levels is noise of 0.29; no camera has less."""
+    red, green, blue = (max(float(value), 0.29) for value in noise)
+    return red, green, blue
+
+
+def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, float]) -> None:
+    """A contact in one of several flats shows as a patch that leaves their median."""
+    if len(stack) < 3:
+        return
+    middle = np.median(stack, axis=0)
+    for index, flat in enumerate(stack):
+        change = cv2.GaussianBlur(flat - middle, (0, 0), 3.0)
+        change -= np.median(change, axis=(0, 1))
+        size = np.abs(change / np.asarray(noise, np.float32)).max(axis=2)
+        if (size > 5.0).mean() > 0.002:
+            raise InputError(
+                "a flat frame shows a contact, or the light changed over part of it",
+                where="reference/flat",
+                value=f"frame {index + 1} of {len(stack)}",
+                remedy="Remove that frame.",
+            )

@@ -1,0 +1,65 @@
+"""The catalogue of sensors, and the way from a raw picture to a rectified one.
+
+A catalogue, not a gate: any `records.Sensor` works everywhere. A new one is a file here and a line in SENSORS.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from tactilevision.errors import InputError
+from tactilevision.records import Sensor
+from tactilevision.sensors.digit import DIGIT
+from tactilevision.sensors.gelsight_mini import GELSIGHT_MINI
+from tactilevision.sensors.gelsight_wedge import GELSIGHT_WEDGE
+from tactilevision.sensors.gelslim3 import GELSLIM3, GELSLIM3_MARKERS
+from tactilevision.sensors.rectification import maps_from_corners, maps_from_grid, maps_from_lookup, rectify
+
+SENSORS: dict[str, Sensor] = {
+    sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
+}
+
+__all__ = ["SENSORS", "get_sensor", "maps_from_corners", "maps_from_grid", "maps_from_lookup", "rectify"]
+
+
+def get_sensor(kind: str, **overrides: Any) -> Sensor:
+    """The sensor of that name, with fields of `records.Sensor` replaced by `overrides`.
+
+    "custom" has no defaults: width_px, height_px and mm_per_px are then needed. `mm_per_px` may be one number.
+    Raises InputError for an unknown name, an unknown or missing field, and sizes or scales not above 0.
+    """
+    scale = overrides.get("mm_per_px")
+    if isinstance(scale, int | float):
+        overrides["mm_per_px"] = (float(scale), float(scale))
+    unknown = set(overrides) - {field.name for field in dataclasses.fields(Sensor)}
+    if unknown:
+        raise InputError(
+            "a sensor has no such field",
+            where="get_sensor",
+            value=sorted(unknown),
+            remedy="Fields: " + ", ".join(field.name for field in dataclasses.fields(Sensor)) + ".",
+        )
+    if kind == "custom":
+        missing = [name for name in ("width_px", "height_px", "mm_per_px") if name not in overrides]
+        if missing:
+            raise InputError(f"a custom sensor needs {', '.join(missing)}", where="get_sensor")
+        return _checked(Sensor(kind="custom", **overrides))
+    if kind not in SENSORS:
+        raise InputError(
+            "no sensor of that name",
+            where="get_sensor",
+            value=kind,
+            remedy="Known are " + ", ".join([*SENSORS, "custom"]) + ".",
+        )
+    return _checked(dataclasses.replace(SENSORS[kind], **overrides))
+
+
+def _checked(sensor: Sensor) -> Sensor:
+    if min(sensor.width_px, sensor.height_px) < 2 or not all(0 < s < float("inf") for s in sensor.mm_per_px):
+        raise InputError(
+            "a sensor has a size in px and a scale in mm per px, above 0",
+            where=f"sensor {sensor.kind}",
+            value=(sensor.width_px, sensor.height_px, sensor.mm_per_px),
+        )
+    return sensor

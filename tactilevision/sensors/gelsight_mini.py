@@ -1,0 +1,9 @@
+"""GelSight Mini: three lights round a square gel, 320 by 240 px as its own software streams it.
+
+Scale about 0.0634 mm/px at that size (0.0317 at 640 by 480), as the maker's software states it; measure your own
+where depth matters. Source: GelSight Inc., gsrobotics.
+"""
+
+from tactilevision.records import Sensor
+
+GELSIGHT_MINI = Sensor(kind="gelsight_mini", width_px=320, height_px=240, mm_per_px=(0.0634, 0.0634))

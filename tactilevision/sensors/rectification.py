@@ -1,0 +1,115 @@
+"""Raw picture to rectified picture: maps, and the ways to come by them.
+
+rectified[y, x] = raw[map_y[y, x], map_x[y, x]]       bilinear; maps float32 (height, width)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.records import Bytes, Floats, Pair, Sensor
+
+Map = npt.NDArray[np.float32]
+Maps = tuple[Map, Map]
+KEPT = 8
+
+_fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16]]] = {}
+
+
+def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
+    """The rectified picture (height_px, width_px, 3) of a raw one; the same array where the sensor has no maps.
+
+    Raises InputError where the picture has another size than the sensor, or less than its maps reach for.
+    """
+    if sensor.rectification is None:
+        if rgb.shape[:2] != (sensor.height_px, sensor.width_px):
+            raise InputError(
+                f"the frame is {rgb.shape[1]} by {rgb.shape[0]} px, not as its sensor",
+                where="frame",
+                value=f"{sensor.kind}: {sensor.width_px} by {sensor.height_px}",
+                remedy="Set width_px, height_px and mm_per_px of the sensor, or its rectification.",
+            )
+        return rgb
+    whole, parts = _fixed_point(sensor.rectification)
+    if whole[..., 0].max() > rgb.shape[1] or whole[..., 1].max() > rgb.shape[0]:
+        raise InputError(
+            "the rectification reaches outside the frame",
+            where="frame",
+            value=f"{rgb.shape[1]} by {rgb.shape[0]} px",
+            remedy="Use the maps made for this stream.",
+        )
+    return np.asarray(cv2.remap(rgb, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
+    """Maps out of a table rectified = raw[row, column], both (height, width)."""
+    return np.asarray(column, np.float32), np.asarray(row, np.float32)
+
+
+def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, mm_per_px: Pair) -> Maps:
+    """Maps from four clicks: where the corners of a rectangle of `size_mm` lie in the raw picture.
+
+    `corners_px` (x, y) run top left, top right, bottom right, bottom left. Straight lines must be straight in the
+    raw picture: for a lens that bends them use a grid.
+    """
+    width, height = (max(2, round(size / step)) for size, step in zip(size_mm, mm_per_px, strict=True))
+    target = np.array(
+        [[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]], np.float32
+    )
+    corners = np.asarray(corners_px, np.float32)
+    if corners.shape != (4, 2) or abs(cv2.contourArea(corners)) < 4.0:
+        raise InputError("four corners (x, y) that span a face", where="maps_from_corners", value=corners_px)
+    warp = cv2.getPerspectiveTransform(target, corners)
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    places = np.stack([x, y, np.ones_like(x)], axis=-1) @ warp.T
+    return (places[..., 0] / places[..., 2]).astype(np.float32), (places[..., 1] / places[..., 2]).astype(
+        np.float32
+    )
+
+
+def maps_from_grid(points_px: Floats, spacing_mm: float, mm_per_px: Pair) -> Maps:
+    """Maps from a grid pressed into the gel: its crossings (x, y) in the raw picture, `points_px` (rows, cols, 2).
+
+    Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that
+    bends lines is undone. The rectified frame spans the grid from its first to its last crossing.
+    """
+    from scipy.interpolate import RectBivariateSpline
+
+    rows, columns = points_px.shape[:2]
+    if (
+        points_px.ndim != 3
+        or points_px.shape[2] != 2
+        or min(rows, columns) < 2
+        or not np.isfinite(points_px).all()
+    ):
+        raise InputError(
+            "a grid of crossings (rows, columns, 2), at least 2 by 2",
+            where="maps_from_grid",
+            value=points_px.shape,
+        )
+    along_x = np.arange(0.0, (columns - 1) * spacing_mm + 1e-9, mm_per_px[0])
+    along_y = np.arange(0.0, (rows - 1) * spacing_mm + 1e-9, mm_per_px[1])
+    knots_y, knots_x = np.arange(rows) * spacing_mm, np.arange(columns) * spacing_mm
+    maps = [
+        RectBivariateSpline(knots_y, knots_x, points_px[..., k], kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)(
+            along_y, along_x
+        )
+        for k in (0, 1)
+    ]
+    return maps[0].astype(np.float32), maps[1].astype(np.float32)
+
+
+def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
+    """The maps in OpenCV's fixed-point form, three times as fast; kept for the last few sensors."""
+    held = _fixed.get(id(maps[0]))
+    if held is None or held[0] is not maps[0]:
+        while len(_fixed) >= KEPT:
+            _fixed.pop(next(iter(_fixed)))
+        whole, parts = cv2.convertMaps(maps[0], maps[1], cv2.CV_16SC2)
+        held = _fixed[id(maps[0])] = (maps[0], whole, parts)
+    return held[1], held[2]

@@ -1,0 +1,199 @@
+"""Slopes to depth: the least-squares surface of a field of slopes, with its borders free.
+
+Unknown: the depth z at the pixels. The slopes p = dz/dx, q = dz/dy are known at the pixels too, so each is
+averaged onto the half-pixel edge between two neighbours, where the difference of their depths lives:
+
+    minimise  sum_edges w_e [ (z_(i+1) - z_i)/d - (p_i + p_(i+1))/2 ]^2      d: mm per pixel, per axis
+
+With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders; the cosine transform of
+type II diagonalises exactly that matrix, with the eigenvalues (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis.
+The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to rounding error.
+The error on a smooth surface falls with the square of the pixel. The mean of the surface is left at 0
+(the slopes do not know it); `tactilevision.zero_plane` finds the untouched gel.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.records import Pair, SlopeMap
+
+Array = npt.NDArray[np.floating[Any]]
+FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's level from floating
+
+
+def integrate(
+    slopes: SlopeMap, mm_per_px: Pair, *, weights: Array | None = None, tolerance: float = 1e-6
+) -> Array:
+    """Depth (H, W) in mm of `slopes`, its mean 0; float32 slopes are integrated in float32, others in float64.
+
+    `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
+    then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
+    Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
+    at which the weighted solution stops.
+    Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
+    """
+    dz_dx, dz_dy = _checked(slopes)
+    known = _known(slopes)
+    solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
+    if known is None and weights is None:
+        return solver.solve(solver.divergence(dz_dx, dz_dy))
+    trust = np.ones(dz_dx.shape) if weights is None else np.clip(np.asarray(weights, dtype=np.float64), 0.0, 1.0)
+    if trust.shape != dz_dx.shape:
+        raise InputError("weights have the shape of the slopes", where="integrate", value=trust.shape)
+    if known is not None:
+        trust = np.where(known, trust, 0.0)
+        dz_dx, dz_dy = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
+    return weighted(dz_dx, dz_dy, trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(slopes.dz_dx.dtype)
+
+
+def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
+    """Divergence (H, W) of `x_edges` (H, W-1) and `y_edges` (H-1, W): minus the adjoint of `gradient`.
+
+    No flow crosses the border, so the divergence sums to 0.
+    """
+    out = np.zeros((x_edges.shape[0], y_edges.shape[1]), dtype=x_edges.dtype)
+    along_x, along_y = x_edges / mm_per_px[0], y_edges / mm_per_px[1]
+    out[:, :-1] += along_x
+    out[:, 1:] -= along_x
+    out[:-1] += along_y
+    out[1:] -= along_y
+    return out
+
+
+def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
+    """Differences of `depth` (H, W) over the edges: (H, W-1) along x and (H-1, W) along y, mm per mm."""
+    return np.diff(depth, axis=1) / mm_per_px[0], np.diff(depth, axis=0) / mm_per_px[1]
+
+
+def weighted(
+    dz_dx: Array,
+    dz_dy: Array,
+    weights: Array,
+    *,
+    mm_per_px: Pair,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+) -> Array:
+    """The weighted least-squares surface (H, W), mean 0, by conjugate gradients behind the exact transform.
+
+    An edge's weight is the smaller of its two pixels', at least FLOOR. Preconditioned by the unweighted
+    solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    w_x = np.maximum(np.minimum(weights[:, 1:], weights[:, :-1]), FLOOR)
+    w_y = np.maximum(np.minimum(weights[1:], weights[:-1]), FLOOR)
+    target_x = 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1])
+    target_y = 0.5 * (dz_dy[1:] + dz_dy[:-1])
+    return solve_edges(
+        target_x, target_y, w_x, w_y, mm_per_px=mm_per_px, tolerance=tolerance, max_iterations=max_iterations
+    )
+
+
+def solve_edges(
+    target_x: Array,
+    target_y: Array,
+    w_x: Array,
+    w_y: Array,
+    *,
+    mm_per_px: Pair,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    start: Array | None = None,
+) -> Array:
+    """Depth whose differences are nearest to the targets (H, W-1), (H-1, W) under the weights of the edges."""
+    solver = transform_solver((target_x.shape[0], target_y.shape[1]), mm_per_px, "d")
+
+    def stiffness(depth: Array) -> Array:
+        g_x, g_y = gradient(depth, mm_per_px)
+        return -divergence(w_x * g_x, w_y * g_y, mm_per_px)
+
+    right = -divergence(w_x * target_x, w_y * target_y, mm_per_px)
+    depth: Array = np.zeros_like(right) if start is None else np.array(start, dtype=np.float64)
+    residual = right - stiffness(depth) if start is not None else right.copy()
+    step = solver.solve(-residual)
+    goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
+    energy = float(np.vdot(residual, step))
+    direction = step
+    for _ in range(max_iterations):
+        if energy <= goal:
+            return np.asarray(depth - depth.mean())
+        pushed = stiffness(direction)
+        length = energy / float(np.vdot(direction, pushed))
+        depth = depth + length * direction
+        residual = residual - length * pushed
+        step = solver.solve(-residual)
+        before, energy = energy, float(np.vdot(residual, step))
+        direction = step + (energy / before) * direction
+    raise ConvergenceError(
+        f"weighted integration stopped after {max_iterations} iterations at a relative residual of "
+        f"{np.sqrt(energy / goal) * tolerance:.1e}, {tolerance:.1e} was asked for"
+    )
+
+
+class TransformSolver:
+    """Solves the unweighted normal equations for one size, scale and precision; tables are made once."""
+
+    def __init__(self, shape: tuple[int, int], mm_per_px: Pair, dtype: npt.DTypeLike) -> None:
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self.half = np.array([0.5 / mm_per_px[0], 0.5 / mm_per_px[1]], self.dtype)
+        along_y = _eigenvalues(shape[0], mm_per_px[1])[:, None]
+        total = along_y + _eigenvalues(shape[1], mm_per_px[0])[None, :]
+        total[0, 0] = np.inf  # the mean, which slopes do not know, is put at 0
+        self.inverse = np.asarray(-1.0 / total, dtype=self.dtype)
+
+    def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
+        """Divergence (H, W) of slopes averaged onto the edges: a central difference, halved at the borders."""
+        out: Array = np.empty(self.shape, dtype=self.dtype)
+        np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
+        np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
+        np.add(dz_dx[:, -1], dz_dx[:, -2], out=out[:, -1])
+        np.negative(out[:, -1], out=out[:, -1])
+        out *= self.half[0]
+        scaled = dz_dy * self.half[1]
+        out[1:-1] += scaled[2:]
+        out[1:-1] -= scaled[:-2]
+        out[0] += scaled[0] + scaled[1]
+        out[-1] -= scaled[-1] + scaled[-2]
+        return out
+
+    def solve(self, right: Array) -> Array:
+        """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`; `right` is used up where its type fits."""
+        modes = fft.dctn(np.asarray(right, dtype=self.dtype), norm="ortho", overwrite_x=False)
+        modes *= self.inverse
+        return np.asarray(fft.idctn(modes, norm="ortho", overwrite_x=True))
+
+
+@lru_cache(maxsize=16)
+def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> TransformSolver:
+    """The solver for (H, W), scale and numpy type character, made once and kept."""
+    return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
+
+
+def _eigenvalues(count: int, step_mm: float) -> npt.NDArray[np.float64]:
+    return np.asarray((2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step_mm**2)
+
+
+def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
+    finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
+    known = finite if slopes.valid is None else finite & slopes.valid
+    return None if known.all() else known
+
+
+def _checked(slopes: SlopeMap) -> tuple[Array, Array]:
+    shape = slopes.dz_dx.shape
+    if len(shape) != 2 or slopes.dz_dy.shape != shape or min(shape) < 2:
+        raise InputError(
+            "slopes are two fields (H, W) alike, at least 2 by 2",
+            where="integrate",
+            value=(shape, slopes.dz_dy.shape),
+        )
+    if slopes.dz_dx.dtype == np.float32 and slopes.dz_dy.dtype == np.float32:
+        return slopes.dz_dx, slopes.dz_dy
+    return np.asarray(slopes.dz_dx, dtype=np.float64), np.asarray(slopes.dz_dy, dtype=np.float64)
