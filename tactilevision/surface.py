@@ -87,10 +87,10 @@ def weighted(
     solution the spectrum lies in [FLOOR, 1], gathered at both ends, so that tens of iterations do.
     """
     weights = np.asarray(weights, dtype=np.float64)
-    w_x = np.maximum(np.minimum(weights[:, 1:], weights[:, :-1]), FLOOR)
-    w_y = np.maximum(np.minimum(weights[1:], weights[:-1]), FLOOR)
-    target_x = 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1])
-    target_y = 0.5 * (dz_dy[1:] + dz_dy[:-1])
+    w_x, w_y = np.minimum(weights[:, 1:], weights[:, :-1]), np.minimum(weights[1:], weights[:-1])
+    target_x = np.where(w_x > 0, 0.5 * (dz_dx[:, 1:] + dz_dx[:, :-1]), 0.0)  # unknown: stretched like a membrane
+    target_y = np.where(w_y > 0, 0.5 * (dz_dy[1:] + dz_dy[:-1]), 0.0)
+    w_x, w_y = np.maximum(w_x, FLOOR), np.maximum(w_y, FLOOR)
     return solve_edges(
         target_x, target_y, w_x, w_y, mm_per_px=mm_per_px, tolerance=tolerance, max_iterations=max_iterations
     )
