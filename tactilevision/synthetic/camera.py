@@ -1,0 +1,125 @@
+"""A camera over the gel: surface -> frame, with everything that a real frame suffers on its way.
+
+surface -> slopes -> light of three lamps (lights.py) -> ink texture and markers, carried along with the gel ->
+vignetting -> lens distortion -> blur -> shot and read noise -> response -> 8 bits.
+Steep parts of the surface are drawn on a grid three times finer and averaged over each pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.synthetic.gel import Grid, Singles, Surface
+from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
+
+_FINER = 3
+_STEPS = 16383
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Everything that turns a surface into a frame. Build one with optics.build_camera.
+
+    `ink` (H, W) is the ink's brightness on the resting gel; `stray` (H, W, 3) light that reaches the chip
+    without the gel; `vignette` (H, W); `to_raw` (x, y): where in the rectified frame each raw pixel looks, or
+    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels.
+    """
+
+    grid: Grid
+    lights: tuple[Light, ...]
+    finish: Finish
+    ink: Singles
+    stray: Singles
+    vignette: Singles
+    to_raw: tuple[Singles, Singles] | None
+    blur_px: float
+    gamma: float
+    full_well: float
+    read_noise: float
+    drift: tuple[Floats, float]
+
+    def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
+        """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
+        gains = self._gains(time_s)
+        light = reflect(
+            _shines(self.lights, self.grid, self.grid), gains, _slopes(surface, self.grid), self.finish
+        )
+        if surface.half_size_mm > 0:
+            self._draw_finely(light, surface, gains)
+        light *= (_carried(self.ink, surface, self.grid) * self.vignette)[..., None]
+        light += self.stray
+        if self.to_raw is not None:
+            light = cv2.remap(light, *self.to_raw, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        if self.blur_px > 0:
+            light = cv2.GaussianBlur(light, (0, 0), self.blur_px)
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float32)
+
+    def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
+        """A frame (H, W, 3) of the given light; `averaged` frames make one of less noise; no rng, no noise."""
+        if rng is not None:
+            # read noise is stated in grey levels near mid-grey, where the response has the slope 0.5^(1/γ-1)/γ
+            read = self.read_noise / 255 * self.gamma * 0.5 ** (1 - 1 / self.gamma)
+            std = np.sqrt((light / np.float32(self.full_well) + np.float32(read**2)) / averaged)
+            noisy = light + std * rng.standard_normal(light.shape, dtype=np.float32)
+            light = noisy.astype(np.float32, copy=False)
+        index = np.clip(light * np.float32(_STEPS) + np.float32(0.5), 0, _STEPS).astype(np.uint16)
+        return np.asarray(_response(self.gamma)[index] + np.float32(0.5)).astype(np.uint8)
+
+    def picture(self, surface: Surface, rng: np.random.Generator, time_s: float = 0.0) -> Bytes:
+        """One frame (H, W, 3) of a surface."""
+        return self.expose(self.ideal(surface, time_s), rng)
+
+    def _gains(self, time_s: float) -> Floats:
+        """Each lamp's brightness at a time: a slow swing of its own amplitude, 1 at the start."""
+        amplitudes, period_s = self.drift
+        phases = np.arange(amplitudes.size) * 2.1
+        return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
+
+    def _draw_finely(self, light: Singles, surface: Surface, gains: Floats) -> None:
+        place, fine = _window(self.grid, surface.centre_mm, surface.half_size_mm)
+        drawn = reflect(_shines(self.lights, fine, self.grid), gains, _slopes(surface, fine), self.finish)
+        inner = light[place]
+        small = cv2.resize(drawn, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
+        inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the window's rim keeps the coarse slopes
+
+
+@lru_cache(maxsize=16)
+def _window(grid: Grid, centre_mm: Pair, half_mm: float) -> tuple[tuple[slice, slice], Grid]:
+    """The window of a place; the same object again for the same place, so that its light is computed once."""
+    return grid.window(centre_mm, half_mm, _FINER)
+
+
+@lru_cache(maxsize=8)
+def _shines(lights: tuple[Light, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
+    return tuple(shine(light, grid, reference) for light in lights)
+
+
+@lru_cache(maxsize=8)
+def _response(gamma: float) -> Singles:
+    """Grey level (0 to 255) of linear light in steps of 1/_STEPS."""
+    return np.asarray(255 * np.linspace(0.0, 1.0, _STEPS + 1) ** (1 / gamma), dtype=np.float32)
+
+
+def _slopes(surface: Surface, grid: Grid) -> tuple[Singles, Singles]:
+    """Slopes dz/dx, dz/dy (H, W) by central differences on the grid."""
+    depth = surface.depth_mm(grid)
+    step_x, step_y = grid.spacing_mm
+    kernel = np.array([-0.5, 0.0, 0.5], np.float32)
+    one = np.ones(1, np.float32)
+    p = cv2.sepFilter2D(depth, -1, kernel / np.float32(step_x), one, borderType=cv2.BORDER_REPLICATE)
+    q = cv2.sepFilter2D(depth, -1, one, kernel / np.float32(step_y), borderType=cv2.BORDER_REPLICATE)
+    return p, q
+
+
+def _carried(ink: Singles, surface: Surface, grid: Grid) -> Singles:
+    """The ink's brightness where the gel has carried it."""
+    step_x, step_y = grid.spacing_mm
+    shift_x, shift_y = surface.shift_mm(grid)
+    rows, columns = np.indices(ink.shape, dtype=np.float32)
+    from_x, from_y = columns - shift_x / np.float32(step_x), rows - shift_y / np.float32(step_y)
+    return np.asarray(cv2.remap(ink, from_x, from_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101))

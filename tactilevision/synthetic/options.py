@@ -1,0 +1,114 @@
+"""What a simulated recording is like; every number that a user may turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tactilevision.errors import InputError
+from tactilevision.records import Pair
+from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.synthetic.rig import Protocol
+
+FAULTS = (
+    "tangential",
+    "tilt",
+    "footprint",
+    "bevel_not_touched",
+    "dropped_frames",
+    "saturated",
+    "short_rest",
+    "border",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GelOptions:
+    """The gel, and what the recording says of its Poisson ratio (`prior_std` None: nothing).
+
+    `relaxing` (share, time constant s) makes it viscoelastic. c follows from the others by c = 2aEκ/(1 - ν²).
+    """
+
+    youngs_modulus_MPa: float = 0.19
+    poisson_ratio: float = 0.48
+    beta: float = 0.85
+    thickness_mm: float = 3.0
+    radius_mm: float = 15.0
+    prior: float | None = None
+    prior_std: float | None = 0.002
+    relaxing: Pair = (0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class IndenterOptions:
+    """A set of flat cylinders that differ in the height of the face over the bevel.
+
+    True heights scatter about the machined ones by `height_std_mm`. `state_bevel_place` writes the bevel's
+    distance and angle into the recording.
+    """
+
+    heights_mm: tuple[float, ...] = (0.15, 0.3, 0.4, 0.5, 0.6)
+    radius_mm: float = 2.5
+    bevel: Literal["right", "left", "top", "bottom"] = "right"
+    bevel_distance_mm: float = 5.0
+    bevel_angle_deg: float = 10.0
+    height_std_mm: float = 0.001
+    state_bevel_place: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class RigOptions:
+    """Clocks, repeatability and noise. A frame is kept where it tells something, see `frames_per_press`.
+
+    `clock_offset_s` None: drawn from +-0.2 s. `gain_std` is a press' relative force repeatability,
+    `tangential` the usual ratio of tangential to normal force, `tilt_std` the face's slope.
+    """
+
+    protocol: Protocol = field(default_factory=Protocol)
+    clock_offset_s: float | None = None
+    state_clock_offset: bool = False
+    frame_rate_Hz: float = 90.0
+    force_rate_Hz: float = 200.0
+    gain_std: float = 0.002
+    tangential: float = 0.01
+    tilt_std: float = 0.0002
+    place_std_mm: float = 0.4
+    frames_per_press: int | None = 20
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """A whole recording: `presses` good ones with each indenter and one press for each of `faults`.
+
+    `frames`: the pictures' format, or "none" for a recording of curves only, or "points" for certified points
+    only. `flats` and `balls` are the reference pictures; `state_balls` writes the balls' places into ball.csv.
+    """
+
+    name: str = "simulated"
+    date: str = "2026-11-21"
+    gel: GelOptions = field(default_factory=GelOptions)
+    camera: CameraOptions = field(default_factory=CameraOptions)
+    indenters: IndenterOptions = field(default_factory=IndenterOptions)
+    rig: RigOptions = field(default_factory=RigOptions)
+    presses: int = 3
+    faults: tuple[str, ...] = FAULTS
+    frames: Literal["png", "jpeg", "curves", "points"] = "png"
+    jpeg_quality: int = 92
+    flats: int = 2
+    balls: int = 14
+    ball_radii_mm: tuple[float, ...] = (2.5, 4.0)
+    state_balls: bool = False
+    torn_frame: bool = True
+
+    def __post_init__(self) -> None:
+        unknown = [fault for fault in self.faults if fault not in FAULTS]
+        if unknown:
+            raise InputError(
+                "no such fault can be simulated",
+                where="SimulationOptions.faults",
+                value=unknown[0],
+                remedy=f"Choose among {', '.join(FAULTS)}.",
+            )
+        if self.presses < 0 or not self.indenters.heights_mm:
+            raise InputError("a recording needs at least one indenter and a number of presses not below 0",
+                             where="SimulationOptions", value=self.presses)  # fmt: skip

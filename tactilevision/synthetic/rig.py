@@ -1,0 +1,135 @@
+"""The rig: how an indenter is moved, and what force and which clock are recorded while it moves.
+
+Force law of the gel: P = c w (1 + β w/h), c = 2aEκ(ν, a/h)/(1 - ν²), w the true depth of the face. A bevel that
+overlaps the gel by δ(t) along its edge adds 1/2 E/(1 - ν²) ∫ δ dt, half of what a flat of that depth and unit
+aspect would: a small force that starts from zero at the first touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.records import Floats, Pair
+from tactilevision.synthetic.gel import Bevel
+from tactilevision.synthetic.profile import PunchProfile
+
+QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)
+_GAP_MM = 0.15  # of air before the ramp
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """How every press runs: `free_s` in air before the ramp and after the release, speeds, pauses.
+
+    `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face goes on after it.
+    """
+
+    free_s: float = 0.8
+    rest_s: float = 3.0
+    speed_mm_s: float = 0.25
+    release_mm_s: float = 1.0
+    dwell_s: float = 0.0
+    overtravel_mm: float = 0.07
+    hold_s: float = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Height of the face against the camera's clock: corners of a polygon; below 0 the face is in the air."""
+
+    time_s: Floats
+    face_mm: Floats
+    phase: tuple[str, ...]
+
+    def at(self, time_s: Floats | float) -> Floats:
+        return np.asarray(np.interp(time_s, self.time_s, self.face_mm), dtype=np.float64)
+
+    def loading_time_s(self, depth_mm: float) -> float:
+        """When the face first stands at a depth; NaN where it never does."""
+        turn = int(np.argmax(self.face_mm))
+        if depth_mm > self.face_mm[turn] + 1e-12:
+            return float("nan")
+        return float(np.interp(depth_mm, self.face_mm[: turn + 1], self.time_s[: turn + 1]))
+
+    def phase_at(self, time_s: Floats) -> list[str]:
+        """Free, load, hold or unload at each time."""
+        spans = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.phase) - 1)
+        words = [self.phase[i] for i in spans]
+        return ["free" if face <= 0 else word for face, word in zip(self.at(time_s), words, strict=True)]
+
+
+def move(start_s: float, protocol: Protocol, touch_mm: float, deepest_mm: float) -> Motion:
+    """Air, ramp to the bevel's touch, the dwell there, on to the deepest point, hold, release, air."""
+    legs = [(protocol.free_s, -_GAP_MM, "free")]
+    if touch_mm < deepest_mm:
+        legs.append(((touch_mm + _GAP_MM) / protocol.speed_mm_s, touch_mm, "load"))
+        if protocol.dwell_s > 0:
+            legs.append((protocol.dwell_s, touch_mm, "hold"))
+    travelled = legs[-1][1]
+    legs += [
+        ((deepest_mm - travelled) / protocol.speed_mm_s, deepest_mm, "load"),
+        (protocol.hold_s, deepest_mm, "hold"),
+        ((deepest_mm + _GAP_MM) / protocol.release_mm_s, -_GAP_MM, "unload"),
+        (protocol.free_s, -_GAP_MM, "free"),
+    ]
+    times = start_s + np.concatenate([[0.0], np.cumsum([leg[0] for leg in legs])])
+    return Motion(times, np.array([-_GAP_MM] + [leg[1] for leg in legs]), tuple(leg[2] for leg in legs))
+
+
+@dataclass(frozen=True, slots=True)
+class GelLaw:
+    """Force against depth of one punch on one gel; `c_N_per_mm`, `beta`, `thickness_mm`, `reduced_modulus_MPa`.
+
+    `relaxing` (share, time constant s): a Maxwell branch that carries a share of the force and forgets it.
+    """
+
+    c_N_per_mm: float
+    beta: float
+    thickness_mm: float
+    reduced_modulus_MPa: float
+    relaxing: Pair = (0.0, 1.0)
+
+    def force_N(self, depth_mm: Floats | float) -> Floats:
+        w = np.maximum(np.asarray(depth_mm, dtype=np.float64), 0.0)
+        return np.asarray(self.c_N_per_mm * w * (1 + self.beta * w / self.thickness_mm))
+
+    def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
+        """The force after the branch has forgotten part of its past, for evenly spaced readings."""
+        from scipy.signal import lfilter
+
+        share, constant = self.relaxing
+        if share == 0:
+            return force_N
+        keep = np.exp(-interval_s / constant)
+        branch = lfilter([1.0, -1.0], [1.0, -keep], force_N)
+        return np.asarray((1 - share) * force_N + share * branch)
+
+
+def bevel_force_N(bevel: Bevel, profile: PunchProfile, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
+    """Force on the bevel at each depth of the face."""
+    along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
+    away = np.hypot(bevel.distance_mm, along)
+    deepest = float(np.max(depths_mm, initial=0.0))
+    table = np.linspace(0.0, max(deepest, 1e-6), 60)
+    overlap = [np.maximum(w - bevel.height_mm - profile.depth_at(away, w), 0.0) for w in table]
+    force = 0.5 * reduced_modulus_MPa * np.trapezoid(overlap, along, axis=1)
+    return np.asarray(np.interp(depths_mm, table, force, left=0.0), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class ForceSensor:
+    """A six-axis sensor's habits: `noise_N` of a reading, `bias_N`, linear `drift_N_s`, symmetric `range_N`."""
+
+    noise_N: tuple[float, float, float] = (0.00625, 0.00625, 0.0125)
+    bias_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift_N_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    range_N: float = float("inf")
+
+    def read(self, force_N: Floats, time_s: Floats, rng: np.random.Generator) -> Floats:
+        """What it reports of true forces (T, 3): biased, drifting, noisy, limited, in steps of its resolution."""
+        reading = force_N + np.asarray(self.bias_N) + np.outer(time_s, self.drift_N_s)
+        reading = reading + rng.standard_normal(force_N.shape) * np.asarray(self.noise_N)
+        reading = np.clip(reading, -self.range_N, self.range_N)
+        return np.asarray(np.round(reading / QUANTUM_N) * QUANTUM_N)

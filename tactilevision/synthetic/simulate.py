@@ -1,0 +1,113 @@
+"""A whole recording with known truth, made frame by frame: the test bench of everything that reads recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tactilevision.records import Floats
+from tactilevision.synthetic import writing
+from tactilevision.synthetic.gel import Flat
+from tactilevision.synthetic.optics import build_camera, distortion
+from tactilevision.synthetic.options import SimulationOptions
+from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.reference import BallPress, picture_still, plan_balls
+from tactilevision.synthetic.series import certified, curves, read_forces
+from tactilevision.synthetic.story import Story, stream, tell
+from tactilevision.synthetic.truth import truth_of
+
+Progress = Callable[[int, int], None]
+
+
+def simulate(
+    out: Path | str, *, seed: int, options: SimulationOptions | None = None, progress: Progress | None = None
+) -> Path:
+    """Write a recording and its truth.toml into `out`, and return that path.
+
+    The same seed and options give the same bytes on the same machine and versions. `progress(done, of)` is
+    called after each picture. Raises InputError for impossible options, OutputError where `out` is refused.
+    """
+    options = options or SimulationOptions()
+    folder = Path(out)
+    story = tell(options, seed)
+    writing.write_settings(folder, options, story.clock_offset_s)
+    writing.write_toml(folder / "truth.toml", truth_of(story))
+    if options.frames == "points":
+        writing.write_points(folder, certified(story))
+    elif options.frames == "curves":
+        writing.write_curves(folder, curves(story))
+    else:
+        writing.write_presses(folder, story.presses)
+        writing.write_forces(folder, *read_forces(story))
+        _write_pictures(folder, story, progress or (lambda done, of: None))
+    return folder
+
+
+def frame_times(story: Story) -> list[tuple[PlannedPress, Floats]]:
+    """For each press the times of the frames that are kept, on the camera's clock."""
+    rng = stream(story.seed, 2)
+    rig = story.options.rig
+    kept = []
+    for press in story.presses:
+        times = np.arange(press.start_s, press.end_s, 1 / rig.frame_rate_Hz)
+        times = times + np.clip(rng.normal(0.0, 4e-4, times.size), -2e-3, 2e-3)
+        if rig.frames_per_press is not None:
+            times = times[_telling(press, times, rig.frames_per_press)]
+        if press.fault == "dropped_frames":
+            times = times[np.abs(times - press.touch_time_s) > 0.25]
+        kept.append((press, times))
+    return kept
+
+
+def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
+    """Indices of the frames worth keeping: dense round the bevel's touch, some of every other phase."""
+    interval = float(np.median(np.diff(times)))
+    turn = press.motion.loading_time_s(float(press.motion.face_mm.max()))
+    contact = press.motion.loading_time_s(0.0)
+    event = turn if np.isnan(press.touch_time_s) else press.touch_time_s
+    near = event + interval * np.array([-4, -3, -2, -1, 0, 1, 2, 3, 4, 7, 10, 14, 18])
+    hold, release = press.protocol.hold_s, float(press.motion.time_s[-2])
+    rest = [press.start_s, contact - 2 * interval, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
+    ramp = np.linspace(contact, event, max(count - near.size - len(rest), 0) + 2)[1:-1]
+    wanted = np.concatenate([near, rest, ramp, [0.5 * (turn + hold + release)] if count > 30 else []])
+    return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
+
+
+def _write_pictures(folder: Path, story: Story, progress: Progress) -> None:
+    options = story.options
+    camera = build_camera(options.camera, stream(story.seed, 3))
+    if options.camera.distortion_px > 0:
+        writing.write_maps(folder, *distortion(options.camera).to_rectified)
+    plan = frame_times(story)
+    balls = _balls(story)
+    total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
+    rng = stream(story.seed, 4)
+    with writing.FrameWriter(folder, options) as frames:
+        for press, times in plan:
+            for time_s in times:
+                frames.add(camera.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
+                progress(done := done + 1, total)
+        if options.torn_frame:
+            frames.tear(_unimportant(plan))
+    for i in range(options.flats):
+        writing.write_image(folder / f"reference/flat/{i:02d}.png", picture_still(camera, Flat(), rng))
+        progress(done := done + 1, total)
+    for i, ball in enumerate(balls):
+        writing.write_image(folder / f"reference/ball/{i:02d}.png", picture_still(camera, ball, rng))
+        progress(done := done + 1, total)
+    writing.write_balls(folder, balls, camera.grid, stated=options.state_balls)
+
+
+def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
+    """Index of the last frame, in free air, of the first good press."""
+    first = next((i for i, (press, _) in enumerate(plan) if not press.fault), 0)
+    return sum(times.size for _, times in plan[: first + 1]) - 1
+
+
+def _balls(story: Story) -> tuple[BallPress, ...]:
+    camera = story.options.camera
+    half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
+    return plan_balls(story.options.balls, story.options.ball_radii_mm, half, story.options.gel.thickness_mm,
+                      stream(story.seed, 5))  # fmt: skip

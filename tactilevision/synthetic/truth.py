@@ -1,0 +1,43 @@
+"""truth.toml: what a perfect calibration of a simulated recording would find."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.story import Story
+
+
+def truth_of(story: Story) -> dict[str, Any]:
+    """Material and clocks under the names of calibration.json, and every press as it really went."""
+    gel = story.options.gel
+    return {
+        "seed": story.seed,
+        "youngs_modulus_MPa": gel.youngs_modulus_MPa,
+        "poisson_ratio": gel.poisson_ratio,
+        "reduced_modulus_MPa": story.law.reduced_modulus_MPa,
+        "c_N_per_mm": story.law.c_N_per_mm,
+        "beta": gel.beta,
+        "clock_offset_s": story.clock_offset_s,
+        "presses_accepted": [p.label for p in story.presses if not p.fault],
+        "presses_rejected": [{"press": p.label, "reason": p.fault} for p in story.presses if p.fault],
+        "press": [_press(story, p) for p in story.presses],
+    }
+
+
+def _press(story: Story, press: PlannedPress) -> dict[str, Any]:
+    content = {
+        "press": press.label,
+        "indenter": press.indenter,
+        "good": not press.fault,
+        "reason": press.fault,
+        "height_mm": press.bevel.height_mm,
+        "centre_mm": list(press.centre_mm),
+        "tilt": list(press.tilt),
+        "gain": press.gain,
+    }
+    if not math.isnan(press.touch_time_s):
+        force = float(story.law.force_N(press.touch_mm)) * press.gain
+        content |= {"touch_time_s": press.touch_time_s, "depth_mm": press.touch_mm, "force_N": force}
+    return content
