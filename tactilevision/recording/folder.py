@@ -10,7 +10,7 @@ import numpy as np
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
-from tactilevision.recording.pictures import find_flats, find_frames, first_size, list_images
+from tactilevision.recording.pictures import find_flats, find_frames, first_look, list_images
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.settings import SensorSettings
@@ -34,14 +34,18 @@ def read_folder(
     flats = _references(None if reference is None else Path(reference)) or find_flats(root)
     if sensor is None:
         if not (root / layout.SETTINGS).is_file():
-            raise RecordingError("the sensor is not known", where=root,
-                                 remedy=f"Name it with --sensor: {', '.join(SENSORS)}, or a TOML file.")  # fmt: skip
+            raise RecordingError(
+                "the sensor is not known",
+                where=root,
+                remedy=f"Name it with --sensor: {', '.join(SENSORS)}, or a TOML file.",
+            )
         return replace(read_recording(root), flats=flats)
     frames_path = root if root.is_file() else find_frames(root) or root
     names = _names(frames_path)
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
     white_level = settings.white_level if settings else None
-    size = first_size(frames_path, names, white_level)
+    size, seen = first_look(frames_path, names, white_level)
+    warnings += seen
     if not isinstance(sensor, Sensor):
         assert settings is not None
         sensor, notes = build_sensor(settings, place, size)
@@ -67,8 +71,9 @@ def _names(root: Path) -> tuple[str, ...]:
         raise RecordingError("there is no such folder of pictures, nor such a video", where=root)
     names = tuple(list_images(root))
     if not names:
-        raise RecordingError("the folder holds no pictures", where=root,
-                             remedy="Read are " + ", ".join(layout.IMAGE_SUFFIXES) + ".")  # fmt: skip
+        raise RecordingError(
+            "the folder holds no pictures", where=root, remedy="Read are " + ", ".join(layout.IMAGE_SUFFIXES) + "."
+        )
     return names
 
 
@@ -84,6 +89,7 @@ def _references(path: Path | None) -> tuple[Path, ...]:
         return ()
     found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))
     if not found:
-        raise RecordingError("there is no picture of the untouched gel", where=path,
-                             remedy="Name one picture, or a folder of such.")  # fmt: skip
+        raise RecordingError(
+            "there is no picture of the untouched gel", where=path, remedy="Name one picture, or a folder of such."
+        )
     return found

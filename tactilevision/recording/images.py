@@ -33,6 +33,11 @@ def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
     or of a kind that is not read.
     """
     path = Path(path)
+    return as_rgb(read_stored(path), path, white_level)
+
+
+def read_stored(path: Path) -> npt.NDArray[Any]:
+    """The picture as the file has it, any shape and type, red first. Raises as `read_image` does."""
     try:
         data = path.read_bytes()
     except OSError as fault:
@@ -40,11 +45,11 @@ def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
     if not data:
         raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
     if path.suffix.lower() == ".npy":
-        return as_rgb(_array(data, path), path, white_level)
+        return _array(data, path)
     picture = _decoded(data, path)
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         picture = picture[..., 2::-1]
-    return as_rgb(picture, path, white_level)
+    return picture
 
 
 def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:

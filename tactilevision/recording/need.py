@@ -23,14 +23,14 @@ _SETTINGS_GEL = f"{layout.SETTINGS} [sensor.gel]"
 
 # what it is called, where it belongs, what to put there
 _PLACES: dict[Need, tuple[str, str, str]] = {
-    "frames": ("pictures", layout.FRAMES + "/", "Put the images there, or one video beside it."),
+    "frames": ("pictures", layout.FRAMES, "Put the images there, or one video beside it."),
     "frame_times": ("the times of the frames", layout.FRAME_TABLE, _table(layout.FRAME_COLUMNS)),
     "forces": ("force readings", layout.FORCES, _table(layout.FORCE_COLUMNS)),
     "presses": ("the protocol of presses", layout.PRESSES, _table(layout.PRESS_COLUMNS)),
     "stage": ("the place of the motion stage", layout.STAGE, _table(layout.STAGE_COLUMNS)),
     "curves": ("curves of depth and force", layout.CURVES, _table(layout.CURVE_COLUMNS)),
     "points": ("certified points", layout.POINTS, _table(layout.POINT_COLUMNS)),
-    "flats": ("a picture of the untouched gel", layout.FLATS + "/", "Put one or more frames of it there."),
+    "flats": ("a picture of the untouched gel", layout.FLATS, "Put one or more frames of it there."),
     "balls": ("ball presses", layout.BALL_TABLE, _table(layout.BALL_COLUMNS)),
     "gel": ("the thickness of the gel", _SETTINGS_GEL, "Add thickness_mm = ... there."),
     "indenters": ("the indenters", layout.SETTINGS, "Describe each one in a table [indenter.NAME]."),

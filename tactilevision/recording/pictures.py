@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
-from tactilevision.recording.images import TornImageError, read_image
+from tactilevision.recording.images import TornImageError, as_rgb, read_stored
 from tactilevision.recording.model import BallPress
 from tactilevision.recording.series import read_frame_table
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.recording.video import count_frames, iter_video, stated_frames
+
+_LOOKS = 10  # pictures to try before their size is given up
 
 
 def list_images(folder: Path) -> list[str]:
@@ -133,18 +138,27 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
     )
 
 
-def first_size(
+def first_look(
     frames_path: Path, names: Sequence[str], white_level: float | None = None
-) -> tuple[int, int] | None:
-    """(width, height) of the first picture that can be read; None where none of the first few can."""
-    for name in names[:10]:
-        if frames_path.is_file():
-            rgb = next(iter_video(frames_path, [int(name)]))[1]
-        else:
-            try:
-                rgb = read_image(frames_path / name, white_level=white_level)
-            except TornImageError:
-                continue
-        if rgb is not None:
-            return rgb.shape[1], rgb.shape[0]
-    return None
+) -> tuple[tuple[int, int] | None, tuple[str, ...]]:
+    """(width, height) of the first picture that can be read, None where none of the first few can; warnings."""
+    if frames_path.is_file():
+        _, rgb = next(iter_video(frames_path, [int(names[0])]))
+        return (None, ()) if rgb is None else ((rgb.shape[1], rgb.shape[0]), ())
+    for name in names[:_LOOKS]:
+        with suppress(TornImageError):
+            stored = read_stored(frames_path / name)
+            height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
+            return (width, height), _doubts_of_depth(stored, name, white_level)
+    return None, ()
+
+
+def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | None) -> tuple[str, ...]:
+    """Cameras of 10, 12 or 14 bits often store their numbers in 16; nothing in the file says so."""
+    brightest = int(stored.max()) if stored.dtype == np.uint16 else 65535
+    if white_level is not None or brightest >= 2**14:
+        return ()
+    return (
+        f"{name}: its brightest number is {brightest} of 65535; where the camera has fewer than 16 bits, state "
+        f"white_level in {layout.SETTINGS} [sensor] (4095 for 12 bits)",
+    )

@@ -98,7 +98,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         names, times, warnings = _unlisted(frames_path)
     sensor_settings = settings.sensor or SensorSettings()
     white = sensor_settings.white_level
-    size = pictures.first_size(frames_path, names, white) if frames_path else None
+    size, seen = pictures.first_look(frames_path, names, white) if frames_path else (None, ())
     sensor, notes = build_sensor(sensor_settings, toml, size)
     balls, ball_notes = pictures.find_balls(root)
     return replace(
@@ -112,7 +112,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         flats=pictures.find_flats(root),
         balls=balls,
         extra=extra,
-        warnings=recording.warnings + warnings + notes + ball_notes,
+        warnings=recording.warnings + warnings + seen + notes + ball_notes,
     )
 
 

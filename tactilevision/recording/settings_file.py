@@ -135,30 +135,39 @@ def _origins(annotation: Any) -> list[Any]:
     return [getattr(annotation, "__origin__", None)]
 
 
+# pydantic's findings in our words, and what to do
+_WORDS = {
+    "missing": ("is missing", "Add it."),
+    "greater_than": ("must be above {gt:g}", ""),
+    "greater_than_equal": ("must be at least {ge:g}", ""),
+    "less_than": ("must be below {lt:g}", ""),
+    "less_than_equal": ("must be at most {le:g}", ""),
+    "float_type": ("must be a number", "Write the number alone: its unit is in the name."),
+    "int_type": ("must be a whole number", "Write the number alone: its unit is in the name."),
+    "int_from_float": ("must be a whole number", ""),
+    "string_type": ("must be text", "Put it in quotes."),
+    "bool_type": ("must be true or false", "Write it without quotes."),
+    "literal_error": ("must be {expected}", ""),
+    "list_type": ("must be a list such as [1.0, 2.0]", ""),
+    "too_short": ("must hold {min_length} values", ""),
+    "too_long": ("must hold {max_length} values", ""),
+    "model_type": ("must be a table", "Open it with its name in [brackets]."),
+    "dict_type": ("must be a table", "Open it with its name in [brackets]."),
+    "date_type": ("must be a date such as 2026-11-21", ""),
+    "value_error": ("{error}", ""),
+}
+
+
 def _translated(fault: ValidationError, path: Path) -> RecordingError:
-    """Our words for pydantic's first finding; a missing key is named before what hangs on it."""
-    first = min(fault.errors(), key=lambda error: error["type"] != "missing")
-    kind, context = first["type"], first.get("ctx", {})
-    value = None if kind == "missing" or isinstance(first["input"], dict) else first["input"]
-    number = "Write the number alone: its unit is in the name." if isinstance(value, str) else ""
-    what, remedy = {
-        "missing": ("is missing", "Add it."),
-        "greater_than": (f"must be above {context.get('gt')}", ""),
-        "greater_than_equal": (f"must be at least {context.get('ge')}", ""),
-        "less_than": (f"must be below {context.get('lt')}", ""),
-        "less_than_equal": (f"must be at most {context.get('le')}", ""),
-        "float_type": ("must be a number", number),
-        "int_type": ("must be a whole number", number),
-        "string_type": ("must be text", "Put it in quotes."),
-        "literal_error": (f"must be {context.get('expected')}", ""),
-        "list_type": ("must be a list such as [1.0, 2.0]", ""),
-        "too_short": (f"must hold {context.get('min_length')} values", ""),
-        "too_long": (f"must hold {context.get('max_length')} values", ""),
-        "model_type": ("must be a table", "Open it with its name in [brackets]."),
-        "dict_type": ("must be a table", "Open it with its name in [brackets]."),
-        "value_error": (str(context.get("error")), ""),
-    }.get(kind, (first["msg"], ""))
-    return RecordingError(f"{_key(first['loc'])} {what}", where=path, value=value, remedy=remedy)
+    """Our words for pydantic's first finding."""
+    first = fault.errors()[0]
+    kind, place = first["type"], first["loc"]
+    what, remedy = _WORDS.get(kind, (first["msg"].replace("{", "("), ""))
+    found = None if kind == "missing" or isinstance(first["input"], dict) else first["input"]
+    # a finding about several keys at once has the table for its place
+    whole = kind == "value_error" and isinstance(first["input"], dict)
+    key = f"[{'.'.join(map(str, place))}]" if whole else _key(place)
+    return RecordingError(f"{key} {what.format(**first.get('ctx', {}))}", where=path, value=found, remedy=remedy)
 
 
 def _key(place: _Place) -> str:

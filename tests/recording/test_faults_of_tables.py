@@ -1,0 +1,203 @@
+"""Each fault of a table has its own message, with the file, the line, and the value."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from small_recording import edit, write_small
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import read_recording
+
+HEAD = "time_s,fx_N,fy_N,fz_N\n"
+POINTS = "press,indenter,depth_mm,fz_N"
+
+# file, text to find, text to put there, what the message says
+EDITS = [
+    ("forces.csv", "0.02,0.1", "0.02,nan", "forces.csv, line 4: column fx_N holds no finite number (got 'nan')"),
+    (
+        "forces.csv",
+        "0.02,0.1",
+        "0.02,broken",
+        "forces.csv, line 4: column fx_N holds no finite number (got 'broken')",
+    ),
+    ("forces.csv", "0.02,0.1", "0.02,", "forces.csv, line 4: column fx_N holds no finite number (got '')"),
+    ("forces.csv", "0.02,0.1", "0.02,inf", "forces.csv, line 4: column fx_N holds no finite number (got 'inf')"),
+    ("forces.csv", "\n0.02,", "\n0.005,", "forces.csv, line 4: time_s goes backwards, from 0.01 to 0.005"),
+    (
+        "forces.csv",
+        "\n0.02,0.1,-0.1,0.04\n",
+        "\n0.02,0.1\n",
+        "forces.csv, line 4: the row has 2 cells, the header 4",
+    ),
+    ("forces.csv", "\n0.02,0.1", "\n0,02,0.1", "a decimal comma makes cells too many"),
+    ("forces.csv", "fz_N", "fz", "column fz_N is missing; there are time_s, fx_N, fy_N, fz"),
+    ("forces.csv", "fz_N", "fz", "Rename fz to fz_N"),
+    ("forces.csv", "fy_N", "fx_N", "column fx_N stands twice"),
+    ("frames.csv", "f2.png,0.2", "f2.png,0.05", "frames.csv, line 4: time_s goes backwards, from 0.1 to 0.05"),
+    ("frames.csv", "f2.png,0.2", "f1.png,0.2", "frames.csv, line 4: the frame is listed twice, first in line 3"),
+    (
+        "frames.csv",
+        "f2.png",
+        "f99.png",
+        "frames.csv, line 4: 1 of 10 pictures listed are missing, the first is f99.png",
+    ),
+    ("frames.csv", "f2.png", "f2", "Write its name with its ending: f2.png"),
+    ("frames.csv", "f2.png", "", "frames.csv, line 4: column frame is empty"),
+    ("presses.csv", "1,A1,0.1,0.4", "1,A1,0.4,0.1", "presses.csv, line 2: the press ends before it starts"),
+    ("presses.csv", "2,A1,0.5", "2,A1,0.3", "press 2 starts at 0.3 s, before press 1 of line 2 ends at 0.4 s"),
+    ("presses.csv", "2,A1", "2,B7", "presses.csv, line 3: indenter B7 is not described in recording.toml"),
+    ("presses.csv", "2,A1", "2,a1", "Did you mean A1?"),
+    ("presses.csv", "2,A1", "1,A1", "presses.csv, line 3: press 1 stands in line 2 already"),
+    (
+        "presses.csv",
+        "end_s\n1,A1,0.1,0.4\n2,A1,0.5,0.9",
+        "end_s,date\n1,A1,0.1,0.4,\n2,A1,0.5,0.9,21.11.2026",
+        "presses.csv, line 3: date is written like 2026-11-21 (got '21.11.2026')",
+    ),
+    (
+        "presses.csv",
+        "end_s\n1,A1,0.1,0.4\n2,A1,0.5,0.9",
+        "end_s,lubricated\n1,A1,0.1,0.4,2\n2,A1,0.5,0.9,",
+        "presses.csv, line 2: lubricated is 0 or 1 (got 2.0)",
+    ),
+    ("presses.csv", "0.5,0.9", "0.5,1.9", "the readings end early: at 0.99 s, but press 2 ends at 1.9 s"),
+    ("presses.csv", "0.1,0.4", "-0.5,0.4", "the readings start late: at 0 s, but press 1 starts at -0.5 s"),
+    ("reference/ball.csv", "3.0", "-3.0", "ball.csv, line 2: ball_radius_mm must be above 0 (got -3.0)"),
+    ("reference/ball.csv", "b1.png", "b2.png", "1 of 1 pictures listed are missing, the first is b2.png"),
+]
+
+# file, its whole content, what the message says
+CONTENTS = [
+    ("forces.csv", b"", "forces.csv: is empty"),
+    ("forces.csv", b"\n", "forces.csv: is empty"),
+    ("forces.csv", HEAD.encode(), "forces.csv: has no rows under its header"),
+    ("forces.csv", (HEAD + "0,0,0,0\n").encode(), "forces.csv: has 1 row, at least 2 are needed"),
+    ("forces.csv", b"time_s;fx_N;fy_N;fz_N\n0;0;0;0\n", "line 1: its columns are separated by semicolons"),
+    ("forces.csv", b"time_s\tfx_N\tfy_N\tfz_N\n0\t0\t0\t0\n", "line 1: its columns are separated by tabs"),
+    ("forces.csv", HEAD.encode() + b"0,0,0,0\n1,0,0,\xff\n", "forces.csv, line 3: is not UTF-8 text"),
+    ("forces.csv", HEAD.encode() + b'0,0,0,"0\n', "forces.csv: is not a CSV table"),
+    ("stage.csv", b"time_s,z_mm\n1,0\n0,0\n", "stage.csv, line 3: time_s goes backwards, from 1 to 0"),
+    (
+        "curves.csv",
+        b"press,time_s,depth_mm,fx_N,fy_N,fz_N\na,0,0,0,0,0\nb,0,0,0,0,0\na,-1,0,0,0,0\n",
+        "curves.csv, line 4: time_s goes backwards, from 0 to -1",
+    ),
+    (
+        "curves.csv",
+        b"press,time_s,depth_mm,fx_N,fy_N,fz_N,phase\na,0,0,0,0,0,load\na,1,0,0,0,0,loading\n",
+        "curves.csv, line 3: phase is one of free, load, hold, unload, or empty (got 'loading')",
+    ),
+    (
+        "points.csv",
+        b"press,indenter,fz_N\n1,A1,1\n",
+        "points.csv, line 1: column depth_mm is missing; there are press, indenter, fz_N",
+    ),
+    ("points.csv", f"{POINTS}\n1,A1,,1\n".encode(), "points.csv, line 2: column depth_mm holds no number"),
+    (
+        "points.csv",
+        f"{POINTS}\n1,B1,0.1,1\n".encode(),
+        "points.csv, line 2: indenter B1 is not described in recording.toml",
+    ),
+    (
+        "points.csv",
+        f"{POINTS},accepted\n1,A1,0.1,1,perhaps\n".encode(),
+        "line 2: accepted is true or false (got 'perhaps')",
+    ),
+    ("points.csv", f"{POINTS},accepted\n1,A1,,1,true\n".encode(), "line 2: column depth_mm holds no number"),
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_small(tmp_path / "small")
+
+
+def message(root: Path) -> str:
+    with pytest.raises(RecordingError) as caught:
+        read_recording(root)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "old", "new", "said"), EDITS)
+def test_a_spoilt_cell_is_named(folder: Path, name: str, old: str, new: str, said: str) -> None:
+    edit(folder / name, old, new)
+    assert said in message(folder)
+
+
+@pytest.mark.parametrize(("name", "content", "said"), CONTENTS)
+def test_a_spoilt_file_is_named(folder: Path, name: str, content: bytes, said: str) -> None:
+    (folder / name).write_bytes(content)
+    assert said in message(folder)
+
+
+def test_forces_shorter_than_the_presses_end_early_whatever_the_clocks(folder: Path) -> None:
+    settings = (folder / "recording.toml").read_text()
+    (folder / "recording.toml").write_text(re.sub(r"offset_s = .*\n", "", settings))
+    lines = (folder / "forces.csv").read_text().splitlines(keepends=True)
+    (folder / "forces.csv").write_text("".join(lines[:60]))
+    assert "forces.csv: the readings end early: they last 0.58 s, the presses 0.8 s" in message(folder)
+
+
+def _without(*names: str) -> Callable[[Path], None]:
+    def spoil(root: Path) -> None:
+        for name in names:
+            for path in sorted(root.glob(f"{name}/*")):
+                path.unlink()
+            (root / name).rmdir() if (root / name).is_dir() else (root / name).unlink()
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (_without("frames"), "frames: frames are listed, but there are no pictures"),
+        (_without("frames", "frames.csv"), "holds nothing to work on: neither frames nor curves nor points"),
+        (_without("frames.csv"), "frames.csv: cannot be read: No such file"),
+        (
+            _without("reference/ball.csv"),
+            "ball.csv: the table is missing, though there are 1 pictures of ball presses",
+        ),
+        (_without("recording.toml"), "is not a recording: recording.toml is missing"),
+    ],
+)
+def test_a_missing_part_is_named(folder: Path, spoil: Callable[[Path], None], said: str) -> None:
+    spoil(folder)
+    assert said in message(folder)
+
+
+def test_a_path_that_is_no_recording_is_named(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert "the folder is empty" in message(tmp_path / "empty")
+    assert "there is no such folder" in message(tmp_path / "nowhere")
+    assert "a recording is a folder, not a file" in message(folder / "recording.toml")
+    assert f"Did you mean {folder}?" in message(tmp_path)
+
+
+def test_what_is_legal_but_unlikely_is_a_warning(folder: Path) -> None:
+    frames = (folder / "frames.csv").read_text()
+    (folder / "frames.csv").write_text(frames.replace("f3.png,0.3\n", "").replace("0.5\n", "0.4\n"))
+    forces = (folder / "forces.csv").read_text().replace("fz_N", "fz_N,temperature")
+    (folder / "forces.csv").write_text(re.sub(r"(\d)\n", r"\1,20\n", forces))
+    presses = (folder / "presses.csv").read_text()
+    (folder / "presses.csv").write_text(presses + "late,A1,0.95,0.98\n")
+    (folder / "recording.toml").write_text((folder / "recording.toml").read_text().replace("100.0", "500.0"))
+    warnings = "\n".join(read_recording(folder).warnings)
+    assert "1 pictures are not listed in frames.csv" in warnings
+    assert "1 frames have the very time of the frame before" in warnings
+    assert "column temperature has no meaning here; temperature_C has" in warnings
+    assert "no frames were taken during late" in warnings
+    assert "readings come at 100 Hz, not at rate_Hz = 500" in warnings
+
+
+def test_forces_of_the_wrong_sign_are_doubted(folder: Path) -> None:
+    text = (folder / "forces.csv").read_text()
+    negative = re.sub(r",([0-9.]+)\n", lambda found: f",{-max(float(found[1]) - 0.5, 0)}\n", text)
+    (folder / "forces.csv").write_text(negative)
+    assert any("fz_N mostly falls" in warning for warning in read_recording(folder).warnings)
+    (folder / "forces.csv").write_text(negative.replace(",-0.1,-", ",-0.1,"))
+    assert read_recording(folder).warnings == ()

@@ -1,0 +1,102 @@
+"""Every kind of picture becomes (H, W, 3) of 8 bits, red first; the file's type decides, never what it shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from small_recording import edit, picture, write_small
+
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.recording import read_frame, read_image, read_recording, write_image
+
+
+def save(array: npt.NDArray[Any], path: Path) -> Path:
+    """Write an array in the order red, green, blue (and opacity) as it is."""
+    if path.suffix == ".npy":
+        np.save(path, array)
+    else:
+        order = [2, 1, 0, 3][: array.shape[2]] if array.ndim == 3 else slice(None)
+        assert cv2.imwrite(str(path), np.ascontiguousarray(array[..., order]))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff", ".bmp", ".npy", ".PNG"])
+def test_pictures_without_loss_come_back_as_they_were(tmp_path: Path, suffix: str) -> None:
+    write_image(tmp_path / f"a{suffix}", picture(1))
+    np.testing.assert_array_equal(read_image(tmp_path / f"a{suffix}"), picture(1))
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".jpeg"])
+def test_jpeg_keeps_its_colours_in_order(tmp_path: Path, suffix: str) -> None:
+    orange = np.full((16, 16, 3), (250, 120, 10), dtype=np.uint8)
+    write_image(tmp_path / f"a{suffix}", orange)
+    np.testing.assert_allclose(read_image(tmp_path / f"a{suffix}").astype(int), orange.astype(int), atol=3)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".npy"])
+def test_sixteen_bits_are_scaled_by_their_type_alone(tmp_path: Path, suffix: str) -> None:
+    deep = picture(2).astype(np.uint16) * 257
+    np.testing.assert_array_equal(read_image(save(deep, tmp_path / f"a{suffix}")), picture(2))
+    dark = np.full((8, 8, 3), 4095, dtype=np.uint16)  # white of a camera of 12 bits
+    path = save(dark, tmp_path / f"dark{suffix}")
+    assert read_image(path).max() == round(4095 / 257)
+    assert read_image(path, white_level=4095).min() == 255
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("suffix", [".tiff", ".npy"])
+def test_floating_point_runs_from_0_to_1(tmp_path: Path, suffix: str, dtype: type) -> None:
+    path = save((picture(3) / 255).astype(dtype), tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(read_image(path), picture(3))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff", ".npy"])
+def test_transparency_is_dropped(tmp_path: Path, suffix: str) -> None:
+    opaque = np.dstack([picture(4), np.full((24, 32), 7, np.uint8)])
+    np.testing.assert_array_equal(read_image(save(opaque, tmp_path / f"a{suffix}")), picture(4))
+
+
+@pytest.mark.parametrize(
+    ("array", "suffix", "said"),
+    [
+        (picture()[..., 0], ".png", "grey"),
+        (picture()[..., 0], ".jpg", "grey"),
+        (picture()[..., :1], ".npy", "grey"),
+        (picture()[..., 0].astype(np.uint16), ".tiff", "grey"),
+        (picture().astype(np.int64), ".npy", "8 or 16 bit unsigned integers"),
+        (picture() / 10.0, ".npy", "runs from 0 to 1"),
+        (np.full((4, 4, 3), np.nan), ".npy", "runs from 0 to 1"),
+        (np.zeros((3, 24, 32), np.uint8), ".npy", r"has the shape \(height, width, 3\)"),
+        (np.array([{}]), ".npy", "the array is damaged"),
+    ],
+)
+def test_pictures_of_no_use_are_named(tmp_path: Path, array: npt.NDArray[Any], suffix: str, said: str) -> None:
+    path = save(array, tmp_path / f"a{suffix}")
+    with pytest.raises(RecordingError, match=f"a{suffix}: .*{said}"):
+        read_image(path)
+
+
+def test_a_picture_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"gone.png: cannot be read: No such file"):
+        read_image(tmp_path / "gone.png")
+
+
+def test_a_kind_that_is_not_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"pictures are written as .png"):
+        write_image(tmp_path / "a.gif", picture())
+
+
+def test_the_white_of_a_camera_is_read_from_the_settings(tmp_path: Path) -> None:
+    folder = write_small(tmp_path / "small")
+    deep = picture(0).astype(np.uint16) * 16
+    save(deep, folder / "frames/f0.png")
+    assert any("white_level" in warning for warning in read_recording(folder).warnings)
+    edit(folder / "recording.toml", "width_px", "white_level = 4080\nwidth_px")
+    recording = read_recording(folder)
+    assert recording.warnings == ()
+    np.testing.assert_array_equal(read_frame(recording, 0).rgb, picture(0))

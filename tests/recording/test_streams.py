@@ -1,0 +1,212 @@
+"""Pictures come one after another: whole, flagged where torn, and never many at a time."""
+
+from __future__ import annotations
+
+import gc
+import os
+import weakref
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from small_recording import edit, picture, write_small
+
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.recording import BadFrame, Recording, iter_frames, read_frame, read_recording, write_image
+from tactilevision.recording.video import count_frames
+from tactilevision.records import Bytes, Frame
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_small(tmp_path / "small")
+
+
+def names(recording: Recording, start_s: float = -np.inf, end_s: float = np.inf) -> list[str]:
+    return [frame.name for frame in iter_frames(recording, start_s, end_s)]
+
+
+def test_frames_come_in_order_and_in_their_window(folder: Path) -> None:
+    recording = read_recording(folder)
+    assert names(recording) == [f"f{i}.png" for i in range(10)]
+    assert names(recording, 0.2, 0.5) == ["f2.png", "f3.png", "f4.png", "f5.png"]
+    assert names(recording, 5.0) == []
+    for index, frame in enumerate(iter_frames(recording)):
+        assert isinstance(frame, Frame)
+        np.testing.assert_array_equal(frame.rgb, picture(index))
+        assert frame.time_s == pytest.approx(index / 10)
+
+
+def test_one_frame_is_read_by_its_number(folder: Path) -> None:
+    recording = read_recording(folder)
+    np.testing.assert_array_equal(read_frame(recording, 3).rgb, picture(3))
+    assert read_frame(recording, -1).name == "f9.png"
+    with pytest.raises(InputError, match="the recording has 10 frames"):
+        read_frame(recording, 10)
+
+
+def cut_to(path: Path, share: float) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".npy"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
+def test_a_torn_picture_is_flagged_and_the_rest_goes_on(folder: Path, suffix: str, share: float) -> None:
+    write_image(folder / f"frames/torn{suffix}", picture(4))
+    cut_to(folder / f"frames/torn{suffix}", share)
+    edit(folder / "frames.csv", "f4.png", f"torn{suffix}")
+    recording = read_recording(folder)
+    frames = list(iter_frames(recording))
+    torn = frames[4]
+    assert isinstance(torn, BadFrame)
+    assert (torn.name, torn.time_s) == (f"torn{suffix}", 0.4)
+    assert sum(isinstance(frame, Frame) for frame in frames) == 9
+    with pytest.raises(RecordingError, match=f"frame torn{suffix}"):
+        read_frame(recording, 4)
+
+
+def test_a_torn_first_picture_does_not_hide_the_size(folder: Path) -> None:
+    cut_to(folder / "frames/f0.png", 0.5)
+    recording = read_recording(folder)
+    assert recording.frame_size_px == (32, 24)
+    assert isinstance(next(iter_frames(recording)), BadFrame)
+
+
+def test_two_sizes_are_an_error_even_in_a_later_window(folder: Path) -> None:
+    write_image(folder / "frames/f7.png", picture(7, width=40))
+    recording = read_recording(folder)
+    with pytest.raises(RecordingError, match=r"two sizes: f7.png is 40 x 24, those before 32 x 24"):
+        names(recording, 0.65)
+    with pytest.raises(RecordingError, match="two sizes"):
+        read_frame(recording, 7)
+
+
+def test_a_grey_picture_is_an_error(folder: Path) -> None:
+    cv2.imwrite(str(folder / "frames/f3.png"), picture(3)[..., 0])
+    with pytest.raises(RecordingError, match=r"f3.png: the picture is grey, but photometric stereo needs"):
+        names(read_recording(folder))
+
+
+def test_a_long_stream_holds_only_a_few_pictures(folder: Path) -> None:
+    recording = read_recording(folder)
+    recording = replace(recording, frame_names=recording.frame_names * 30, frame_times_s=np.arange(300.0))
+    alive: list[weakref.ref[Bytes]] = []
+    most = 0
+    for frame in iter_frames(recording):
+        assert isinstance(frame, Frame)
+        alive.append(weakref.ref(frame.rgb))
+        most = max(most, sum(one() is not None for one in alive))
+    assert len(alive) == 300
+    assert most <= 3
+
+
+def test_a_stream_may_be_left_early(folder: Path) -> None:
+    stream = iter_frames(read_recording(folder))
+    next(stream)
+    del stream
+    gc.collect()
+
+
+def write_video(path: Path, code: str, pictures: list[Bytes]) -> None:
+    height, width = pictures[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 30.0, (width, height))
+    if not writer.isOpened():
+        pytest.skip(f"this OpenCV cannot write {code}")
+    for rgb in pictures:
+        writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    writer.release()
+
+
+def flat_picture(index: int, size: int = 48) -> Bytes:
+    """One colour that tells the frame's number, so that a codec with losses keeps it too."""
+    return np.full((size, size, 3), (10 + 8 * index, 128, 240 - 8 * index), dtype=np.uint8)
+
+
+def make_video_recording(folder: Path, name: str, code: str, count: int = 10) -> Path:
+    for path in sorted((folder / "frames").iterdir()):
+        path.unlink()
+    (folder / "frames").rmdir()
+    write_video(folder / name, code, [flat_picture(index) for index in range(count)])
+    text = (folder / "frames.csv").read_text().replace("f", "").replace(".png", "")
+    (folder / "frames.csv").write_text("f" + text)
+    settings = (folder / "recording.toml").read_text().replace("= 32", "= 48").replace("= 24", "= 48")
+    (folder / "recording.toml").write_text(settings)
+    return folder
+
+
+VIDEOS = [("frames.avi", "FFV1"), ("frames.mkv", "FFV1"), ("frames.avi", "MJPG"), ("frames.mp4", "mp4v")]
+
+
+@pytest.mark.parametrize(("name", "code"), VIDEOS)
+def test_frames_of_a_video_are_found_by_their_number(folder: Path, name: str, code: str) -> None:
+    recording = read_recording(make_video_recording(folder, name, code))
+    assert recording.frame_names == tuple(str(i) for i in range(10))
+    windows = [(0.0, 0.3), (0.35, 0.6), (0.75, 2.0), (0.1, 0.2)]  # on from where one stopped, then back
+    for start_s, end_s in windows:
+        for frame in iter_frames(recording, start_s, end_s):
+            assert isinstance(frame, Frame)
+            expected = flat_picture(int(frame.name)).astype(int)
+            # neighbours differ by 8; codecs with losses stay within 4 on a single colour
+            assert np.abs(frame.rgb.astype(int) - expected).max() <= 4
+    np.testing.assert_allclose(read_frame(recording, 7).rgb[0, 0], flat_picture(7)[0, 0], atol=4)
+
+
+def test_two_streams_of_one_video_do_not_disturb_each_other(folder: Path) -> None:
+    recording = read_recording(make_video_recording(folder, "frames.avi", "FFV1"))
+    pairs = zip(iter_frames(recording), iter_frames(recording, 0.35), strict=False)
+    assert [(a.name, b.name) for a, b in pairs] == [(str(i), str(i + 4)) for i in range(6)]
+    reds = [frame.rgb[0, 0, 0] for frame in iter_frames(recording) if isinstance(frame, Frame)]
+    assert all(after > before for before, after in pairwise(reds))
+
+
+def test_a_video_may_be_listed_with_gaps(folder: Path) -> None:
+    make_video_recording(folder, "frames.mkv", "FFV1")
+    (folder / "frames.csv").write_text("frame,time_s\n1,0.1\n4,0.4\n9,0.9\n")
+    frames = [frame for frame in iter_frames(read_recording(folder)) if isinstance(frame, Frame)]
+    assert [int(frame.rgb[0, 0, 0]) for frame in frames] == [18, 42, 82]
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ("0,0\n1,0.1\n12,0.9\n", "line 4: frame 12 is missing: frames.avi has 10 frames"),
+        ("0,0\n1,0.1\n1.5,0.9\n", r"line 4: frames of a video \(frames.avi\) are numbers, from 0"),
+        ("0,0\n3,0.1\n2,0.9\n", "line 4: frame 2 stands after frame 3"),
+    ],
+)
+def test_faults_in_the_list_of_a_video_are_named(folder: Path, listed: str, said: str) -> None:
+    make_video_recording(folder, "frames.avi", "FFV1")
+    (folder / "frames.csv").write_text("frame,time_s\n" + listed)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(folder)
+
+
+def test_a_video_cut_short_is_flagged_from_there_on(folder: Path) -> None:
+    make_video_recording(folder, "frames.avi", "MJPG", count=40)
+    (folder / "frames.csv").write_text("frame,time_s\n" + "".join(f"{i},{i / 10}\n" for i in range(40)))
+    whole = read_recording(folder)
+    os.truncate(folder / "frames.avi", (folder / "frames.avi").stat().st_size // 2)
+    frames = list(iter_frames(whole))
+    bad = [isinstance(frame, BadFrame) for frame in frames]
+    assert len(frames) == 40
+    assert 10 < sum(bad) < 40
+    assert bad == sorted(bad)
+    assert count_frames(folder / "frames.avi") == 40 - sum(bad)
+
+
+def test_two_videos_are_an_error(folder: Path) -> None:
+    make_video_recording(folder, "frames.avi", "FFV1")
+    write_video(folder / "frames.mkv", "FFV1", [flat_picture(0)])
+    with pytest.raises(RecordingError, match="there are 2 videos of frames"):
+        read_recording(folder)
+
+
+def test_a_file_that_is_no_video_is_named(folder: Path) -> None:
+    make_video_recording(folder, "frames.avi", "FFV1")
+    (folder / "frames.avi").write_bytes(b"no video")
+    with pytest.raises(RecordingError, match=r"frames.avi: the video cannot be opened"):
+        read_recording(folder)
