@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.records import Estimate, Floats, Pair
+from tactilevision.records import Bools, Estimate, Floats, Pair
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,15 +18,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PointCloud:
-    """What is drawn of the points: (N,) each; `used`: those that entered the fit; `group`: the indenter's name."""
+    """What is drawn of the points, (N,) each: `fitted_N` the law's force there, `used` those that entered the fit.
+
+    `bars` is False for whole curves, whose samples would hide behind them.
+    """
 
     depth_mm: Floats
     depth_std_mm: Floats
     force_N: Floats
     force_std_N: Floats
-    thickness_mm: Floats
-    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    group: Sequence[str]
+    fitted_N: Floats
+    thickness_mm: float
+    used: Bools
+    bars: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +45,17 @@ class FittedLine:
 
 
 @style.house_look
-def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], predicted_N: Floats, *, title: str = "") -> Figure:
+def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "") -> Figure:
     """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
     figure, (force, stiffness, rest) = style.new_figure(11.5, 3.8, columns=3)
     strain = cloud.depth_mm / cloud.thickness_mm
     secant = cloud.force_N / cloud.depth_mm
     secant_std = secant * np.hypot(cloud.force_std_N / cloud.force_N, cloud.depth_std_mm / cloud.depth_mm)
-    scatter(force, cloud, cloud.depth_mm, cloud.force_N, 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N)
-    scatter(stiffness, cloud, strain, secant, 1.96 * cloud.depth_std_mm / cloud.thickness_mm, 1.96 * secant_std)
-    left = cloud.force_N - predicted_N
-    scatter(rest, cloud, strain, 1e3 * left, None, 1.96e3 * cloud.force_std_N)
+    depth_bar, force_bar = 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N
+    scatter(force, cloud, cloud.depth_mm, cloud.force_N, bars=(depth_bar, force_bar))
+    scatter(stiffness, cloud, strain, secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
+    left = cloud.force_N - cloud.fitted_N
+    scatter(rest, cloud, strain, 1e3 * left, bars=(None, 1e3 * force_bar))
     for line, colour in zip(lines, style.CYCLE, strict=False):
         low, high = line.force_N - 1.96 * line.force_std_N, line.force_N + 1.96 * line.force_std_N
         for axes, x, scale in (
@@ -70,22 +75,28 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], predicted_N: Floats
 
 
 def scatter(
-    axes: Axes, cloud: PointCloud, x: Floats, y: Floats, x_bar: Floats | None, y_bar: Floats | None
+    axes: Axes, cloud: PointCloud, x: Floats, y: Floats, *, bars: tuple[Floats | None, Floats | None]
 ) -> None:
     """Points with bars; those that were left out of the fit are hollow."""
-    for mask, face, label in ((cloud.used, style.BLUE, "accepted"), (~cloud.used, "white", "rejected")):
+    for mask, colour, face, label in (
+        (cloud.used, style.BLUE, style.BLUE, "accepted"),
+        (~cloud.used, style.GREY, "white", "rejected"),
+    ):
         kept = mask & np.isfinite(x) & np.isfinite(y)
         if not kept.any():
             continue
-        bars = [None if bar is None else np.nan_to_num(bar[kept]) for bar in (x_bar, y_bar)]
+        if not cloud.bars:
+            axes.plot(x[kept], y[kept], ".", ms=2.5, color=colour, alpha=0.5, label=label)
+            continue
+        x_bar, y_bar = (None if bar is None else np.nan_to_num(bar[kept]) for bar in bars)
         axes.errorbar(
             x[kept],
             y[kept],
-            xerr=bars[0],
-            yerr=bars[1],
+            xerr=x_bar,
+            yerr=y_bar,
             fmt="o",
             ms=4.5,
-            color=style.GREY if face == "white" else face,
+            color=colour,
             mfc=face,
             elinewidth=0.8,
             label=label,
@@ -105,7 +116,7 @@ def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Est
     if poisson.value is not None and modulus.value is not None:
         axes.plot(poisson.value, modulus.value, "o", color=style.RED, ms=6)
     axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="What is fixed, and what is not")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="lower left")
     return figure
 
 

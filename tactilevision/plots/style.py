@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
+from tactilevision.errors import InputError
 from tactilevision.files import replacing
 
 if TYPE_CHECKING:
@@ -76,8 +76,24 @@ def save_png(figure: Figure, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def png_data_uri(figure: Figure) -> str:
-    """The figure as a data URI, for a page that needs no second file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+def data_uri(path: Path | str) -> str:
+    """A PNG as a data URI, for a page that needs no second file."""
+    return "data:image/png;base64," + base64.b64encode(Path(path).read_bytes()).decode()
+
+
+def show(figures: list[Figure]) -> None:
+    """Show figures in windows until they are closed. Raises InputError where there is no screen."""
+    import matplotlib.pyplot as plt
+
+    if plt.get_backend().lower() == "agg":
+        raise InputError(
+            "there is no screen, or no window toolkit, to open a window with",
+            where="--window",
+            remedy="Leave it out and look at the PNG files.",
+        )
+    for figure in figures:
+        manager = plt.figure(figsize=tuple(figure.get_size_inches())).canvas.manager
+        assert manager is not None
+        manager.canvas.figure = figure
+        figure.set_canvas(manager.canvas)
+    plt.show()

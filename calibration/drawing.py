@@ -1,0 +1,67 @@
+"""What the figures of a fit show: its points, and its law along depth with the band that the covariance gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fitting import Fit
+from calibration.minimise import Box, differentiate
+from tactilevision.plots.indentation import FittedLine, PointCloud
+from tactilevision.records import CertifiedPoint, Floats
+
+STEPS = 60
+
+
+def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
+    """The fitted samples, and the rejected points as far as they have depth and force."""
+    data = fitted.data
+    extra = [p for p in rejected if not p.accepted and p.depth_mm > 0 and np.isfinite(p.fz_N)]
+    depth, force, force_std = (
+        np.array([getattr(p, name) for p in extra]) for name in ("depth_mm", "fz_N", "fz_std_N")
+    )
+    depth_std = np.array([p.depth_std_mm for p in extra])
+    return PointCloud(
+        depth_mm=np.concatenate([data.depth_mm, depth]),
+        depth_std_mm=np.nan_to_num(np.concatenate([data.depth_std_mm, depth_std])),
+        force_N=np.concatenate([data.normal_N, force]),
+        force_std_N=np.nan_to_num(np.concatenate([data.force_std_N, force_std])),
+        fitted_N=np.concatenate([fitted.force_N, np.full(len(extra), np.nan)]),
+        thickness_mm=data.gel.thickness_mm,
+        used=np.arange(data.size + len(extra)) < data.size,
+        bars=not data.is_curves,
+    )
+
+
+def fitted_lines(fitted: Fit) -> list[FittedLine]:
+    """The law for each radius of punch, from near 0 to a little beyond the deepest sample of that radius."""
+    data = fitted.data
+    radii = np.unique(data.presses.radius_mm)
+    return [_line(fitted, float(r), f"a = {r:g} mm" if radii.size > 1 else fitted.model.name) for r in radii]
+
+
+def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
+    data = fitted.data
+    rows = np.flatnonzero(data.radius_mm == radius_mm)
+    row = int(rows[np.argmax(data.depth_mm[rows])])
+    depths = np.linspace(0.05, 1.05, STEPS) * data.depth_mm[row]
+
+    def force(values: Floats) -> Floats:
+        at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
+        return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
+
+    jacobian = differentiate(force, fitted.values, _box(fitted))
+    std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, fitted.covariance, jacobian))
+    return FittedLine(name, depths, force(fitted.values), std, data.gel.thickness_mm)
+
+
+def _box(fitted: Fit) -> Box:
+    low, high = (np.array([p.bounds[side] for p in fitted.parameters]) for side in (0, 1))
+    fixed = low == high  # what is held has no spread; a wide box lets the difference quotient pass over it
+    return Box(
+        np.where(fixed, -np.inf, low),
+        np.where(fixed, np.inf, high),
+        np.array([p.scale for p in fitted.parameters]),
+    )

@@ -1,0 +1,70 @@
+"""One self-contained HTML page: no second file, no script, no request; prints well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+STYLE = """
+:root { color-scheme: light; --ink: #1c1c1c; --soft: #5c5c5c; --line: #dcdcdc; --good: #00694d; --bad: #a84300; }
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink);
+       max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: .2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
+p.lead { font-size: 1.1rem; }
+.soft { color: var(--soft); } .good { color: var(--good); } .bad { color: var(--bad); }
+table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
+th { font-weight: 600; } td.number { text-align: right; white-space: nowrap; }
+figure { margin: .8rem 0; } figure img { max-width: 100%; height: auto; } figcaption { color: var(--soft); }
+ul { padding-left: 1.2rem; } code { font-size: .92em; }
+"""
+
+
+def page(title: str, *sections: str) -> str:
+    """The whole page."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n<h1>{escape(title)}</h1>\n"
+        + "\n".join(sections)
+        + "\n</body></html>\n"
+    )
+
+
+def section(title: str, *parts: str) -> str:
+    """A heading and what stands under it; nothing where there is nothing."""
+    body = "\n".join(part for part in parts if part)
+    return f"<h2>{escape(title)}</h2>\n{body}" if body else ""
+
+
+def paragraph(text: str, *, kind: str = "") -> str:
+    """Text that is escaped; `kind` is a class of STYLE."""
+    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def listing(items: Sequence[str]) -> str:
+    """A list, or nothing."""
+    return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>" if items else ""
+
+
+def figure(data_uri: str, caption: str) -> str:
+    """A picture with words under it, which are its text for readers who do not see it, too."""
+    text = escape(caption)
+    return f'<figure><img src="{data_uri}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequence[int] = ()) -> str:
+    """A table; the columns in `numbers` stand to the right."""
+    if not rows:
+        return ""
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
+    body = "".join(
+        "<tr>"
+        + "".join(
+            f'<td class="number">{escape(cell)}</td>' if column in numbers else f"<td>{escape(cell)}</td>"
+            for column, cell in enumerate(row)
+        )
+        + "</tr>"
+        for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

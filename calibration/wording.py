@@ -1,0 +1,37 @@
+"""Numbers in words: as many digits as the uncertainty allows, the unit, and the interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from tactilevision.records import Estimate
+
+
+def number(value: float | None, std: float | None = None) -> str:
+    """A number to two digits of its standard deviation, or to four significant digits."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if std is None or not math.isfinite(std) or std <= 0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{min(digits, 8)}f}"
+
+
+def estimate(content: Mapping[str, Any] | Estimate) -> str:
+    """A value with its unit and its 95 % interval, or why there is none."""
+    record = content.as_json() if isinstance(content, Estimate) else content
+    unit = "" if record["unit"] in ("", "1") else f" {record['unit']}"
+    interval = record["interval95"]
+    spread = record["std"]
+    if interval is None:
+        span = ""
+    else:
+        low, high = interval
+        fine = spread if spread else (abs(high - low) / 4 if high != low else None)
+        span = f"{number(low, fine)} to {number(high, fine)}{unit}"
+    if record["value"] is None:
+        why = record.get("why") or "these data cannot tell"
+        return f"not fixed by these data ({why})" + (f"; 95 %: {span}" if span else "")
+    return f"{number(record['value'], spread)}{unit}" + (f" (95 %: {span})" if span else "")

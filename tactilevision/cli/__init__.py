@@ -1,0 +1,26 @@
+"""The console script `tactilevision`. No logic lives here; it is the one room that may import both packages."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> int:
+    """Run the command line; returns the exit code.
+
+    0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted.
+    """
+    from tactilevision.cli.app import app
+    from tactilevision.cli.console import report_failure
+
+    try:
+        app(standalone_mode=False)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 1
+    except BaseException as fault:
+        return report_failure(fault)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""What the terminal sees: progress while somebody watches, a plain summary, one clear line for a failure."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import typer
+
+from tactilevision.errors import TactilevisionError
+from tactilevision.files import write_json
+
+OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
+
+
+class Progress(Protocol):
+    """Told how far a long job is: `done` of `total` steps, and what it is at."""
+
+    def __call__(self, done: int, total: int, what: str = "") -> None: ...
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A bar with the remaining time on standard error while that is a terminal; silence when piped."""
+    if not sys.stderr.isatty():
+        yield lambda done, total, what="": None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+
+        def advance(done: int, total: int, what: str = "") -> None:
+            bar.update(task, completed=done, total=total, description=f"{title} {what}".rstrip())
+
+        yield advance
+
+
+def say(*lines: str) -> None:
+    """Print the human summary to standard output."""
+    for line in lines:
+        typer.echo(line)
+
+
+def warn(lines: tuple[str, ...] | list[str]) -> None:
+    """Print warnings to standard error, each on its own line."""
+    for line in lines:
+        typer.echo(f"warning: {line}", err=True)
+
+
+def hand_over(result: Any, path: Path | None) -> None:
+    """Write the result for a program, where one was asked for."""
+    if path is not None:
+        write_json(path, result)
+
+
+def report_failure(fault: BaseException) -> int:
+    """Print one clear message and return the exit code; what is no known failure is raised again."""
+    if isinstance(fault, TactilevisionError):
+        typer.echo(f"error: {fault}", err=True)
+        return fault.exit_code
+    if isinstance(fault, typer.Abort | KeyboardInterrupt):
+        typer.echo("interrupted: results written earlier are as they were.", err=True)
+        return 130
+    if isinstance(fault, BrokenPipeError):
+        return 0
+    show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser
+    if callable(show):
+        show()
+        return int(getattr(fault, "exit_code", 2))
+    raise fault

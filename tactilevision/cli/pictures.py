@@ -1,0 +1,79 @@
+"""The pictures of a calibration, written as PNG and handed to the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibration.report import Picture
+from tactilevision.cli.console import Progress
+from tactilevision.plots import indentation, style
+from tactilevision.plots.press import draw_press
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from calibration.history import HistoryRow
+    from calibration.result import CalibrationResult
+    from tactilevision.press import Certificate
+    from tactilevision.recording import Recording
+    from tactilevision.records import CertifiedPoint
+
+
+def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
+    """Force against depth with the fitted law, and E over nu."""
+    from calibration.drawing import drawn_points, fitted_lines
+
+    fitted = result.fitted
+    drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
+    material = indentation.draw_material(result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
+    return [
+        _keep(
+            drawn, folder / "fit.png", "Certified points and the fitted law; bars and bands are 95 % intervals."
+        ),
+        _keep(
+            material,
+            folder / "material.png",
+            "One punch fixes the curve; what is known of ν picks the part of it.",
+        ),
+    ]
+
+
+def of_presses(recording: Recording, certificate: Certificate, folder: Path, progress: Progress) -> list[Picture]:
+    """One strip for each press that left evidence."""
+    from tactilevision.errors import RecordingError
+    from tactilevision.recording import read_frame
+    from tactilevision.sensors import rectify
+
+    pictures = []
+    for number, point in enumerate(certificate.points, start=1):
+        evidence = certificate.evidence.get(point.press)
+        if evidence is not None:
+            rgb = None
+            if evidence.frame_index is not None:
+                try:
+                    rgb = rectify(recording.sensor, read_frame(recording, evidence.frame_index).rgb)
+                except RecordingError:
+                    rgb = None  # a torn frame has no picture; the strip says so
+            figure = draw_press(evidence, point, rgb)
+            words = "; ".join(finding.text for finding in evidence.findings)
+            pictures.append(
+                _keep(figure, folder / "presses" / f"{point.press}.png", words or f"press {point.press}")
+            )
+        progress(number, len(certificate.points))
+    return pictures
+
+
+def of_history(rows: Sequence[HistoryRow], folder: Path) -> None:
+    """E over time."""
+    names = [row.date or row.recording for row in rows]
+    drawn = indentation.draw_history(
+        names, [row.youngs_modulus for row in rows], moved=[row.moved for row in rows]
+    )
+    style.save_png(drawn, folder / "history.png")
+
+
+def _keep(figure: Figure, path: Path, caption: str) -> Picture:
+    style.save_png(figure, path)
+    return Picture(style.data_uri(path), caption)

@@ -1,0 +1,43 @@
+"""What several commands begin with: frames of a recording or a bare folder, and the way from them to depth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.recording import Recording
+
+SensorOption = Annotated[
+    str | None,
+    typer.Option(help="For a bare folder of frames: a sensor's name, or a TOML file with a [sensor] table."),
+]
+ReferenceOption = Annotated[
+    Path | None,
+    typer.Option(help="For a bare folder of frames: a frame of the untouched gel, or a folder of them."),
+]
+MethodOption = Annotated[
+    str | None,
+    typer.Option(
+        help="polynomial, lookup, network, or a method file that `train` made; the best available if left out."
+    ),
+]
+
+
+def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recording:
+    """Read a recording, or a bare folder of frames where its sensor and reference are named."""
+    from tactilevision.recording import read_folder, read_recording
+
+    if sensor is None and reference is None:
+        return read_recording(path)
+    return read_folder(path, sensor=sensor, reference=reference)
+
+
+def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
+    """Calibrate the light from the recording's own references, or load the method that was named."""
+    from tactilevision.reconstruct import build_reconstructor
+
+    return build_reconstructor(recording) if method is None else build_reconstructor(recording, method=method)

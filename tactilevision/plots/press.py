@@ -1,0 +1,75 @@
+"""One press at a glance: the frame at the event, the depth, the signal of the bevel, and the force."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.plots.height import depth_image, extent_mm, overlay
+from tactilevision.press.certificate import Evidence
+from tactilevision.records import Bytes, CertifiedPoint
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@style.house_look
+def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> Figure:
+    """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
+    figure, (frame, depth, bevel, force) = style.new_figure(13, 2.9, columns=4)
+    verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
+    height = evidence.height_map
+    if height is None:
+        for axes in (frame, depth):
+            axes.text(0.5, 0.5, "no picture at the event", ha="center", transform=axes.transAxes, color=style.GREY)
+            axes.set_axis_off()
+    else:
+        if rgb is not None:
+            overlay(frame, rgb, height, evidence.footprint)
+        image = depth_image(depth, height)
+        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.8)
+        for axes in (frame, depth):
+            _bevel_window(axes, evidence)
+    frame.set_title(f"press {point.press} ({point.indenter}): {verdict}")
+    _bevel_signal(bevel, evidence)
+    _force(force, evidence, point)
+    return figure
+
+
+def _bevel_window(axes: Axes, evidence: Evidence) -> None:
+    if evidence.bevel_window_mm is None or evidence.height_map is None:
+        return
+    (x0, y0), (x1, y1) = evidence.bevel_window_mm
+    left, right, bottom, top = extent_mm(evidence.height_map)
+    middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
+    x, y = np.array([x0, x1, x1, x0, x0]) + middle_x, np.array([y0, y0, y1, y1, y0]) + middle_y
+    axes.plot(x, y, color=style.SKY, lw=1.2)
+
+
+def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
+    axes.set(
+        xlabel="depth as the camera reads it (mm)",
+        ylabel="bevel side − other side (µm)",
+        title="Does the bevel touch?",
+    )
+    if evidence.signal_mm is None:
+        axes.text(0.5, 0.5, "not looked for", ha="center", transform=axes.transAxes, color=style.GREY)
+        return
+    axes.plot(evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=3, color=style.BLUE)
+    if evidence.touch is not None:
+        axes.axvline(evidence.touch.depth_seen_mm, color=style.RED, lw=1.2, label="first touch")
+        axes.legend(fontsize=8, loc="upper left")
+
+
+def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
+    labels = (("x", style.SKY, 0), ("y", style.ORANGE, 1), ("z", style.BLUE, 2))
+    for name, colour, column in labels:
+        axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.0, label=f"f{name}")
+    if evidence.touch is not None:
+        axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.2)
+        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=5)
+    axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, tared")
+    axes.legend(fontsize=8, ncols=3, loc="upper left")
