@@ -13,8 +13,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from tactilevision.records import Bytes, Floats, Pair
-from tactilevision.synthetic.gel import Grid, Singles, Surface
+from tactilevision.records import Bytes, Floats
+from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
 
 _FINER = 3
@@ -49,8 +49,8 @@ class Camera:
         light = reflect(
             _shines(self.lights, self.grid, self.grid), gains, _slopes(surface, self.grid), self.finish
         )
-        if surface.half_size_mm > 0:
-            self._draw_finely(light, surface, gains)
+        for area in surface.steep:
+            self._draw_finely(light, surface, area, gains)
         light *= (_carried(self.ink, surface, self.grid) * self.vignette)[..., None]
         light += self.stray
         if self.to_raw is not None:
@@ -80,18 +80,21 @@ class Camera:
         phases = np.arange(amplitudes.size) * 2.1
         return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
 
-    def _draw_finely(self, light: Singles, surface: Surface, gains: Floats) -> None:
-        place, fine = _window(self.grid, surface.centre_mm, surface.half_size_mm)
+    def _draw_finely(self, light: Singles, surface: Surface, area: Area, gains: Floats) -> None:
+        part, fine = _window(self.grid, area)
+        inner = light[part]
+        if min(inner.shape[:2]) < 5:
+            return
         drawn = reflect(_shines(self.lights, fine, self.grid), gains, _slopes(surface, fine), self.finish)
-        inner = light[place]
         small = cv2.resize(drawn, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
         inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the window's rim keeps the coarse slopes
 
 
 @lru_cache(maxsize=16)
-def _window(grid: Grid, centre_mm: Pair, half_mm: float) -> tuple[tuple[slice, slice], Grid]:
-    """The window of a place; the same object again for the same place, so that its light is computed once."""
-    return grid.window(centre_mm, half_mm, _FINER)
+def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
+    """The finer grid of an area; the same object again for the same area, so that its light is computed once."""
+    part = grid.part(area)
+    return part, grid.finer(part, _FINER)
 
 
 @lru_cache(maxsize=8)
@@ -116,10 +119,16 @@ def _slopes(surface: Surface, grid: Grid) -> tuple[Singles, Singles]:
     return p, q
 
 
+@lru_cache(maxsize=2)
+def _indices(shape: tuple[int, int]) -> tuple[Singles, Singles]:
+    rows, columns = np.indices(shape, dtype=np.float32)
+    return rows, columns
+
+
 def _carried(ink: Singles, surface: Surface, grid: Grid) -> Singles:
     """The ink's brightness where the gel has carried it."""
     step_x, step_y = grid.spacing_mm
     shift_x, shift_y = surface.shift_mm(grid)
-    rows, columns = np.indices(ink.shape, dtype=np.float32)
+    rows, columns = _indices(ink.shape)
     from_x, from_y = columns - shift_x / np.float32(step_x), rows - shift_y / np.float32(step_y)
     return np.asarray(cv2.remap(ink, from_x, from_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101))

@@ -7,6 +7,7 @@ camera) and how far the gel's ink has been carried sideways. z into the gel, x r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import cv2
@@ -18,6 +19,14 @@ from tactilevision.synthetic.profile import PunchProfile
 
 Singles = npt.NDArray[np.float32]
 _SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "top": (0.0, -1.0), "bottom": (0.0, 1.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A rectangle on the pad."""
+
+    centre_mm: Pair
+    half_mm: Pair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,29 +45,34 @@ class Grid:
         x, y = np.meshgrid(self.x_mm - centre_mm[0], self.y_mm - centre_mm[1])
         return x.astype(np.float32), y.astype(np.float32)
 
-    def window(self, centre_mm: Pair, half_mm: float, finer: int) -> tuple[tuple[slice, slice], Grid]:
-        """Rows and columns within `half_mm` of a centre, and the grid that divides each of their pixels."""
-        spans, axes = [], []
-        for axis, centre, step in zip((self.x_mm, self.y_mm), centre_mm, self.spacing_mm, strict=True):
-            first, last = np.searchsorted(axis, [centre - half_mm, centre + half_mm])
-            spans.append(slice(int(first), max(int(last), int(first) + 2)))
-            inside = axis[spans[-1]]
-            offsets = (np.arange(finer) + 0.5) / finer - 0.5
-            axes.append((inside[:, None] + offsets * step).ravel())
-        return (spans[1], spans[0]), Grid(axes[0], axes[1])
+    def distance(self, centre_mm: Pair) -> Singles:
+        """Distance (H, W) from a centre, computed once for each centre."""
+        return _distance(self, centre_mm)
+
+    def part(self, area: Area) -> tuple[slice, slice]:
+        """Rows and columns that lie in an area; empty where it is out of the grid."""
+        columns = np.searchsorted(
+            self.x_mm, [area.centre_mm[0] - area.half_mm[0], area.centre_mm[0] + area.half_mm[0]]
+        )
+        rows = np.searchsorted(
+            self.y_mm, [area.centre_mm[1] - area.half_mm[1], area.centre_mm[1] + area.half_mm[1]]
+        )
+        return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
+
+    def finer(self, part: tuple[slice, slice], times: int) -> Grid:
+        """The grid that divides each pixel of a part `times` along either axis."""
+        offsets = (np.arange(times) + 0.5) / times - 0.5
+        x = (self.x_mm[part[1], None] + offsets * self.spacing_mm[0]).ravel()
+        y = (self.y_mm[part[0], None] + offsets * self.spacing_mm[1]).ravel()
+        return Grid(x, y)
 
 
 class Surface(Protocol):
     """A gel surface: where it changes steeply, its depth, and the sideways shift of its ink."""
 
     @property
-    def centre_mm(self) -> Pair:
-        """Middle of the steep part."""
-        ...
-
-    @property
-    def half_size_mm(self) -> float:
-        """Half the side of the square that holds it; 0 where there is none."""
+    def steep(self) -> tuple[Area, ...]:
+        """Where slopes change within a pixel."""
         ...
 
     def depth_mm(self, grid: Grid) -> Singles:
@@ -74,8 +88,7 @@ class Surface(Protocol):
 class Flat:
     """The untouched gel."""
 
-    centre_mm: Pair = (0.0, 0.0)
-    half_size_mm: float = 0.0
+    steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
         return np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
@@ -90,8 +103,7 @@ class Prescribed:
 
     depth_map_mm: Floats
     map_grid: Grid
-    centre_mm: Pair = (0.0, 0.0)
-    half_size_mm: float = 0.0
+    steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
         origin = self.map_grid.x_mm[0], self.map_grid.y_mm[0]
@@ -125,6 +137,14 @@ class Bevel:
         """Distances from the axis towards the bevel, and along its edge."""
         ex, ey = _SIDES[self.side]
         return np.asarray(ex * x + ey * y), np.asarray(-ey * x + ex * y)
+
+    def area(self, centre_mm: Pair, reach_mm: Pair, beside_mm: float) -> Area:
+        """The rectangle from before the edge to behind it (`reach_mm`) and `beside_mm` past both of its ends."""
+        ex, ey = _SIDES[self.side]
+        middle = self.distance_mm + 0.5 * (reach_mm[1] - reach_mm[0])
+        half_s, half_t = 0.5 * sum(reach_mm), self.half_width_mm + beside_mm
+        half = (half_s, half_t) if ex else (half_t, half_s)
+        return Area((centre_mm[0] + ex * middle, centre_mm[1] + ey * middle), half)
 
     def depth_mm(self, s: Floats, face_mm: float) -> Floats:
         """Depth of the bevel's plane where the face stands at `face_mm`; only meant for s >= distance_mm."""
@@ -165,32 +185,48 @@ class PunchPress:
     tilt: Pair = (0.0, 0.0)
     bevel: Bevel | None = None
     rounding_mm: float = 0.03
-    half_size_mm: float = 4.5
+
+    @property
+    def steep(self) -> tuple[Area, ...]:
+        half = self.profile.punch_radius_mm + 1.0
+        wall = Area(self.centre_mm, (half, half))
+        return (wall,) if self.bevel is None else (wall, self.bevel.area(self.centre_mm, (0.5, 1.0), 0.5))
 
     def depth_mm(self, grid: Grid) -> Singles:
-        x, y = grid.places(self.centre_mm)
-        r = np.hypot(x, y)
-        depth = self._free(x, y, r)
-        if self.bevel is None:
-            return depth
-        return depth + _bevel_dent(depth, self.bevel, (x, y), self.face_mm, self.tilt)
+        depth = self._free(grid)
+        if self.bevel is not None and self.face_mm > 0.5 * self.bevel.height_mm:
+            part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3.0), 2.5))
+            near = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
+            if depth[part].size:
+                depth[part] += _bevel_dent(
+                    depth[part], self.bevel, near.places(self.centre_mm), self.face_mm, self.tilt
+                )
+        return depth
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
         x, y = grid.places(self.centre_mm)
-        r = np.maximum(np.hypot(x, y), np.float32(1e-6))
+        r = np.maximum(grid.distance(self.centre_mm), np.float32(1e-6))
         places, _ = self.profile.seen(max(self.face_mm, 0.0))
         amount = _lookup(r, places, max(self.face_mm, 0.0) * self.profile.shift) / r
         return (amount * x).astype(np.float32), (amount * y).astype(np.float32)
 
-    def _free(self, x: Singles, y: Singles, r: Singles) -> Singles:
+    def _free(self, grid: Grid) -> Singles:
+        r = grid.distance(self.centre_mm)
         places, depths = self.profile.seen(1.0)
         places = self.profile.radius_mm + max(self.face_mm, 0.0) * self.profile.shift
         unit = _lookup(r, places, depths, rounding_mm=self.rounding_mm)
         face = np.full_like(r, self.face_mm)
         if self.tilt != (0.0, 0.0):
+            x, y = grid.places(self.centre_mm)
             inward = np.minimum(1.0, self.profile.punch_radius_mm / np.maximum(r, np.float32(1e-6)))
             face += (np.float32(self.tilt[0]) * x + np.float32(self.tilt[1]) * y) * inward
         return np.asarray(np.maximum(face, 0.0) * unit, dtype=np.float32)
+
+
+@lru_cache(maxsize=16)
+def _distance(grid: Grid, centre_mm: Pair) -> Singles:
+    x, y = grid.places(centre_mm)
+    return np.asarray(np.hypot(x, y), dtype=np.float32)
 
 
 def _lookup(r: Singles, places: Floats, values: Floats, *, rounding_mm: float = 0.0) -> Singles:

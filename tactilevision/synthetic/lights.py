@@ -104,9 +104,9 @@ def reflect(shines: tuple[Shine, ...], gains: Floats, slopes: tuple[Singles, Sin
 def gelslim_lights() -> tuple[Light, ...]:
     """Blue from the top, green from the left, red from the lower right, as GelSlim 3.0's frames show them."""
     return (
-        Light((5.0, 17.0, 14.0), (4.5, 9.0), (6.5, 7.0), 0.62, (1.0, 0.10, 0.16)),
-        Light((-20.0, 1.0, 13.0), (-8.0, 0.5), (15.0, 9.0), 0.62, (0.04, 1.0, 0.30)),
-        Light((2.0, -17.0, 14.0), (2.5, -5.0), (11.0, 10.5), 0.95, (0.05, 0.22, 1.0)),
+        Light((4.6, 11.0, 8.1), (-1.2, 4.2), (8.0, 8.0), 0.82, (1.0, 0.0, 0.12)),
+        Light((-19.4, 3.1, 5.0), (14.0, -0.7), (21.7, 14.0), 2.09, (0.0, 1.0, 0.70)),
+        Light((8.4, -12.4, 8.9), (-6.2, 11.0), (12.0, 17.3), 1.21, (0.0, 0.17, 1.0)),
     )
 
 

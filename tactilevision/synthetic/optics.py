@@ -85,10 +85,10 @@ def distortion(options: CameraOptions) -> Distortion:
         return x - bow * (u + 0.25 * v), y - bow * (v + 0.15 * u)
 
     x, y = columns.copy(), rows.copy()
-    for _ in range(60):
+    for _ in range(30):
         there_x, there_y = moved(x, y)
         x, y = x + columns - there_x, y + rows - there_y
-    map_x, map_y = moved(columns, rows)
+    map_x, map_y = (np.round(64 * m) / 64 for m in moved(columns, rows))  # so that the file packs well
     single = np.float32
     return Distortion((map_x.astype(single), map_y.astype(single)), (x.astype(single), y.astype(single)))
 
@@ -122,19 +122,18 @@ def _markers(grid: Grid, rng: np.random.Generator) -> Singles:
 
 def _stray(grid: Grid, drawn: bool) -> Singles:
     """Light that reaches the chip without the gel; GelSlim's has a reddish corner at the top left."""
-    base = np.broadcast_to(np.array([0.004, 0.02, 0.012], np.float32), (grid.y_mm.size, grid.x_mm.size, 3)).copy()
+    level = (0.004, 0.03, 0.015) if drawn else (0.0, 0.03, 0.02)
+    stray = np.broadcast_to(np.array(level, np.float32), (grid.y_mm.size, grid.x_mm.size, 3)).copy()
     if not drawn:
         x, y = grid.places()
-        corner = np.exp(-(((x + 13.0) / 6.0) ** 2) - ((y + 10.0) / 6.5) ** 2)
-        base += corner[..., None] * np.array([0.085, 0.0, 0.015], np.float32)
-    return base.astype(np.float32)
+        stray[..., 0] += 0.13 * np.exp(-(((x + 13.0) / 8.8) ** 2) - ((y + 10.0) / 7.0) ** 2)
+    return stray
 
 
 def _vignette(grid: Grid, drawn: bool) -> Singles:
-    """Fall-off towards the corners: a soft ellipse, for GelSlim shifted to the right."""
+    """Fall-off towards the corners: a soft ellipse, for GelSlim shifted downwards and wide."""
     x, y = grid.places()
-    half_x, half_y = abs(float(grid.x_mm[-1])), abs(float(grid.y_mm[-1]))
-    shift = 0.0 if drawn else 0.06
-    rho = np.hypot(x / half_x - shift, 0.75 * (y / half_y))
-    edge = 1.35 if drawn else 1.08
-    return np.asarray(0.12 + 0.88 / (1 + np.exp((rho - edge) / 0.085)), dtype=np.float32)
+    u, v = x / abs(float(grid.x_mm[-1])), y / abs(float(grid.y_mm[-1]))
+    if drawn:
+        return np.asarray(0.1 + 0.9 / (1 + np.exp((np.hypot(u, v) - 1.3) / 0.12)), dtype=np.float32)
+    return np.asarray(1 / (1 + np.exp((np.hypot(u - 0.07, 0.66 * (v - 0.14)) - 0.79) / 0.14)), dtype=np.float32)

@@ -96,7 +96,7 @@ class SimulationOptions:
     jpeg_quality: int = 92
     flats: int = 2
     balls: int = 14
-    ball_radii_mm: tuple[float, ...] = (2.5, 4.0)
+    ball_radii_mm: tuple[float, ...] = (2.0, 4.0)
     state_balls: bool = False
     torn_frame: bool = True
 

@@ -49,8 +49,7 @@ class PlannedPress:
 
     def surface(self, time_s: float) -> PunchPress:
         """The gel at a time on the camera's clock."""
-        return PunchPress(self.profile, float(self.motion.at(time_s)), self.centre_mm, self.tilt, self.bevel,
-                          half_size_mm=self.bevel.distance_mm + 1.5)  # fmt: skip
+        return PunchPress(self.profile, float(self.motion.at(time_s)), self.centre_mm, self.tilt, self.bevel)
 
     def force_N(self, time_s: Floats, law: GelLaw) -> Floats:
         """True force (T, 3) at evenly spaced times on the camera's clock."""

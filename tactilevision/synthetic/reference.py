@@ -8,7 +8,7 @@ import numpy as np
 
 from tactilevision.records import Bytes, Floats, Pair
 from tactilevision.synthetic.camera import Camera
-from tactilevision.synthetic.gel import Flat, Grid, Singles
+from tactilevision.synthetic.gel import Area, Flat, Grid, Singles
 
 _AVERAGED = 16  # frames in one reference picture: the gel stands still, so one averages
 _FAR = 1.2  # thicknesses over which a ball's dent dies out in a bonded layer
@@ -26,7 +26,11 @@ class BallPress:
     press_mm: float
     thickness_mm: float
     centre_mm: Pair
-    half_size_mm: float = 4.0
+
+    @property
+    def steep(self) -> tuple[Area, ...]:
+        half = self.contact_radius_mm + 0.6
+        return (Area(self.centre_mm, (half, half)),)
 
     @property
     def contact_radius_mm(self) -> float:
@@ -66,7 +70,7 @@ def plan_balls(
     for i in range(count):
         place = ((start + i * steps) % 1.0) * 2 - 1
         radius = radii_mm[i % len(radii_mm)]
-        depth = radius * rng.uniform(0.10, 0.16)
+        depth = radius * rng.uniform(0.12, 0.30)
         centre = place * (np.asarray(half_mm) - 1.0 - np.sqrt(radius * depth))
         balls.append(BallPress(radius, float(depth), thickness_mm, (float(centre[0]), float(centre[1]))))
     return tuple(balls)

@@ -128,7 +128,7 @@ def write_image(path: Path, rgb: Bytes, *, jpeg_quality: int = 92) -> None:
 
 
 def _encoded(rgb: Bytes, suffix: str, jpeg_quality: int) -> bytes:
-    settings: list[int] = [cv2.IMWRITE_PNG_COMPRESSION, 4]
+    settings: list[int] = [cv2.IMWRITE_PNG_COMPRESSION, 1]
     if suffix == ".jpg":
         settings = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality,
                     cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip

@@ -1,0 +1,106 @@
+"""Makes the folders of sample_frames/ again, bit by bit: python -m tactilevision.synthetic.samples [FOLDER]."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+from tactilevision.files import write_text
+from tactilevision.synthetic.options import GelOptions, RigOptions, SimulationOptions
+from tactilevision.synthetic.rig import Protocol
+from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.writing import write_rows, write_toml
+
+GELSLIM3_SEED = 20261121
+
+# Five lines through P/w = 5.2662 w/h + 3.4943, h = 3 mm; not the paper's readings, which were not printed.
+_PAPER_DEPTHS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
+_PAPER_SLOPE_N_MM, _PAPER_INTERCEPT_N_MM, _PAPER_THICKNESS_MM = 5.2662, 3.4943, 3.0
+
+
+def gelslim3_options() -> SimulationOptions:
+    """What sample_frames/gelslim3 is: few frames to a press, so that it stays small."""
+    return SimulationOptions(
+        name="gelslim3-sample",
+        gel=GelOptions(youngs_modulus_MPa=0.1942, poisson_ratio=0.478, prior=0.48, prior_std=0.01),
+        rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),
+        frames="jpeg",
+        jpeg_quality=90,
+        flats=2,
+        balls=12,
+    )
+
+
+def make_samples(folder: Path | str) -> None:
+    """Write gelslim3 and paper_points into `folder`, in place of what is there."""
+    root = Path(folder)
+    for name in ("gelslim3", "paper_points"):
+        shutil.rmtree(root / name, ignore_errors=True)
+    simulate(root / "gelslim3", seed=GELSLIM3_SEED, options=gelslim3_options())
+    write_text(root / "gelslim3" / "README.md", _GELSLIM3)
+    write_paper_points(root / "paper_points")
+    write_text(root / "paper_points" / "README.md", _PAPER)
+
+
+def write_paper_points(folder: Path) -> None:
+    """The paper's five presses as certified points, rebuilt from its printed line."""
+    rows: list[dict[str, object]] = []
+    for number, depth in enumerate(_PAPER_DEPTHS_MM, start=1):
+        stiffness = _PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * depth / _PAPER_THICKNESS_MM
+        rows.append(
+            {"press": number, "indenter": f"A{number}", "depth_mm": depth, "fz_N": round(stiffness * depth, 4)}
+        )
+    write_rows(folder / "points.csv", rows)
+    indenters: dict[str, Any] = {
+        f"A{number}": {"shape": "flat_cylinder", "radius_mm": 2.5, "height_mm": depth}
+        for number, depth in enumerate(_PAPER_DEPTHS_MM, start=1)
+    }
+    gel = {"thickness_mm": _PAPER_THICKNESS_MM, "shape": "disc", "radius_mm": 15.0}
+    write_toml(
+        folder / "recording.toml",
+        {
+            "format": 1,
+            "name": "paper-points",
+            "sensor": {"kind": "gelslim3", "mm_per_px": 0.0634, "gel": gel},
+            "depth": {"source": "gauge"},
+            "indenter": indenters,
+        },
+    )
+
+
+_GELSLIM3 = f"""# gelslim3: a simulated calibration run
+
+Simulated from beginning to end by `tactilevision.synthetic`, with seed {GELSLIM3_SEED}; no frame, force or number
+of a real sensor is in it. It is made again, bit by bit on the same versions, by
+
+    python -m tactilevision.synthetic.samples sample_frames
+
+Five flat cylinders (radius 2.5 mm, 0.15 to 0.6 mm over the bevel on their right) press a gel of 3 mm thickness,
+three good presses each, and eight presses in which something went wrong, one for each reason for which a press
+can be rejected. One frame is torn. The frames (JPEG, colours at full resolution) are those of a camera at 90 Hz,
+thinned to about 18 a press and dense round the bevel's touch; the force sensor's readings are complete. Its clock
+runs off the camera's by an amount that is not stated. `reference/` holds 2 pictures of the untouched gel and 12 of
+balls, each the mean of 16 frames. What is true is in `truth.toml`, which only tests and benchmarks read.
+
+The gel: Hayes' flat punch on a bonded layer with the rise beside the punch of hyperelastic finite elements, force
+P = c w (1 + beta w/h). The lights, their fall-off and colours were set by eye and by block means to look like
+GelSlim 3.0. Licence: as the project (MIT).
+"""
+
+_PAPER = """# paper_points: five certified points from a printed line
+
+The paper prints, for h = 3.0 mm, a = 2.5 mm and a pad of radius 15 mm, the line P/w = 5.2662 w/h + 3.4943 (N/mm,
+R^2 = 0.9999) through five presses to w = 0.15, 0.3, 0.4, 0.5 and 0.6 mm. The forces in points.csv are that line at
+these depths, rounded to 0.1 mN: the measured scatter is not in them, so they can show that the paper's route is
+reproduced (c = 3.4943 N/mm, beta = 1.5071, nu = 0.4797) but cannot decide why its beta is so large.
+
+    python -m tactilevision.synthetic.samples sample_frames
+
+makes this folder again.
+"""
+
+
+if __name__ == "__main__":
+    make_samples(sys.argv[1] if len(sys.argv) > 1 else "sample_frames")
