@@ -18,6 +18,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -60,20 +61,19 @@ def reconstruct_folder(
     """
     out = Path(out)
     (out / MAPS).mkdir(parents=True, exist_ok=True)
-    journal = _Journal(out / JOURNAL, _fingerprint(recording, reconstructor), out / MAPS)
     names = recording.frame_names
     if len({_stem(name) for name in names}) != len(names):
         raise InputError("two frames share a name but for its ending", where=recording.path,
                          remedy="Rename one: each frame's map is stored under its name.")  # fmt: skip
-    for result in _run(
-        _still_to_do(recording, journal.done), reconstructor, out / MAPS, workers or os.cpu_count() or 1
-    ):
-        journal.add(result)
-        if progress is not None:
-            progress(len(journal.done), len(names))
-    rows = tuple(journal.done[name] for name in names)
-    write_text(out / TABLE, _table(rows))
-    journal.close()
+    workers = workers or os.cpu_count() or 1
+    with _Journal(out / JOURNAL, _fingerprint(recording, reconstructor), out / MAPS) as journal:
+        for result in _run(_still_to_do(recording, journal.done), reconstructor, out / MAPS, workers):
+            journal.add(result)
+            if progress is not None:
+                progress(len(journal.done), len(names))
+        rows = tuple(journal.done[name] for name in names)
+        write_text(out / TABLE, _table(rows))
+    (out / JOURNAL).unlink()
     return rows
 
 
@@ -169,9 +169,11 @@ class _Journal:
         self.file.write(_row(result))
         self.file.flush()
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         self.file.close()
-        self.path.unlink()
 
 
 def _row(result: FrameResult) -> str:

@@ -26,8 +26,6 @@ def write_tiff(path: Path | str, height: HeightMap) -> None:
             description=json.dumps(about),
             resolution=(10 / height.mm_per_px[0], 10 / height.mm_per_px[1]),
             resolutionunit="CENTIMETER",
-            compression="zlib",
-            predictor=True,
         )
 
 

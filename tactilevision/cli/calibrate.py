@@ -15,7 +15,7 @@ from tactilevision.cli import console
 if TYPE_CHECKING:
     from calibration.data import Measured
     from calibration.result import CalibrationResult
-    from tactilevision.press import Certificate
+    from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
 
@@ -97,7 +97,7 @@ def _calibrate_one(recording: Recording, law: str) -> Outcome:
 
 
 def _certify(recording: Recording) -> Certificate:
-    from tactilevision.press import certify
+    from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor
 
     with console.progress_bar("calibrating the light"):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from calibration.history import HistoryRow
     from calibration.result import CalibrationResult
-    from tactilevision.press import Certificate
+    from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
 

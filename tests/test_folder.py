@@ -1,0 +1,131 @@
+"""A folder of frames into height maps: whole, resumable, and honest about what could not be read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.folder import COLUMNS, measure, reconstruct_folder
+from tactilevision.height_files import read_tiff, write_tiff
+from tactilevision.photometric.method import PhotometricMethod
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording
+from tactilevision.records import Bytes, HeightMap, Sensor, SlopeMap
+
+SENSOR = Sensor("custom", 64, 48, (0.1, 0.2))
+
+
+class RedIsSlope:
+    """A method whose truth is plain: slope along x = (red - 100)/100."""
+
+    name = "red is slope"
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
+        red = rgb_rectified[..., 0].astype(np.float32)
+        return SlopeMap((red - 100) / 100, np.zeros_like(red))
+
+
+def recording(folder: Path, count: int = 5) -> Recording:
+    frames = folder / "frames"
+    frames.mkdir(parents=True)
+    names = []
+    for number in range(count):
+        rgb = np.full((48, 64, 3), 100, np.uint8)
+        rgb[10:20, 20 : 24 + number, 0] = 120
+        names.append(f"{number:03d}.png")
+        cv2.imwrite(str(frames / names[-1]), rgb[..., ::-1])
+    return Recording(
+        folder,
+        "r",
+        SENSOR,
+        frames_path=frames,
+        frame_names=tuple(names),
+        frame_times_s=np.arange(count, dtype=np.float64),
+    )
+
+
+def method() -> PhotometricMethod:
+    return RedIsSlope()
+
+
+def test_every_frame_has_its_map_and_its_row(tmp_path: Path) -> None:
+    source = recording(tmp_path / "in")
+    rows = reconstruct_folder(source, Reconstructor(SENSOR, method()), tmp_path / "out", workers=1)
+    assert [row.frame for row in rows] == list(source.frame_names)
+    assert {row.status for row in rows} == {"ok"}
+    with (tmp_path / "out" / "depth.csv").open(newline="") as file:
+        table = list(csv.reader(file))
+    assert tuple(table[0]) == COLUMNS
+    assert len(table) == 6
+    height = read_tiff(tmp_path / "out" / "depth" / "003.tiff")
+    assert height.depth_mm.dtype == np.float32
+    assert height.mm_per_px == pytest.approx(SENSOR.mm_per_px)
+
+
+def test_a_torn_frame_is_listed_and_passed_over(tmp_path: Path) -> None:
+    source = recording(tmp_path / "in")
+    torn = tmp_path / "in" / "frames" / "002.png"
+    torn.write_bytes(torn.read_bytes()[:60])
+    rows = reconstruct_folder(source, Reconstructor(SENSOR, method()), tmp_path / "out", workers=1)
+    assert [row.status == "ok" for row in rows] == [True, True, False, True, True]
+    assert "unreadable" in rows[2].status
+    assert not (tmp_path / "out" / "depth" / "002.tiff").exists()
+
+
+def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
+    """Cut off after three frames with a row half-written: the three are not done again, none is lost."""
+    source, out = recording(tmp_path / "in"), tmp_path / "out"
+
+    def stop_at_three(done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1, progress=stop_at_three)
+    with (out / ".depth-journal.csv").open("a") as journal:
+        journal.write("003.png,ok,0.1")
+    stamps = {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir()}
+    assert len(stamps) == 3
+    seen: list[int] = []
+    rows = reconstruct_folder(
+        source, Reconstructor(SENSOR, method()), out, workers=1, progress=lambda d, t: seen.append(d)
+    )
+    assert seen == [4, 5]
+    assert [row.status for row in rows] == ["ok"] * 5
+    assert {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir() if p.name in stamps} == stamps
+    assert not (out / ".depth-journal.csv").exists()
+
+
+def test_many_processes_give_the_same_maps(tmp_path: Path) -> None:
+    source = recording(tmp_path / "in")
+    reconstruct_folder(source, Reconstructor(SENSOR, method()), tmp_path / "one", workers=1)
+    reconstruct_folder(source, Reconstructor(SENSOR, method()), tmp_path / "two", workers=2)
+    for path in (tmp_path / "one" / "depth").iterdir():
+        np.testing.assert_array_equal(
+            read_tiff(path).depth_mm, read_tiff(tmp_path / "two" / "depth" / path.name).depth_mm
+        )
+
+
+def test_tiff_keeps_rise_and_unknown_places(tmp_path: Path) -> None:
+    depth = np.array([[0.5, -0.03], [0.0, 0.2]], np.float32)
+    valid = np.array([[True, True], [False, True]])
+    write_tiff(tmp_path / "a.tiff", HeightMap(depth, valid, (0.05, 0.06)))
+    back = read_tiff(tmp_path / "a.tiff")
+    np.testing.assert_array_equal(back.valid, valid)
+    np.testing.assert_array_equal(back.depth_mm[valid], depth[valid])
+    assert back.mm_per_px == (0.05, 0.06)
+
+
+def test_measure_finds_a_pressed_disc() -> None:
+    """A disc of 2 mm radius, 0.3 mm deep, in 5 um noise: area within the pixels of its edge."""
+    rng = np.random.default_rng(1)
+    y, x = np.mgrid[:200, :200] * 0.05
+    inside = np.hypot(x - 5, y - 5) < 2
+    depth = np.where(inside, 0.3, 0.0) + rng.normal(0, 0.005, x.shape)
+    peak, area = measure(HeightMap(depth, np.ones_like(inside), (0.05, 0.05)))
+    assert peak == pytest.approx(0.3, abs=0.02)
+    assert area == pytest.approx(np.pi * 4, rel=0.02)
