@@ -11,51 +11,51 @@ import numpy as np
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
+from tactilevision.records import Press
 
-_BRIEF = 1e-6  # s; below any clock's step
+_SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
 
 
-def check_forces_cover(recording: Recording) -> None:
-    """Raise where force readings start after the first press or end before the last one does.
+def check_forces_cover(recording: Recording) -> tuple[str, ...]:
+    """Raise where the force readings miss a part of the first or the last press; warn where it is a small one.
 
     With an unknown clock offset only lengths can be compared: the readings must last as long as the presses do.
     """
     if recording.forces is None or not recording.presses:
-        return
+        return ()
     times = recording.forces.time_s
     first, last = recording.presses[0], max(recording.presses, key=lambda press: press.end_s)
-    where = recording.path / layout.FORCES
-    remedy = "Copy the whole file, or take the presses without force out of presses.csv."
     offset_s = recording.clock_offset_s
     if offset_s is None:
         lasts, needed = float(times[-1] - times[0]), last.end_s - first.start_s
-        if lasts < needed - _BRIEF:
-            raise RecordingError(
-                f"the readings end early: they last {lasts:.6g} s, the presses {needed:.6g} s",
-                where=where,
-                remedy=remedy,
-            )
-        return
-    if times[-1] < last.end_s + offset_s - _BRIEF:
+        said = f"the readings end early: they last {lasts:.6g} s, the presses {needed:.6g} s"
+        return _judged(recording, last, needed - lasts, said)
+    start, end = first.start_s + offset_s, last.end_s + offset_s
+    here = "of the same clock"
+    early = f"the readings end early: at {times[-1]:.6g} s, but press {last.press} ends at {end:.6g} s {here}"
+    late = f"the readings start late: at {times[0]:.6g} s, but press {first.press} starts at {start:.6g} s {here}"
+    missing_s = (float(times[0]) - start, end - float(times[-1]))
+    return _judged(recording, first, missing_s[0], late) + _judged(recording, last, missing_s[1], early)
+
+
+def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> tuple[str, ...]:
+    assert recording.forces is not None
+    step_s = float(np.median(np.diff(recording.forces.time_s)))
+    if missing_s > max(_SPARE * (press.end_s - press.start_s), 2 * step_s):
         raise RecordingError(
-            f"the readings end early: at {times[-1]:.6g} s, but press {last.press} ends at "
-            f"{last.end_s + offset_s:.6g} s of the same clock",
-            where=where,
-            remedy=remedy,
+            said,
+            where=recording.path / layout.FORCES,
+            remedy="Copy the whole file, or take the presses without force out of presses.csv.",
         )
-    if times[0] > first.start_s + offset_s + _BRIEF:
-        raise RecordingError(
-            f"the readings start late: at {times[0]:.6g} s, but press {first.press} starts at "
-            f"{first.start_s + offset_s:.6g} s of the same clock",
-            where=where,
-            remedy=remedy,
-        )
+    # the last reading comes up to one step before the last press ends
+    return (f"{layout.FORCES}: {said}",) if missing_s > 2 * step_s else ()
 
 
 def doubts(recording: Recording) -> Iterator[str]:
     """What is legal but unlikely, one sentence each, for a person to look at."""
     yield from _doubts_of_frames(recording)
     yield from _doubts_of_forces(recording)
+    yield from _doubts_of_depths(recording)
     labels = [point.press for point in recording.points]
     if len(set(labels)) < len(labels):
         yield f"{layout.POINTS}: some presses have more than one row"
@@ -87,6 +87,17 @@ def _doubts_of_forces(recording: Recording) -> Iterator[str]:
     free = float(np.median(normal))
     if free - normal.min() > 2 * (normal.max() - free) and free - normal.min() > 20 * recording.forces.std_N[2]:
         yield f"{layout.FORCES}: fz_N mostly falls where the gel is pressed; it is to grow: see [force] rotation"
+
+
+def _doubts_of_depths(recording: Recording) -> Iterator[str]:
+    gel = recording.sensor.gel
+    if gel is None:
+        return
+    in_points = max((point.depth_mm for point in recording.points if point.accepted), default=0.0)
+    in_curves = max((float(curve.depth_mm.max()) for curve in recording.curves), default=0.0)
+    for table, deepest in ((layout.POINTS, in_points), (layout.CURVES, in_curves)):
+        if deepest > gel.thickness_mm:
+            yield f"{table}: depth_mm = {deepest:g} exceeds the gel's thickness of {gel.thickness_mm:g} mm"
 
 
 def _some(names: list[str]) -> str:

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
-from tactilevision.recording.pictures import find_flats, find_frames, first_look, list_images
+from tactilevision.recording.pictures import check_references, find_flats, find_frames, first_look, list_images
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
-from tactilevision.recording.settings import SensorSettings
-from tactilevision.recording.settings_file import check_sensor, load_toml
 from tactilevision.recording.video import count_frames
 from tactilevision.records import Sensor
 from tactilevision.sensors import SENSORS
+
+if TYPE_CHECKING:
+    from tactilevision.recording.settings import SensorSettings
 
 
 def read_folder(
@@ -46,6 +48,7 @@ def read_folder(
     white_level = settings.white_level if settings else None
     size, seen = first_look(frames_path, names, white_level)
     warnings += seen
+    check_references(size, flats[:1])
     if not isinstance(sensor, Sensor):
         assert settings is not None
         sensor, notes = build_sensor(settings, place, size)
@@ -78,6 +81,9 @@ def _names(root: Path) -> tuple[str, ...]:
 
 
 def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[str, ...]]:
+    from tactilevision.recording.settings import SensorSettings
+    from tactilevision.recording.settings_file import check_sensor, load_toml
+
     if str(sensor).endswith(".toml"):
         settings, warnings = check_sensor(load_toml(Path(sensor)), Path(sensor))
         return settings, Path(sensor), warnings

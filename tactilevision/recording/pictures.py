@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
@@ -24,20 +25,24 @@ _LOOKS = 10  # pictures to try before their size is given up
 
 def list_images(folder: Path) -> list[str]:
     """Names of the pictures in a folder, in the order in which a person counts (2 before 10)."""
+    return sorted(_image_names(folder), key=_as_counted)
+
+
+def _image_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         return []
-    names = [p.name for p in folder.iterdir() if p.suffix.lower() in layout.IMAGE_SUFFIXES and p.name[0] != "."]
-    return sorted(names, key=lambda name: [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in _parts(name)])
+    return [name for name in os.listdir(folder) if name.lower().endswith(layout.IMAGE_SUFFIXES) and name[0] != "."]
 
 
-def _parts(name: str) -> list[str]:
-    return [part for part in re.split(r"([0-9]+)", name) if part]
+def _as_counted(name: str) -> list[tuple[int, int, str]]:
+    parts = [part for part in re.split(r"([0-9]+)", name) if part]
+    return [(0, int(part), "") if part[0] in "0123456789" else (1, 0, part) for part in parts]
 
 
 def find_frames(root: Path) -> Path | None:
     """The folder of images, or the one video, of a recording; None where there is neither."""
     folder = root / layout.FRAMES
-    if list_images(folder):
+    if _image_names(folder):
         return folder
     videos = [root / (layout.FRAMES + suffix) for suffix in layout.VIDEO_SUFFIXES]
     inside = sorted(folder.iterdir()) if folder.is_dir() else []
@@ -59,7 +64,7 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     if frames_path.is_file():
         _check_indices(table, frames_path)
         return table, ()
-    present = set(list_images(frames_path))
+    present = set(_image_names(frames_path))
     _check_present(table, names, present)
     left = len(present) - len(names)
     return table, (f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",) if left else ()
@@ -142,7 +147,7 @@ def first_look(
     frames_path: Path, names: Sequence[str], white_level: float | None = None
 ) -> tuple[tuple[int, int] | None, tuple[str, ...]]:
     """(width, height) of the first picture that can be read, None where none of the first few can; warnings."""
-    if frames_path.is_file():
+    if frames_path.is_file() and names:
         _, rgb = next(iter_video(frames_path, [int(names[0])]))
         return (None, ()) if rgb is None else ((rgb.shape[1], rgb.shape[0]), ())
     for name in names[:_LOOKS]:
@@ -151,6 +156,19 @@ def first_look(
             height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
             return (width, height), _doubts_of_depth(stored, name, white_level)
     return None, ()
+
+
+def check_references(frame_size_px: tuple[int, int] | None, references: Sequence[Path]) -> None:
+    """Raise where a reference that can be read has another size than the frames."""
+    for path in references:
+        with suppress(TornImageError):
+            height, width = read_stored(path).shape[:2]
+            if frame_size_px is not None and (width, height) != frame_size_px:
+                raise RecordingError(
+                    f"the reference is {width} x {height}, the frames {frame_size_px[0]} x {frame_size_px[1]}",
+                    where=path,
+                    remedy="Take references with the camera set as for the frames, before rectification.",
+                )
 
 
 def _doubts_of_depth(stored: npt.NDArray[Any], name: str, white_level: float | None) -> tuple[str, ...]:

@@ -33,13 +33,13 @@ def read_presses(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[P
     for row in np.flatnonzero(end <= start).tolist():
         raise table.fault(
             row,
-            "the press ends before it starts",
+            "the press does not end after it starts",
             value=(float(start[row]), float(end[row])),
             remedy="start_s and end_s are on the camera's clock.",
         )
     order = np.argsort(start, kind="stable")
     for before, after in pairwise(order.tolist()):
-        if end[before] > start[after]:
+        if end[before] > start[after] + 1e-6:  # below any clock's step
             raise table.fault(
                 after,
                 f"press {table.words['press'][after]} starts at {start[after]:.12g} s, before press "
@@ -53,6 +53,9 @@ def read_points(path: Path, indenters: Mapping[str, Indenter]) -> tuple[tuple[Ce
     """points.csv; depth and force may be empty only where `accepted` is false."""
     table = read_table(path, layout.POINT_COLUMNS)
     check_indenters(table, indenters)
+    for name in ("depth_std_mm", "fz_std_N"):
+        for row in np.flatnonzero(table.optional(name) < 0).tolist():
+            raise table.fault(row, f"{name} must be at least 0", value=float(table.numbers[name][row]))
     return tuple(_point(table, row) for row in range(len(table.lines))), table
 
 

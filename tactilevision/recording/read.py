@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +17,12 @@ from tactilevision.recording.model import Recording
 from tactilevision.recording.protocol import read_curves, read_points, read_presses
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.series import read_forces, read_stage, rotation
-from tactilevision.recording.settings import IndenterSettings, SensorSettings, Settings
-from tactilevision.recording.settings_file import check_settings, load_toml
 from tactilevision.recording.tables import Table
 from tactilevision.recording.video import count_frames
 from tactilevision.records import Indenter, Sensor
+
+if TYPE_CHECKING:
+    from tactilevision.recording.settings import IndenterSettings, Settings
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -32,6 +33,9 @@ def read_recording(path: Path | str) -> Recording:
     Raises RecordingError, with file and line or key, for the first fault found. What is legal but unlikely
     stands in `Recording.warnings`.
     """
+    # pydantic takes a while to load, and looking at the package should cost nothing
+    from tactilevision.recording.settings_file import check_settings, load_toml
+
     root = Path(path)
     toml = _find_settings(root)
     content = load_toml(toml)
@@ -53,8 +57,8 @@ def read_recording(path: Path | str) -> Recording:
     )
     recording = _with_pictures(recording, settings, toml)
     recording = _with_tables(recording, settings, toml)
-    check_forces_cover(recording)
-    return replace(recording, warnings=recording.warnings + tuple(doubts(recording)))
+    late = check_forces_cover(recording)
+    return replace(recording, warnings=recording.warnings + late + tuple(doubts(recording)))
 
 
 def _find_settings(root: Path) -> Path:
@@ -96,11 +100,12 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         warnings += table.warnings
     else:
         names, times, warnings = _unlisted(frames_path)
-    sensor_settings = settings.sensor or SensorSettings()
-    white = sensor_settings.white_level
+    white = settings.sensor.white_level
     size, seen = pictures.first_look(frames_path, names, white) if frames_path else (None, ())
-    sensor, notes = build_sensor(sensor_settings, toml, size)
+    sensor, notes = build_sensor(settings.sensor, toml, size)
+    flats = pictures.find_flats(root)
     balls, ball_notes = pictures.find_balls(root)
+    pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
     return replace(
         recording,
         sensor=sensor,
@@ -109,7 +114,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
         frame_names=names,
         frame_times_s=times,
         frame_size_px=size,
-        flats=pictures.find_flats(root),
+        flats=flats,
         balls=balls,
         extra=extra,
         warnings=recording.warnings + warnings + seen + notes + ball_notes,

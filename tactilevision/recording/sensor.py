@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording.names import nearest
-from tactilevision.recording.settings import GelSettings, SensorSettings
 from tactilevision.records import Gel, Sensor
 from tactilevision.sensors import SENSORS, get_sensor
+
+if TYPE_CHECKING:
+    from tactilevision.recording.settings import GelSettings, SensorSettings
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 Size = tuple[int, int]
@@ -29,6 +31,10 @@ def build_sensor(
     leave its size and scale out (0 and NaN).
     Raises RecordingError for an unknown kind, missing or contradictory sizes, and unreadable maps.
     """
+    if settings.kind is None and frame_size_px is not None:
+        raise RecordingError(
+            "[sensor] kind is missing", where=toml, remedy=f'State one of {", ".join(SENSORS)}, or "custom".'
+        )
     maps = None if settings.rectification is None else read_maps(toml.parent / settings.rectification)
     straight = (maps[0].shape[1], maps[0].shape[0]) if maps else frame_size_px
     stated = _stated_size(settings, straight, toml)
@@ -43,7 +49,7 @@ def build_sensor(
     if stated is not None:
         given["width_px"], given["height_px"] = stated
     given = {name: value for name, value in given.items() if value is not None}
-    if settings.kind == "custom":
+    if settings.kind is None or settings.kind == "custom":
         return _custom(given, settings, toml, frame_size_px), ()
     return _named(given, settings, toml, frame_size_px)
 
@@ -64,6 +70,7 @@ def _custom(given: dict[str, Any], settings: SensorSettings, toml: Path, frame_s
 def _named(
     given: dict[str, Any], settings: SensorSettings, toml: Path, frame_size_px: Size | None
 ) -> tuple[Sensor, tuple[str, ...]]:
+    assert settings.kind is not None
     if settings.kind not in SENSORS:
         near = nearest(settings.kind, SENSORS)
         known = ", ".join(sorted({*SENSORS, "custom"}))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import StageSeries
-from tactilevision.recording.settings import ForceSettings
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.records import Floats, ForceSeries
+
+if TYPE_CHECKING:
+    from tactilevision.recording.settings import ForceSettings
 
 
 def read_frame_table(path: Path) -> Table:

@@ -81,7 +81,7 @@ class GelSettings(_Settings):
 class SensorSettings(_Settings):
     """[sensor]"""
 
-    kind: str = Field(default="custom", min_length=1)
+    kind: str | None = None
     serial: str = ""
     mm_per_px: Two | None = None
     width_px: Annotated[int, Field(gt=0)] | None = None
@@ -140,7 +140,7 @@ class Settings(_Settings):
     format: int
     name: str = ""
     date: Annotated[datetime.date, BeforeValidator(_day)] | None = None
-    sensor: SensorSettings | None = None
+    sensor: SensorSettings = SensorSettings()
     force: ForceSettings = ForceSettings()
     depth: DepthSettings = DepthSettings()
     clock: ClockSettings = ClockSettings()

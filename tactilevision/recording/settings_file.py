@@ -67,7 +67,6 @@ def check_sensor(content: dict[str, Any], path: Path) -> tuple[SensorSettings, t
         raise RecordingError("the table [sensor] is missing", where=path, remedy="Put kind = ... under [sensor].")
     alone = {"format": layout.FORMAT, "sensor": content["sensor"]}
     settings, warnings = _checked(alone, path)
-    assert settings.sensor is not None
     return settings.sensor, warnings
 
 

@@ -19,23 +19,28 @@ import numpy.typing as npt
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
-_parked: dict[Path, tuple[cv2.VideoCapture, int]] = {}
+_Key = tuple[Path, int, int]
+_parked: dict[_Key, tuple[cv2.VideoCapture, int]] = {}  # one at most
 _lock = Lock()
 
 
 def iter_video(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Bytes | None]]:
     """Yield (index, rgb) for rising `indices`; rgb is None where the video ends before, or cannot be decoded."""
-    capture, position = _take(path, indices[0] if indices else 0)
+    key = _key(path)
+    capture, position = _take(key, indices[0] if indices else 0)
     going = True
-    for index in indices:
-        while going and position <= index:
-            going = capture.grab()
-            position += 1
-        picture = capture.retrieve()[1] if going else None
-        yield index, None if picture is None else _rgb(np.asarray(picture), path)
-    if going:
-        with _lock:
-            _parked[path] = (capture, position)
+    try:
+        for index in indices:
+            while going and position <= index:
+                going = capture.grab()
+                position += 1
+            picture = capture.retrieve()[1] if going else None
+            yield index, None if picture is None else _rgb(np.asarray(picture), path)
+    finally:
+        if going:
+            with _lock:
+                _parked.clear()
+                _parked[key] = (capture, position)
 
 
 def count_frames(path: Path) -> int:
@@ -51,12 +56,18 @@ def stated_frames(path: Path) -> int:
     return max(int(_open(path).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
 
 
-def _take(path: Path, first: int) -> tuple[cv2.VideoCapture, int]:
+def _key(path: Path) -> _Key:
+    """The file as it is now: one that was written anew is another video."""
+    about = path.stat()
+    return path, about.st_mtime_ns, about.st_size
+
+
+def _take(key: _Key, first: int) -> tuple[cv2.VideoCapture, int]:
     with _lock:
-        parked = _parked.pop(path, None)
+        parked = _parked.pop(key, None)
     if parked is not None and parked[1] <= first:
         return parked
-    return _open(path), 0
+    return _open(key[0]), 0
 
 
 def _open(path: Path) -> cv2.VideoCapture:

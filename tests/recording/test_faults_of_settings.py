@@ -17,6 +17,7 @@ FAULTS = [
     ("format = 1", 'format = "1"', "this version reads format = 1 only (got '1')"),
     ("format = 1", "", "the format's number is missing"),
     ("format = 1", "fromat = 1", "the format's number is missing (got 'fromat')"),
+    ('kind = "custom"\n', "", "[sensor] kind is missing. State one of gelslim3"),
     ("format = 1", "format =", "recording.toml, line 1: is not TOML"),
     ("[sensor.gel]", "[sensor.gel", "recording.toml, line 11: is not TOML"),
     ('kind = "custom"', "kind = custom", "recording.toml, line 6: is not TOML"),

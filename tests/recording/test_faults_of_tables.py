@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_recording import edit, write_small
+from small_recording import edit, picture, write_small
 
 from tactilevision.errors import RecordingError
-from tactilevision.recording import read_recording
+from tactilevision.recording import read_recording, write_image
 
 HEAD = "time_s,fx_N,fy_N,fz_N\n"
 POINTS = "press,indenter,depth_mm,fz_N"
@@ -47,7 +47,7 @@ EDITS = [
     ),
     ("frames.csv", "f2.png", "f2", "Write its name with its ending: f2.png"),
     ("frames.csv", "f2.png", "", "frames.csv, line 4: column frame is empty"),
-    ("presses.csv", "1,A1,0.1,0.4", "1,A1,0.4,0.1", "presses.csv, line 2: the press ends before it starts"),
+    ("presses.csv", "1,A1,0.1,0.4", "1,A1,0.4,0.1", "presses.csv, line 2: the press does not end after it starts"),
     ("presses.csv", "2,A1,0.5", "2,A1,0.3", "press 2 starts at 0.3 s, before press 1 of line 2 ends at 0.4 s"),
     ("presses.csv", "2,A1", "2,B7", "presses.csv, line 3: indenter B7 is not described in recording.toml"),
     ("presses.csv", "2,A1", "2,a1", "Did you mean A1?"),
@@ -96,6 +96,7 @@ CONTENTS = [
         b"press,indenter,fz_N\n1,A1,1\n",
         "points.csv, line 1: column depth_mm is missing; there are press, indenter, fz_N",
     ),
+    ("points.csv", b"press,indenter,depth_mm,fz_N,fz_std_N\n1,A1,1,1,-1\n", "line 2: fz_std_N must be at least 0"),
     ("points.csv", f"{POINTS}\n1,A1,,1\n".encode(), "points.csv, line 2: column depth_mm holds no number"),
     (
         "points.csv",
@@ -201,3 +202,27 @@ def test_forces_of_the_wrong_sign_are_doubted(folder: Path) -> None:
     assert any("fz_N mostly falls" in warning for warning in read_recording(folder).warnings)
     (folder / "forces.csv").write_text(negative.replace(",-0.1,-", ",-0.1,"))
     assert read_recording(folder).warnings == ()
+
+
+def test_forces_that_miss_a_moment_of_free_gel_are_a_warning(folder: Path) -> None:
+    edit(folder / "presses.csv", "0.5,0.9", "0.5,1.0")  # readings end at 0.99 s: one step before
+    assert read_recording(folder).warnings == ()
+    edit(folder / "presses.csv", "0.5,1.0", "0.5,1.025")
+    assert any("the readings end early: at 0.99 s" in warning for warning in read_recording(folder).warnings)
+    edit(folder / "presses.csv", "0.5,1.025", "0.5,1.06")
+    assert "the readings end early: at 0.99 s, but press 2 ends at 1.06 s" in message(folder)
+
+
+def test_a_reference_of_another_size_is_named(folder: Path) -> None:
+    write_image(folder / "reference/flat/untouched.png", picture(1, width=40))
+    assert "untouched.png: the reference is 40 x 24, the frames 32 x 24" in message(folder)
+
+
+def test_presses_that_touch_do_not_overlap(folder: Path) -> None:
+    edit(folder / "presses.csv", "2,A1,0.5", "2,A1,0.4")
+    assert len(read_recording(folder).presses) == 2
+
+
+def test_a_depth_beyond_the_gel_is_doubted(folder: Path) -> None:
+    (folder / "points.csv").write_text("press,indenter,depth_mm,fz_N,accepted\n1,A1,300,1,true\n2,A1,,1,false\n")
+    assert any("depth_mm = 300 exceeds" in warning for warning in read_recording(folder).warnings)

@@ -133,6 +133,8 @@ def make_video_recording(folder: Path, name: str, code: str, count: int = 10) ->
     write_video(folder / name, code, [flat_picture(index) for index in range(count)])
     text = (folder / "frames.csv").read_text().replace("f", "").replace(".png", "")
     (folder / "frames.csv").write_text("f" + text)
+    for name_of in ("flat/untouched.png", "ball/b1.png"):
+        write_image(folder / "reference" / name_of, flat_picture(0))
     settings = (folder / "recording.toml").read_text().replace("= 32", "= 48").replace("= 24", "= 48")
     (folder / "recording.toml").write_text(settings)
     return folder

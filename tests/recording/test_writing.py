@@ -41,6 +41,7 @@ def printed(value: float) -> float:
 number = st.floats(-1e6, 1e6, allow_nan=False).map(printed)
 positive = st.floats(1e-4, 0.9).map(printed)
 maybe = st.one_of(st.just(math.nan), number)
+not_negative = maybe.map(abs)
 # labels may hold commas, quotes, line breaks inside, letters of any script; spaces around them do not count
 label = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=8).filter(
     lambda text: text == text.strip() != ""
@@ -76,7 +77,7 @@ def points(draw: st.DrawFn) -> list[CertifiedPoint]:
     for press in draw(st.lists(label, min_size=1, max_size=4, unique=True)):
         accepted = draw(st.booleans())
         main = number if accepted else maybe
-        more: dict[str, Any] = {name: draw(maybe) for name in POINT_NUMBERS}
+        more: dict[str, Any] = {name: draw(not_negative if "std" in name else maybe) for name in POINT_NUMBERS}
         more |= {"accepted": accepted, "reason": "" if accepted else draw(st.sampled_from(records.REASONS))}
         found.append(CertifiedPoint(press, "A1", draw(main), draw(main), **more, extra={"note": draw(note)}))
     return found
