@@ -94,7 +94,7 @@ def plan_presses(options: SimulationOptions, rng: np.random.Generator) -> tuple[
         press = _press(options, rng, label=f"p{number:02d}", indenter=(name, heights[name]), fault=fault)
         press = _placed(press, clock_s, released_s, free_after_s=0.25 if hurried else press.protocol.free_s)
         presses.append(press)
-        released_s = press.motion.loading_time_s(float(np.max(press.motion.face_mm))) + press.protocol.hold_s
+        released_s = press.motion.released_s()
         clock_s = press.end_s + (0.02 if hurried else options.rig.protocol.rest_s * rng.uniform(0.9, 1.3))
     return tuple(presses)
 
@@ -112,12 +112,12 @@ def _press(
     slope = (float(tilt[0]), float(tilt[1]))
     touch = bevel.touch_depth_mm(profile, slope)
     deepest = touch * 0.75 if fault == "bevel_not_touched" else touch + rig.protocol.overtravel_mm
-    protocol = replace(rig.protocol, free_s=0.05) if fault == "short_rest" else rig.protocol
+    protocol = replace(rig.protocol, free_s=0.05, gap_mm=0.02) if fault == "short_rest" else rig.protocol
     ratio = rng.uniform(0.2, 0.3) if fault == "tangential" else rig.tangential * rng.uniform(0.3, 1.0)
     aside = _direction(rng) * ratio
     centre = _centre(options, rng, cut=fault == "border")
     gain = 1 + rig.gain_std * rng.standard_normal()
-    return PlannedPress(label, indenter[0], fault, move(0.0, protocol, touch, deepest), protocol, centre, slope,
+    return PlannedPress(label, indenter[0], fault, move(protocol, touch, deepest), protocol, centre, slope,
                         profile, bevel, touch, 0.0, float(gain), (float(aside[0]), float(aside[1])))  # fmt: skip
 
 

@@ -16,17 +16,17 @@ from tactilevision.synthetic.gel import Bevel
 from tactilevision.synthetic.profile import PunchProfile
 
 QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)
-_GAP_MM = 0.15  # of air before the ramp
 
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
     """How every press runs: `free_s` in air before the ramp and after the release, speeds, pauses.
 
-    `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face goes on after it.
+    `gap_mm` of air lie between the resting face and the gel. `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face goes on after it.
     """
 
     free_s: float = 0.8
+    gap_mm: float = 0.15
     rest_s: float = 3.0
     speed_mm_s: float = 0.25
     release_mm_s: float = 1.0
@@ -53,6 +53,11 @@ class Motion:
             return float("nan")
         return float(np.interp(depth_mm, self.face_mm[: turn + 1], self.time_s[: turn + 1]))
 
+    def released_s(self) -> float:
+        """When the face leaves the gel."""
+        turn = self.face_mm.size - 1 - int(np.argmax(self.face_mm[::-1]))
+        return float(np.interp(0.0, -self.face_mm[turn:], self.time_s[turn:]))
+
     def phase_at(self, time_s: Floats) -> list[str]:
         """Free, load, hold or unload at each time."""
         spans = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.phase) - 1)
@@ -60,22 +65,22 @@ class Motion:
         return ["free" if face <= 0 else word for face, word in zip(self.at(time_s), words, strict=True)]
 
 
-def move(start_s: float, protocol: Protocol, touch_mm: float, deepest_mm: float) -> Motion:
+def move(protocol: Protocol, touch_mm: float, deepest_mm: float) -> Motion:
     """Air, ramp to the bevel's touch, the dwell there, on to the deepest point, hold, release, air."""
-    legs = [(protocol.free_s, -_GAP_MM, "free")]
+    legs = [(protocol.free_s, -protocol.gap_mm, "free")]
     if touch_mm < deepest_mm:
-        legs.append(((touch_mm + _GAP_MM) / protocol.speed_mm_s, touch_mm, "load"))
+        legs.append(((touch_mm + protocol.gap_mm) / protocol.speed_mm_s, touch_mm, "load"))
         if protocol.dwell_s > 0:
             legs.append((protocol.dwell_s, touch_mm, "hold"))
     travelled = legs[-1][1]
     legs += [
         ((deepest_mm - travelled) / protocol.speed_mm_s, deepest_mm, "load"),
         (protocol.hold_s, deepest_mm, "hold"),
-        ((deepest_mm + _GAP_MM) / protocol.release_mm_s, -_GAP_MM, "unload"),
-        (protocol.free_s, -_GAP_MM, "free"),
+        ((deepest_mm + protocol.gap_mm) / protocol.release_mm_s, -protocol.gap_mm, "unload"),
+        (protocol.free_s, -protocol.gap_mm, "free"),
     ]
-    times = start_s + np.concatenate([[0.0], np.cumsum([leg[0] for leg in legs])])
-    return Motion(times, np.array([-_GAP_MM] + [leg[1] for leg in legs]), tuple(leg[2] for leg in legs))
+    times = np.concatenate([[0.0], np.cumsum([leg[0] for leg in legs])])
+    return Motion(times, np.array([-protocol.gap_mm] + [leg[1] for leg in legs]), tuple(leg[2] for leg in legs))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
 from tactilevision.files import write_text
+from tactilevision.recording import Recording, write_recording
+from tactilevision.records import CertifiedPoint, Gel, Indenter, Sensor
 from tactilevision.synthetic.options import GelOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
-from tactilevision.synthetic.writing import write_rows, write_toml
 
 GELSLIM3_SEED = 20261121
 
@@ -46,27 +46,24 @@ def make_samples(folder: Path | str) -> None:
 
 def write_paper_points(folder: Path) -> None:
     """The paper's five presses as certified points, rebuilt from its printed line."""
-    rows: list[dict[str, object]] = []
-    for number, depth in enumerate(_PAPER_DEPTHS_MM, start=1):
-        stiffness = _PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * depth / _PAPER_THICKNESS_MM
-        rows.append(
-            {"press": number, "indenter": f"A{number}", "depth_mm": depth, "fz_N": round(stiffness * depth, 4)}
+    made = [
+        (
+            f"A{i}",
+            depth,
+            round((_PAPER_INTERCEPT_N_MM + _PAPER_SLOPE_N_MM * depth / _PAPER_THICKNESS_MM) * depth, 4),
         )
-    write_rows(folder / "points.csv", rows)
-    indenters: dict[str, Any] = {
-        f"A{number}": {"shape": "flat_cylinder", "radius_mm": 2.5, "height_mm": depth}
-        for number, depth in enumerate(_PAPER_DEPTHS_MM, start=1)
-    }
-    gel = {"thickness_mm": _PAPER_THICKNESS_MM, "shape": "disc", "radius_mm": 15.0}
-    write_toml(
-        folder / "recording.toml",
-        {
-            "format": 1,
-            "name": "paper-points",
-            "sensor": {"kind": "gelslim3", "mm_per_px": 0.0634, "gel": gel},
-            "depth": {"source": "gauge"},
-            "indenter": indenters,
-        },
+        for i, depth in enumerate(_PAPER_DEPTHS_MM, start=1)
+    ]
+    gel = Gel(thickness_mm=_PAPER_THICKNESS_MM, shape="disc", radius_mm=15.0)
+    write_recording(
+        Recording(
+            path=folder,
+            name="paper-points",
+            sensor=Sensor("gelslim3", 427, 320, (0.0634, 0.0634), gel=gel),
+            depth_source="gauge",
+            indenters={name: Indenter(name, radius_mm=2.5, height_mm=depth) for name, depth, _ in made},
+            points=tuple(CertifiedPoint(name[1:], name, depth, force) for name, depth, force in made),
+        )
     )
 
 

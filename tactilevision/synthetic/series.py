@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactilevision.records import Floats
+from tactilevision.records import CertifiedPoint, Curve, Floats
 from tactilevision.synthetic.story import Story, stream
 
 DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
@@ -23,41 +23,37 @@ def read_forces(story: Story) -> tuple[Floats, Floats]:
             touch = float(story.law.force_N(press.touch_mm))
             force[rows, 2] += story.sensor.range_N - story.sensor.bias_N[2] - 0.7 * touch
     readings = story.sensor.read(force, camera_clock, rng)
-    return camera_clock + story.clock_offset_s, readings
+    return np.round(camera_clock + story.clock_offset_s, 4), readings
 
 
-def certified(story: Story) -> list[dict[str, object]]:
-    """Rows of points.csv: what a perfect eye would certify, with the force sensor's noise of one second."""
+def certified(story: Story) -> tuple[CertifiedPoint, ...]:
+    """What a perfect eye would certify, with the force sensor's noise of one second and the workshop's heights."""
     rng = stream(story.seed, 1)
-    rows: list[dict[str, object]] = []
     noise = np.asarray(story.sensor.noise_N) / np.sqrt(story.options.rig.force_rate_Hz)
-    machined = dict(zip(_names(story), story.options.indenters.heights_mm, strict=True))
+    kit = story.options.indenters
+    points = []
     for press in (p for p in story.presses if not p.fault):
-        force = story.law.force_N(press.touch_mm) * press.gain
-        fx, fy, fz = force * np.array([*press.tangential, 1.0]) + noise * rng.standard_normal(3)
-        depth = press.touch_mm + machined[press.indenter] - press.bevel.height_mm
-        rows.append({
-            "press": press.label, "indenter": press.indenter, "depth_mm": round(depth, 6), "fz_N": round(fz, 6),
-            "depth_std_mm": story.options.indenters.height_std_mm, "fz_std_N": round(float(noise[2]), 6),
-            "fx_N": round(fx, 6), "fy_N": round(fy, 6), "time_s": round(press.touch_time_s, 4),
-            "rest_s": round(press.rest_s, 3), "speed_mm_s": press.protocol.speed_mm_s,
-        })  # fmt: skip
-    return rows
+        normal = float(story.law.force_N(press.touch_mm)) * press.gain
+        fx, fy, fz = (
+            round(float(f), 6) for f in normal * np.array([*press.tangential, 1.0]) + noise * rng.normal(size=3)
+        )
+        machined = kit.heights_mm[int(press.indenter[1:]) - 1]
+        points.append(CertifiedPoint(
+            press.label, press.indenter, round(press.touch_mm + machined - press.bevel.height_mm, 6), fz,
+            depth_std_mm=kit.height_std_mm, fz_std_N=round(float(noise[2]), 6), fx_N=fx, fy_N=fy,
+            time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3), speed_mm_s=press.protocol.speed_mm_s,
+        ))  # fmt: skip
+    return tuple(points)
 
 
-def curves(story: Story) -> list[dict[str, object]]:
-    """Rows of curves.csv: depth of the gel and force against time at 50 Hz, on the camera's clock."""
+def curves(story: Story) -> tuple[Curve, ...]:
+    """Depth of the gel and force against time at 50 Hz, on the camera's clock."""
     rng = stream(story.seed, 1)
-    rows: list[dict[str, object]] = []
+    made = []
     for press in (p for p in story.presses if not p.fault):
-        time_s = np.arange(press.start_s, press.end_s, 0.02)
+        time_s = np.round(np.arange(press.start_s, press.end_s, 0.02), 4)
         depth = np.maximum(press.motion.at(time_s), 0.0) + DEPTH_STD_MM * rng.standard_normal(time_s.size)
         force = press.force_N(time_s, story.law) + rng.standard_normal((time_s.size, 3)) * story.sensor.noise_N
-        for t, w, f, phase in zip(time_s, depth, force, press.motion.phase_at(time_s), strict=True):
-            rows.append({"press": press.label, "phase": phase, "time_s": round(t, 4), "depth_mm": round(w, 5),
-                         "fx_N": round(f[0], 5), "fy_N": round(f[1], 5), "fz_N": round(f[2], 5)})  # fmt: skip
-    return rows
-
-
-def _names(story: Story) -> list[str]:
-    return [f"A{i + 1}" for i in range(len(story.options.indenters.heights_mm))]
+        phase = np.array(press.motion.phase_at(time_s))
+        made.append(Curve(press.label, time_s, np.round(depth, 5), np.round(force, 5), phase))
+    return tuple(made)

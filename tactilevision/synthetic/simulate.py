@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tactilevision.recording import Recording, layout, write_image, write_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import writing
 from tactilevision.synthetic.gel import Flat
-from tactilevision.synthetic.optics import build_camera, distortion
+from tactilevision.synthetic.optics import build_camera
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
 from tactilevision.synthetic.reference import BallPress, picture_still, plan_balls
-from tactilevision.synthetic.series import certified, curves, read_forces
 from tactilevision.synthetic.story import Story, stream, tell
 from tactilevision.synthetic.truth import truth_of
 
@@ -32,16 +33,11 @@ def simulate(
     options = options or SimulationOptions()
     folder = Path(out)
     story = tell(options, seed)
-    writing.write_settings(folder, options, story.clock_offset_s)
+    record = writing.recording_of(folder, story)
+    if record.forces is not None:
+        record = _pictured(record, story, progress or (lambda done, of: None))
     writing.write_toml(folder / "truth.toml", truth_of(story))
-    if options.frames == "points":
-        writing.write_points(folder, certified(story))
-    elif options.frames == "curves":
-        writing.write_curves(folder, curves(story))
-    else:
-        writing.write_presses(folder, story.presses)
-        writing.write_forces(folder, *read_forces(story))
-        _write_pictures(folder, story, progress or (lambda done, of: None))
+    write_recording(record)
     return folder
 
 
@@ -75,29 +71,28 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 
-def _write_pictures(folder: Path, story: Story, progress: Progress) -> None:
-    options = story.options
+def _pictured(record: Recording, story: Story, progress: Progress) -> Recording:
+    """Write the pictures and give the record that lists them."""
+    options, folder = story.options, record.path
     camera = build_camera(options.camera, stream(story.seed, 3))
-    if options.camera.distortion_px > 0:
-        writing.write_maps(folder, *distortion(options.camera).to_rectified)
-    plan = frame_times(story)
-    balls = _balls(story)
-    total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
     rng = stream(story.seed, 4)
-    with writing.FrameWriter(folder, options) as frames:
-        for press, times in plan:
-            for time_s in times:
-                frames.add(camera.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
-                progress(done := done + 1, total)
-        if options.torn_frame:
-            frames.tear(_unimportant(plan))
-    for i in range(options.flats):
-        writing.write_image(folder / f"reference/flat/{i:02d}.png", picture_still(camera, Flat(), rng))
+    plan, balls = frame_times(story), _balls(story)
+    total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
+    frames = writing.FrameWriter(folder, options)
+    for press, times in plan:
+        for time_s in times:
+            frames.add(camera.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
+            progress(done := done + 1, total)
+    if options.torn_frame:
+        frames.tear(_unimportant(plan))
+    records = writing.ball_records(folder, balls, camera.grid, stated=options.state_balls)
+    flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
+    stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
+    for path, surface in stills:
+        write_image(path, picture_still(camera, surface, rng))
         progress(done := done + 1, total)
-    for i, ball in enumerate(balls):
-        writing.write_image(folder / f"reference/ball/{i:02d}.png", picture_still(camera, ball, rng))
-        progress(done := done + 1, total)
-    writing.write_balls(folder, balls, camera.grid, stated=options.state_balls)
+    names, times_s = tuple(frames.names), np.array(frames.times_s)
+    return replace(record, frame_names=names, frame_times_s=times_s, balls=records)
 
 
 def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
