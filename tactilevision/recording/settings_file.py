@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -117,21 +117,21 @@ def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) 
             yield (*place, key), nearest(key, absent)
             continue
         inner = model.model_fields[known[key]].annotation
-        if (one := _model_in(inner)) and isinstance(value, dict):
-            tables = value.items() if one is not inner and dict in _origins(inner) else [("", value)]
-            for name, table in tables:
-                if isinstance(table, dict):
-                    yield from _unknown(one, table, (*place, key, name) if name else (*place, key))
+        table = _table_of(inner)
+        if table is None or not isinstance(value, dict):
+            continue
+        if get_origin(inner) is dict:
+            for name, one in value.items():
+                yield from _unknown(table, one if isinstance(one, dict) else {}, (*place, key, name))
+        else:
+            yield from _unknown(table, value, (*place, key))
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
+def _table_of(annotation: Any) -> type[BaseModel] | None:
+    """The table that a key opens, also where it is optional or one of many; None for a plain value."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
-
-
-def _origins(annotation: Any) -> list[Any]:
-    return [getattr(annotation, "__origin__", None)]
+    return next((found for part in get_args(annotation) if (found := _table_of(part))), None)
 
 
 # pydantic's findings in our words, and what to do

@@ -53,13 +53,19 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            return _read(path, csv.reader(stream, strict=True), columns, least_rows)
+            rows = csv.reader(stream, strict=True)
+            try:
+                return _read(path, rows, columns, least_rows)
+            except csv.Error as fault:
+                raise RecordingError(
+                    f"is not CSV: {fault}",
+                    where=f"{path}, line {rows.line_num}",
+                    remedy="A quotation mark must be closed.",
+                ) from fault
     except UnicodeDecodeError as fault:
         raise RecordingError(
             "is not UTF-8 text", where=f"{path}, line {_undecodable(path)}", remedy="Save it as CSV UTF-8."
         ) from fault
-    except csv.Error as fault:
-        raise RecordingError(f"is not a CSV table: {fault}", where=path) from fault
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
 
@@ -67,11 +73,9 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
 def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
     header = _header(path, next(rows, None), columns)
     lines = array("q")
-    number_names = {
-        name for name in header if name in columns.numbers + columns.gap_numbers + columns.maybe_numbers
-    }
-    numbers = {name: array("d") for name in header if name in number_names}
-    texts: dict[str, list[str]] = {name: [] for name in header if name not in number_names}
+    numeric = columns.numbers + columns.gap_numbers + columns.maybe_numbers
+    numbers = {name: array("d") for name in header if name in numeric}
+    texts: dict[str, list[str]] = {name: [] for name in header if name not in numeric}
     for chunk_lines, chunk in _chunks(path, rows, len(header)):
         lines.extend(chunk_lines)
         for name, cells in zip(header, zip(*chunk, strict=True), strict=True):
@@ -80,16 +84,13 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
                 numbers[name].extend(_numbers(path, name, cells, chunk_lines, empty_allowed))
             else:
                 texts[name].extend(map(str.strip, cells))
+    if not lines:
+        raise RecordingError("has no rows under its header", where=path)
     if len(lines) < least_rows:
-        rest = (
-            "has no rows under its header"
-            if not lines
-            else f"has {len(lines)} row, at least {least_rows} are needed"
-        )
-        raise RecordingError(rest, where=path)
+        raise RecordingError(f"has {len(lines)} row, at least {least_rows} are needed", where=path)
     table = Table(
         path,
-        np.frombuffer(lines, dtype=np.int64) if lines else np.zeros(0, np.int64),
+        np.array(lines, dtype=np.int64),
         numbers={name: np.array(values) for name, values in numbers.items()},
         words={name: texts[name] for name in header if name in columns.words + columns.maybe_words},
         extra={name: _guess(texts[name]) for name in header if name not in columns.known},

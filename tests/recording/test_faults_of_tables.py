@@ -79,7 +79,7 @@ CONTENTS = [
     ("forces.csv", b"time_s;fx_N;fy_N;fz_N\n0;0;0;0\n", "line 1: its columns are separated by semicolons"),
     ("forces.csv", b"time_s\tfx_N\tfy_N\tfz_N\n0\t0\t0\t0\n", "line 1: its columns are separated by tabs"),
     ("forces.csv", HEAD.encode() + b"0,0,0,0\n1,0,0,\xff\n", "forces.csv, line 3: is not UTF-8 text"),
-    ("forces.csv", HEAD.encode() + b'0,0,0,"0\n', "forces.csv: is not a CSV table"),
+    ("forces.csv", HEAD.encode() + b'0,0,0,"0\n', "forces.csv, line 2: is not CSV: unexpected end of data"),
     ("stage.csv", b"time_s,z_mm\n1,0\n0,0\n", "stage.csv, line 3: time_s goes backwards, from 1 to 0"),
     (
         "curves.csv",
