@@ -19,13 +19,16 @@ from calibration.minimise import Box, Minimum, differentiate, minimise
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener, base_noise
 from calibration.parameters import Parameter
-from calibration.reml import estimate_noise
+from calibration.reml import UNKNOWN_SHARE, estimate_noise
 from calibration.tolerances import with_tolerances
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Estimate, Floats, Pair
 
+TOO_FEW = (
+    "there are no more measurements than parameters and no noise is stated: the intervals rest on an assumed "
+    "noise of 2 % of the largest force"
+)
 ROUNDS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
-SIMPLE_SCALE = 0.02  # of the largest force: the noise that a first fit assumes where none is stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +91,23 @@ class Fit:
         k = self.index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
+    def reach(self, gradient: Floats) -> float:
+        """How many std a 95 % interval of a linear function of the parameters reaches.
+
+        Only the part that the noise brings has few degrees of freedom; what a prior brings is known as stated
+        (Satterthwaite, Biometrics 2 (1946) 110).
+        """
+        whole = float(gradient @ self.covariance @ gradient)
+        precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
+        stated = float(np.sum(precision * (self.covariance @ gradient) ** 2))
+        share = (whole - stated) / whole if whole > 0 else 1.0
+        return quantile95(self.noise.dof / max(share, 1e-6) ** 2)
+
     def estimate(self, name: str) -> Estimate:
         """A parameter with its std and 95 % interval, which stays inside the bounds."""
         k = self.index(name)
         parameter, value, std = self.parameters[k], float(self.values[k]), self.std(name)
-        reach = quantile95(self.noise.dof) * std
+        reach = self.reach(np.eye(self.values.size)[k]) * std
         low, high = np.clip([value - reach, value + reach], *parameter.bounds)
         return Estimate(value, std, (float(low), float(high)), parameter.unit)
 
@@ -124,7 +139,8 @@ def fit(model: Model, data: Observations, *, noise: Noise | None = None, starts:
         points = values[None]
         if noise is None and turn < ROUNDS - 1:
             current = _noise_of(problem, values, about, stated)
-    return _finish(problem, found, current, about)
+    fitted = _finish(problem, found, current, about)
+    return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
 
 
 def refit(fitted: Fit, data: Observations) -> Fit:
@@ -141,7 +157,7 @@ def linearise(model: Model, values: Floats, data: Observations) -> tuple[Linear,
 
 def first_noise(data: Observations, about: Linear, stated: bool) -> Noise:
     """The noise assumed before there is a residual."""
-    scale = 1.0 if stated else SIMPLE_SCALE * float(np.max(np.abs(data.normal_N)))
+    scale = 1.0 if stated else UNKNOWN_SHARE * float(np.max(np.abs(data.normal_N)))
     shared = data.is_curves
     return Noise(scale, 0.005 if shared else 0.0, 0.004 if shared else 0.0, stated=stated)
 

@@ -20,6 +20,7 @@ from calibration.noise import Linear, Noise
 from tactilevision.records import Floats
 
 TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0
+UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95)
 
@@ -41,6 +42,8 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     dof = max(data.size - jacobian.shape[1] + float(np.count_nonzero(np.diag(precision))), 0.0)
     first = Noise(1.0 if stated else max(float(np.std(residual_N)), 1e-9), stated=stated)
     shared = data.is_curves
+    if dof < 1 and not stated:  # nothing is left over to estimate it from
+        return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     best, lowest = first, np.inf
     for rho in CORRELATIONS if shared else (0.0,):
         grams = inner_products(data, about, residual_N, jacobian, precision, rho)

@@ -8,5 +8,15 @@ from types import MappingProxyType
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.stages import Law
+from tactilevision.errors import InputError
 
 LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper())})
+
+
+def get_law(key: str) -> Law:
+    """The law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
+    name = "flat_punch" if key == "default" else key
+    if name not in LAWS:
+        raise InputError("there is no contact law of this name", where="law", value=key,
+                         remedy=f"Choose among: default, {', '.join(LAWS)}.")  # fmt: skip
+    return LAWS[name]

@@ -19,6 +19,7 @@ from calibration.data import Observations
 from calibration.model import Composable
 from calibration.parameters import Parameter, Prior
 from calibration.stages import State
+from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from tactilevision.records import Floats, Gel, Pair
 
@@ -29,9 +30,13 @@ STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its la
 
 @dataclass(frozen=True, slots=True)
 class FlatPunch(Composable):
-    """The default law. `free_poisson_ratio` lets nu vary where several radii may fix it."""
+    """The default law. `free_poisson_ratio` lets nu vary where several radii may fix it.
+
+    `sticking` from 0 (frictionless) to 1 (the gel sticks to the face) adds that share of the surplus stiffness.
+    """
 
     free_poisson_ratio: bool = False
+    sticking: float = 0.0
 
     @property
     def key(self) -> str:
@@ -47,6 +52,10 @@ class FlatPunch(Composable):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
         stiffness = state.factor * punch_stiffness(values[0], values[1], state.radius_mm, state.thickness_mm)
+        if self.sticking:
+            ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
+            surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
+            stiffness = stiffness * (1 + self.sticking * surplus[radius_number(data)])
         beta = values[2:][radius_number(data)]
         depth = np.maximum(state.depth_mm, 0)
         force = stiffness * depth * (1 + beta * depth / state.thickness_mm)

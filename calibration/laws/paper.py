@@ -57,6 +57,10 @@ def poisson_from_beta(beta: float) -> float:
 def modulus_from(c_N_per_mm: float, beta: float, radius_mm: float) -> float:
     """E in MPa by the published route; NaN where its nu leaves [0, 0.5)."""
     nu = poisson_from_beta(beta)
-    if not 0 <= nu < 0.5:
-        return float("nan")
-    return float(c_N_per_mm * (1 - nu**2) / (2 * radius_mm * fast_kappa(nu, A_OVER_H)))
+    return modulus_at(c_N_per_mm, nu, radius_mm) if 0 <= nu < 0.5 else float("nan")
+
+
+def modulus_at(c_N_per_mm: float, poisson_ratio: float, radius_mm: float) -> float:
+    """E in MPa at a given nu, with kappa at a/h = 0.8."""
+    kappa = float(fast_kappa(poisson_ratio, A_OVER_H))
+    return c_N_per_mm * (1 - poisson_ratio**2) / (2 * radius_mm * kappa)

@@ -1,0 +1,111 @@
+"""From depth and force to a material: the whole of a calibration in one call.
+
+result = calibrate(Measured(recording, points=certificate.points))
+write_json("calibration.json", result.as_json())
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.checks import check
+from calibration.data import Measured, Observations
+from calibration.fitting import Fit, fit
+from calibration.identify import identify, main_radius
+from calibration.laws import get_law
+from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.paper import Paper
+from calibration.model import Model
+from calibration.observe import observe_curves, observe_points
+from calibration.published import published_route
+from calibration.repeats import allow_for_indenters, noise_floor
+from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.stages import Law
+from calibration.theory import beta_outside_theory
+from tactilevision.errors import NothingCertified
+from tactilevision.records import Estimate, Gel
+
+
+def calibrate(
+    measured: Measured | Sequence[Measured],
+    *,
+    law: Law | str = "default",
+    effects: Model | None = None,
+    clock_offset: Estimate | None = None,
+    bulge: Estimate | None = None,
+) -> CalibrationResult:
+    """Fit a law to the accepted points, or to the curves where there are no points.
+
+    `law` a Law or the key of one ("default" is flat_punch); `effects` a model whose effects are fitted along;
+    `clock_offset` and `bulge` (nu from the rise beside the punch) come from the certificate, where it has them.
+    Raises NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
+    """
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    data = observe(sets)
+    if bulge is not None and bulge.value is not None:
+        data = replace(data, gel=_with_bulge(data.gel, bulge))
+    chosen = get_law(law) if isinstance(law, str) else law
+    check(data)
+    model = Model(_free(chosen, data), effects.effects if effects else ())
+    result = conclude(allow_for_indenters(fit(model, data)))
+    rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
+    result = replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+    if bulge is not None and bulge.value is not None and result.poisson_ratio_source == "prior":
+        result = replace(result, poisson_ratio_source="bulge")
+    return result
+
+
+def observe(sets: Sequence[Measured]) -> Observations:
+    """The accepted points of these recordings, or their curves where no recording has points."""
+    if any(m.points for m in sets):
+        if not any(p.accepted for m in sets for p in m.points):
+            reasons = "; ".join(f"{p.press}: {p.reason or 'rejected'}" for m in sets for p in m.points)
+            raise NothingCertified(f"no press can be trusted ({reasons})")
+        return observe_points(sets)
+    return observe_curves(sets)
+
+
+def conclude(fitted: Fit) -> CalibrationResult:
+    """The material behind a fit of any law in the catalogue."""
+    return published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+
+
+def _free(law: Law, data: Observations) -> Law:
+    """The default law lets nu vary where several radii may fix it."""
+    several = np.unique(data.presses.radius_mm).size > 1
+    if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
+        return replace(law, free_poisson_ratio=True)
+    return law
+
+
+def _with_bulge(gel: Gel, bulge: Estimate) -> Gel:
+    """The gel with nu from the bulge, weighed with a stated prior where there is one."""
+    assert bulge.value is not None
+    std = bulge.std or 0.005
+    if gel.poisson_ratio is None:
+        return replace(gel, poisson_ratio=min(bulge.value, 0.4999), poisson_ratio_std=std)
+    prior_std = 0.005 if gel.poisson_ratio_std is None else gel.poisson_ratio_std
+    if prior_std == 0:
+        return gel
+    weights = np.array([1 / std**2, 1 / prior_std**2])
+    mean = float(weights @ [bulge.value, gel.poisson_ratio] / weights.sum())
+    return replace(gel, poisson_ratio=min(mean, 0.4999), poisson_ratio_std=float(weights.sum() ** -0.5))
+
+
+def _of_default(fitted: Fit) -> CalibrationResult:
+    known = identify(fitted)
+    radius = main_radius(fitted)
+    outside = beta_outside_theory(known.beta, known.poisson_ratio, radius / fitted.data.gel.thickness_mm)
+    return CalibrationResult(
+        youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
+        c=known.c, beta=known.beta, reduced_modulus=known.reduced_modulus,
+        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
+        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted),
+        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
+        by_radius=known.by_radius, assumptions=(*common_assumptions(fitted), *known.assumptions),
+        warnings=(*fitted.warnings, *fitted.data.warnings, *([outside] if outside else [])),
+        flags=("beta_outside_theory",) if outside else (),
+    )  # fmt: skip

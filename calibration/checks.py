@@ -1,0 +1,103 @@
+"""What measurements must satisfy before a contact law is fitted to them; each fault has its own sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from calibration.data import Observations
+from tactilevision.errors import InputError
+from tactilevision.records import Floats, Indenter
+
+SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
+
+
+def check(data: Observations, *, shape: str = "flat_cylinder") -> None:
+    """Raise InputError for the first fault found; return nothing where there is none."""
+    for fault in faults(data, shape=shape):
+        raise fault
+
+
+def faults(data: Observations, *, shape: str) -> Iterator[InputError]:
+    """Every fault of these data, the plainest first."""
+    yield from _gel(data)
+    for indenter in data.indenters:
+        yield from _indenter(data, indenter, shape)
+    yield from _depths(data)
+    yield from _forces(data)
+
+
+def _gel(data: Observations) -> Iterator[InputError]:
+    gel = data.gel
+    if not (np.isfinite(gel.thickness_mm) and gel.thickness_mm > 0):
+        yield InputError("the gel's thickness lies above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
+    if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
+        yield InputError("Poisson's ratio lies in [0, 0.5)", where="[sensor.gel]", value=gel.poisson_ratio,
+                         remedy="For an incompressible gel take 0.4999.")  # fmt: skip
+
+
+def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[InputError]:
+    where, radius = f"[indenter.{indenter.name}]", indenter.radius_mm
+    if indenter.shape != shape:
+        yield InputError(f"this law is for a {shape}", where=where, value=indenter.shape,
+                         remedy="Leave its presses out, or choose the law for its shape.")  # fmt: skip
+    if shape != "cone" and not (np.isfinite(radius) and radius > 0):
+        yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)
+    half = _half_width(data)
+    if shape == "flat_cylinder" and half is not None and radius >= half:
+        yield InputError("the punch is as wide as the gel pad", where=where, value=radius,
+                         remedy=f"The pad reaches {half:g} mm from its centre.")  # fmt: skip
+
+
+def _half_width(data: Observations) -> float | None:
+    if data.gel.shape == "disc":
+        return data.gel.radius_mm
+    if data.gel.shape == "rectangle" and data.gel.size_mm is not None:
+        return min(data.gel.size_mm) / 2
+    return None
+
+
+def _depths(data: Observations) -> Iterator[InputError]:
+    touching = data.phase != "free"
+    depth = data.depth_mm
+    if not data.is_curves and (depth <= 0).any():
+        k = int(np.flatnonzero(depth <= 0)[0])
+        yield InputError("a certified depth lies above 0 mm", where=_press(data, k), value=float(depth[k]),
+                         remedy="Depth is positive into the gel.")  # fmt: skip
+    if not (touching & (depth > 0)).any():
+        yield InputError("no sample lies in the gel", value=float(np.max(depth)),
+                         remedy="Depth is positive into the gel: check its sign.")  # fmt: skip
+        return
+    k = int(np.argmax(depth))
+    if depth[k] > data.gel.thickness_mm:
+        yield InputError("a depth is larger than the gel is thick", where=_press(data, k), value=float(depth[k]),
+                         remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.")  # fmt: skip
+    for radius in np.unique(data.presses.radius_mm):
+        mine = depth[touching & (data.radius_mm == radius)]
+        if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
+            yield InputError("all presses of one radius have one depth, so stiffness and curvature cannot be "
+                             "told apart", where=f"radius {radius:g} mm", value=float(np.median(mine)),
+                             remedy="Press to two depths at least, one twice the other.")  # fmt: skip
+
+
+def _forces(data: Observations) -> Iterator[InputError]:
+    force, depth = data.normal_N, data.depth_mm
+    if not data.is_curves and (force <= 0).any():
+        k = int(np.flatnonzero(force <= 0)[0])
+        yield InputError("the normal force of a certified point lies above 0 N", where=_press(data, k),
+                         value=float(force[k]), remedy="fz_N is positive when the indenter pushes.")  # fmt: skip
+    for radius in np.unique(data.presses.radius_mm):
+        mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
+        if mine.sum() > 1 and _falls(depth[mine], force[mine]):
+            yield InputError("the force falls as the depth grows", where=f"radius {radius:g} mm",
+                             remedy="Check the sign of fz_N, and that depth and force match.")  # fmt: skip
+
+
+def _falls(depth: Floats, force: Floats) -> bool:
+    """True where force and depth go opposite ways."""
+    return bool(np.sum((depth - depth.mean()) * (force - force.mean())) < 0)
+
+
+def _press(data: Observations, sample: int) -> str:
+    return f"press {data.presses.label[int(data.press[sample])]}"

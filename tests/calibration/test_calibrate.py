@@ -1,0 +1,240 @@
+"""From points to E and nu: the published numbers, honest intervals, and a sentence for every bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
+
+from calibration.calibrate import calibrate
+from calibration.data import Measured
+from calibration.history import history
+from calibration.sticking import exact_surplus, sticking_surplus
+from tactilevision.errors import InputError, NothingCertified
+from tactilevision.records import Curve, Gel, Indenter, Press, Sensor
+
+PAPER = Path(__file__).parents[3] / "shared" / "reference" / "paper_points.csv"
+LUBRICATED = {"lubricated": 1.0}
+CALIBRATION_KEYS = {
+    "youngs_modulus_MPa", "poisson_ratio", "clock_offset_s", "poisson_ratio_source", "c_N_per_mm", "beta",
+    "reduced_modulus_MPa", "youngs_modulus_of_nu", "law", "assumptions", "covariance", "r_squared", "rms_error_N",
+    "noise_floor_N", "presses_accepted", "presses_rejected", "warnings", "versions",
+}  # fmt: skip
+WELL = Truth(extra=LUBRICATED, thickness_std_mm=0.0, radius_std_mm=0.0)
+
+
+def paper_points() -> Measured:
+    if not PAPER.exists():
+        pytest.skip("the published points are not at hand")
+    rows = list(csv.DictReader(PAPER.read_text().splitlines()))
+    return points_of(np.array([float(r["depth_mm"]) for r in rows]), np.array([float(r["fz_N"]) for r in rows]))
+
+
+def test_the_published_numbers_are_reproduced() -> None:
+    result = calibrate(paper_points(), law="paper")
+    assert result.c.value == pytest.approx(3.4943, abs=2e-4)
+    assert result.beta.value == pytest.approx(1.5071, abs=3e-4)
+    assert result.poisson_ratio.value == pytest.approx(0.4797, abs=1e-4)
+    assert result.youngs_modulus.value == pytest.approx(0.1988, abs=1e-4)
+    assert result.r_squared > 0.9999
+    assert result.poisson_ratio_source == "beta"
+    assert any("reproduction" in line for line in result.assumptions)
+
+
+def test_at_the_true_thickness_ratio_the_modulus_is_lower() -> None:
+    measured = paper_points()
+    gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.4797, poisson_ratio_std=0.002)
+    recording = replace(measured.recording, sensor=Sensor("custom", 10, 10, (0.1, 0.1), gel))  # type: ignore[type-var]
+    result = calibrate(replace(measured, recording=recording))
+    assert result.youngs_modulus.value == pytest.approx(0.1915, abs=1e-4)
+    assert result.flags == ("beta_outside_theory",)
+    assert any("candidates" in line for line in result.warnings)
+
+
+def test_one_punch_fixes_c_and_not_nu() -> None:
+    result = calibrate(paper_points())
+    assert result.c.value == pytest.approx(3.4943, abs=2e-4)
+    for unknown in (result.poisson_ratio, result.youngs_modulus, result.reduced_modulus):
+        assert unknown.value is None
+        assert unknown.why
+        assert unknown.interval95 is not None
+    assert result.poisson_ratio.interval95 == (0.45, 0.4999)
+    curve = dict(result.youngs_modulus_of_nu)
+    assert curve[0.48] == pytest.approx(0.19124, abs=1e-4)
+    low, high = result.youngs_modulus.interval95 or (0, 0)
+    assert high == pytest.approx(curve[0.45], rel=1e-3)
+    assert low < curve[0.4999] < high, "sticking may lower E further"
+
+
+def test_intervals_cover_the_truth() -> None:
+    assert_covers(WELL, trials=25, least=21)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "truth",
+    [
+        WELL,
+        replace(WELL, states_noise=False),
+        replace(WELL, repeats=1),
+        replace(WELL, radii_mm=(1.5, 2.5, 3.5)),
+        replace(WELL, radii_mm=(1.5, 2.5, 3.5), states_poisson=False),
+    ],
+)
+def test_intervals_cover_the_truth_in_nine_of_ten_to_all_but_one_in_a_hundred(truth: Truth) -> None:
+    assert_covers(truth, trials=200, least=180)
+
+
+def assert_covers(truth: Truth, *, trials: int, least: int) -> None:
+    rng = np.random.default_rng(2024)
+    hits = {"c": 0, "E": 0, "nu": 0, "beta": 0}
+    for _ in range(trials):
+        result = calibrate(draw(truth, rng))
+        radius, c, beta = result.by_radius[0]
+        for name, estimate, value in (
+            ("c", c, truth.stiffness(radius)), ("beta", beta, truth.beta),
+            ("E", result.youngs_modulus, truth.modulus_MPa), ("nu", result.poisson_ratio, truth.poisson_ratio),
+        ):  # fmt: skip
+            low, high = estimate.interval95 or (np.nan, np.nan)
+            hits[name] += low <= value <= high
+    assert min(hits.values()) >= least, hits
+    assert trials < 200 or min(hits.values()) <= 0.99 * trials, "an interval that never misses says nothing"
+
+
+def test_c_within_one_and_a_half_and_E_within_two_per_cent() -> None:
+    rng = np.random.default_rng(7)
+    truth = replace(WELL, height_std_mm=0.001, poisson_std=0.0005)
+    for _ in range(8):
+        result = calibrate(draw(truth, rng))
+        assert result.c.value == pytest.approx(truth.stiffness(2.5), rel=0.015)
+        assert result.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+
+
+def test_a_sticking_gel_lies_inside_E_unless_friction_is_known() -> None:
+    rng = np.random.default_rng(3)
+    truth = replace(WELL, sticking=sticking_surplus(0.48, 2.5 / 3), extra={}, poisson_std=0.0005)
+    inside = 0
+    for _ in range(12):
+        low, high = calibrate(draw(truth, rng)).youngs_modulus.interval95 or (0, 0)
+        inside += low <= 0.2 <= high
+    assert inside >= 10
+
+
+def test_sticking_tends_to_the_half_space_and_to_finite_elements() -> None:
+    def half_space(nu: float) -> float:
+        return float((1 - nu) * np.log(3 - 4 * nu) / (1 - 2 * nu)) - 1
+
+    for nu in (0.3, 0.4, 0.45):
+        assert exact_surplus(nu, 0.02) == pytest.approx(half_space(nu), abs=7e-4)
+    for nu, low, high in [(0.45, 0.010, 0.016), (0.4797, 0.025, 0.033), (0.495, 0.040, 0.048)]:
+        assert low < sticking_surplus(nu, 2.5 / 3) < high
+
+
+def test_several_radii_fix_nu() -> None:
+    truth = replace(WELL, radii_mm=(1.5, 2.5, 3.5), states_poisson=False, height_std_mm=0.0005, poisson_ratio=0.47)
+    result = calibrate(draw(truth, np.random.default_rng(5)))
+    assert result.poisson_ratio_source == "radii"
+    low, high = result.poisson_ratio.interval95 or (0, 0)
+    assert low <= 0.47 <= high
+    assert high - low < 0.03
+
+
+def test_too_few_points_answer_wide_and_say_so() -> None:
+    result = calibrate(points_of(np.array([0.2, 0.5]), np.array([0.8, 2.1])))
+    low, high = result.c.interval95 or (0, 0)
+    assert high - low > 0.3 * (result.c.value or 0)
+    assert any("no more measurements than parameters" in w for w in result.warnings)
+
+
+def test_indenters_that_differ_more_than_repeats_widen_the_interval() -> None:
+    truth = replace(WELL, depth_std_mm=0.0003, force_std_N=0.0003, height_std_mm=0.006)
+    measured = draw(truth, np.random.default_rng(11))
+    silent = {k: replace(i, height_std_mm=0.0) for k, i in measured.recording.indenters.items()}
+    points = tuple(replace(p, depth_std_mm=float("nan")) for p in measured.points)
+    recording = replace(measured.recording, indenters=silent)  # type: ignore[type-var]
+    result = calibrate(replace(measured, recording=recording, points=points))
+    assert any("scatter" in w for w in result.warnings)
+    low, high = result.c.interval95 or (0, 0)
+    assert low <= truth.stiffness(2.5) <= high
+
+
+def test_curves_alone_are_enough() -> None:
+    depth = np.linspace(0.01, 0.5, 30)
+    force = 3.5 * depth * (1 + 0.9 * depth / 3)
+    rng = np.random.default_rng(0)
+    curves = tuple(
+        Curve(str(k), 100.0 * k + depth, depth, np.column_stack([0 * depth, 0 * depth, force + 0.003 * e]),
+              np.full(30, "load"))
+        for k, e in enumerate(rng.standard_normal((6, 30)))
+    )  # fmt: skip
+    sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
+    presses = tuple(Press(str(k), "A", 100.0 * k, 100.0 * k + 1) for k in range(6))
+    recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")
+    result = calibrate(Measured(recording, curves=curves))
+    assert result.c.value == pytest.approx(3.5, rel=0.01)
+    assert "the zeros of depth and force are taken as they were recorded" in result.assumptions
+    assert result.fitted.noise.scale == pytest.approx(0.003, rel=0.15)
+
+
+def test_calibration_json_has_every_key_and_is_json() -> None:
+    content = calibrate(draw(WELL, np.random.default_rng(0))).as_json()
+    json.dumps(content, allow_nan=False)
+    assert set(content) >= CALIBRATION_KEYS
+
+
+def test_history_says_when_the_modulus_has_moved() -> None:
+    import datetime
+
+    rng = np.random.default_rng(1)
+    sets = []
+    for day, modulus in ((1, 0.2), (8, 0.2), (60, 0.23)):
+        measured = draw(replace(WELL, modulus_MPa=modulus), rng)
+        dated = replace(measured.recording, date=datetime.date(2026, 1, 1) + datetime.timedelta(day))  # type: ignore[type-var]
+        sets.append(replace(measured, recording=dated))
+    rows = history(sets[::-1])
+    assert [row.moved for row in rows] == [False, False, True]
+    assert rows[2].change == pytest.approx(0.15, abs=0.04)
+    assert rows[0].date < rows[1].date < rows[2].date
+
+
+DEPTHS = np.array(HEIGHTS_MM)
+FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
+
+
+@pytest.mark.parametrize(
+    ("measured", "message"),
+    [
+        (points_of(DEPTHS[:1], FORCES[:1]), "one depth"),
+        (points_of(np.full(4, 0.3), np.full(4, 1.1)), "one depth"),
+        (points_of(-DEPTHS, FORCES), "above 0 mm"),
+        (points_of(DEPTHS, -FORCES), "above 0 N"),
+        (points_of(DEPTHS, FORCES[::-1]), "falls as the depth grows"),
+        (points_of(10 * DEPTHS, FORCES), "larger than the gel is thick"),
+        (points_of(DEPTHS, FORCES, radius_mm=15.0), "as wide as the gel"),
+        (points_of(DEPTHS, FORCES, gel=Gel(-3.0)), "above 0 mm"),
+        (points_of(DEPTHS, FORCES, gel=Gel(3.0, poisson_ratio=0.6)), "Poisson's ratio"),
+    ],
+)
+def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        calibrate(measured)
+
+
+def test_all_rejected_is_nothing_certified() -> None:
+    measured = points_of(DEPTHS, FORCES)
+    points = tuple(replace(p, accepted=False, reason="tilt") for p in measured.points)
+    with pytest.raises(NothingCertified, match="1: tilt"):
+        calibrate(replace(measured, points=points))
+
+
+def test_rejected_presses_are_listed() -> None:
+    measured = points_of(DEPTHS, FORCES)
+    points = (replace(measured.points[0], accepted=False, reason="tilt"), *measured.points[1:])
+    result = calibrate(replace(measured, points=points))
+    assert result.as_json()["presses_rejected"] == [{"press": "1", "reason": "tilt"}]
+    assert result.presses_accepted == ("2", "3", "4", "5")
