@@ -145,25 +145,31 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
 
 def first_look(
     frames_path: Path, names: Sequence[str], white_level: float | None = None
-) -> tuple[tuple[int, int] | None, tuple[str, ...]]:
-    """(width, height) of the first picture that can be read, None where none of the first few can; warnings."""
-    if frames_path.is_file() and names:
-        _, rgb = next(iter_video(frames_path, [int(names[0])]))
-        return (None, ()) if rgb is None else ((rgb.shape[1], rgb.shape[0]), ())
-    for name in names[:_LOOKS]:
-        with suppress(TornImageError):
-            stored = read_stored(frames_path / name)
-            height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
-            return (width, height), _doubts_of_depth(stored, name, white_level)
-    return None, ()
+) -> tuple[tuple[int, int], tuple[str, ...]]:
+    """(width, height) of the first picture that can be read, and warnings. Raises where none of the first can."""
+    if frames_path.is_file():
+        rgb = next(iter_video(frames_path, [int(names[0])]))[1] if names else None
+        if rgb is not None:
+            return (rgb.shape[1], rgb.shape[0]), ()
+    else:
+        for name in names[:_LOOKS]:
+            with suppress(TornImageError):
+                stored = read_stored(frames_path / name)
+                height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
+                return (width, height), _doubts_of_depth(stored, name, white_level)
+    raise RecordingError(
+        f"none of the first pictures can be read: {', '.join(names[:_LOOKS]) or 'there is none'}",
+        where=frames_path,
+        remedy="Copy them again from where they came.",
+    )
 
 
-def check_references(frame_size_px: tuple[int, int] | None, references: Sequence[Path]) -> None:
+def check_references(frame_size_px: tuple[int, int], references: Sequence[Path]) -> None:
     """Raise where a reference that can be read has another size than the frames."""
     for path in references:
         with suppress(TornImageError):
             height, width = read_stored(path).shape[:2]
-            if frame_size_px is not None and (width, height) != frame_size_px:
+            if (width, height) != frame_size_px:
                 raise RecordingError(
                     f"the reference is {width} x {height}, the frames {frame_size_px[0]} x {frame_size_px[1]}",
                     where=path,

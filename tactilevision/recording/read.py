@@ -16,7 +16,7 @@ from tactilevision.recording.checks import check_forces_cover, doubts
 from tactilevision.recording.model import Recording
 from tactilevision.recording.protocol import read_curves, read_points, read_presses
 from tactilevision.recording.sensor import build_sensor
-from tactilevision.recording.series import read_forces, read_stage, rotation
+from tactilevision.recording.series import as_three, read_forces, read_stage, rotation
 from tactilevision.recording.tables import Table
 from tactilevision.recording.video import count_frames
 from tactilevision.records import Indenter, Sensor
@@ -46,6 +46,7 @@ def read_recording(path: Path | str) -> Recording:
         name=settings.name or root.resolve().name,
         sensor=Sensor("custom", 0, 0, (float("nan"), float("nan"))),
         date=settings.date,
+        force_std_N=as_three(settings.force.std_N) if settings.force.std_N else None,
         force_rate_Hz=settings.force.rate_Hz,
         force_rotation=rotation(settings.force, toml),
         depth_source=settings.depth.source,
@@ -105,7 +106,8 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     sensor, notes = build_sensor(settings.sensor, toml, size)
     flats = pictures.find_flats(root)
     balls, ball_notes = pictures.find_balls(root)
-    pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
+    if size is not None:
+        pictures.check_references(size, [*flats[:1], *(ball.path for ball in balls[:1])])
     return replace(
         recording,
         sensor=sensor,

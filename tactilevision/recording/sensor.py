@@ -49,9 +49,11 @@ def build_sensor(
     if stated is not None:
         given["width_px"], given["height_px"] = stated
     given = {name: value for name, value in given.items() if value is not None}
+    doubts = _doubts_of_maps(maps, frame_size_px) if maps and frame_size_px else ()
     if settings.kind is None or settings.kind == "custom":
-        return _custom(given, settings, toml, frame_size_px), ()
-    return _named(given, settings, toml, frame_size_px)
+        return _custom(given, settings, toml, frame_size_px), doubts
+    sensor, warnings = _named(given, settings, toml, frame_size_px)
+    return sensor, warnings + doubts
 
 
 def _custom(given: dict[str, Any], settings: SensorSettings, toml: Path, frame_size_px: Size | None) -> Sensor:
@@ -125,15 +127,26 @@ def read_maps(path: Path) -> Maps:
     return maps
 
 
+def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
+    """Maps of another camera, or with x and y exchanged, look past the picture."""
+    inside = [(axis >= -0.5) & (axis <= size - 0.5) for axis, size in zip(maps, frame_size_px, strict=True)]
+    share = 1 - float(np.mean(inside[0] & inside[1]))
+    if share < 0.5:
+        return ()
+    return (
+        f"the rectification looks past the frames for {share:.0%} of its pixels: are map_x and map_y exchanged?",
+    )
+
+
 def _stated_size(settings: SensorSettings, straight: Size | None, toml: Path) -> Size | None:
     """Width and height as far as known; raises where what is stated is not what was found."""
     stated = (settings.width_px, settings.height_px)
     if straight is not None:
         for name, said, found in zip(("width_px", "height_px"), stated, straight, strict=True):
             if said is not None and said != found:
-                source = "the rectification" if settings.rectification else "the frames"
+                found_in = "the rectification has" if settings.rectification else "the frames have"
                 raise RecordingError(
-                    f"[sensor] {name} = {said}, but {source} have {found}",
+                    f"[sensor] {name} = {said}, but {found_in} {found}",
                     where=toml,
                     remedy="It is the size of the rectified frame.",
                 )

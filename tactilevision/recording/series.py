@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,8 +55,7 @@ def read_forces(path: Path, settings: ForceSettings, toml: Path) -> tuple[ForceS
         readings = readings @ turn.T
         std = np.sqrt(turn**2 @ std**2)
         torque = None if torque is None else torque @ (np.linalg.det(turn) * turn).T
-    std_N = (float(std[0]), float(std[1]), float(std[2]))
-    return ForceSeries(time_s, readings, std_N, torque, table.numbers.get("temperature_C")), table
+    return ForceSeries(time_s, readings, as_three(std.tolist()), torque, table.numbers.get("temperature_C")), table
 
 
 def read_stage(path: Path) -> tuple[StageSeries, Table]:
@@ -76,6 +76,12 @@ def check_time(table: Table, time_s: Floats, rows: Floats | None = None) -> None
             f"time_s goes backwards, from {time_s[after - 1]:.12g} to {time_s[after]:.12g}",
             remedy="Rows stand in the order of time; time never restarts, also over days.",
         )
+
+
+def as_three(values: Sequence[float]) -> tuple[float, float, float]:
+    """x, y, z of a list that is known to hold them."""
+    x, y, z = values
+    return x, y, z
 
 
 def rotation(settings: ForceSettings, toml: Path) -> Floats | None:

@@ -66,6 +66,9 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
         raise RecordingError(
             "is not UTF-8 text", where=f"{path}, line {_undecodable(path)}", remedy="Save it as CSV UTF-8."
         ) from fault
+    except FileNotFoundError as fault:
+        remedy = f"Add the table: columns {', '.join(columns.required)}."
+        raise RecordingError("the table is missing", where=path, remedy=remedy) from fault
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
 

@@ -158,7 +158,7 @@ def _without(*names: str) -> Callable[[Path], None]:
     [
         (_without("frames"), "frames: frames are listed, but there are no pictures"),
         (_without("frames", "frames.csv"), "holds nothing to work on: neither frames nor curves nor points"),
-        (_without("frames.csv"), "frames.csv: cannot be read: No such file"),
+        (_without("frames.csv"), "frames.csv: the table is missing. Add the table: columns frame, time_s."),
         (
             _without("reference/ball.csv"),
             "ball.csv: the table is missing, though there are 1 pictures of ball presses",

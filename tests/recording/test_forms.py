@@ -24,6 +24,8 @@ radius_mm = 2.5
 [depth]
 source = "gauge"
 std_mm = 0.003
+[force]
+std_N = [0.01, 0.01, 0.02]
 """
 
 
@@ -139,6 +141,8 @@ def test_a_rectification_gives_the_sensor_its_size(folder: Path) -> None:
     edit(folder / "recording.toml", '"custom"', '"gelslim3"')
     recording = read_recording(folder)
     assert (recording.sensor.width_px, recording.warnings) == (20, ())
+    np.savez(folder / "maps.npz", map_x=map_x + 100, map_y=map_y)
+    assert any("looks past the frames for 100%" in warning for warning in read_recording(folder).warnings)
 
 
 def test_points_alone_are_a_recording(tmp_path: Path) -> None:
@@ -155,6 +159,7 @@ def test_points_alone_are_a_recording(tmp_path: Path) -> None:
     assert np.isnan(first.fz_std_N)
     assert second.fz_std_N == 0.01
     assert (recording.depth_source, recording.depth_std_mm, recording.name) == ("gauge", 0.003, "points")
+    assert recording.force_std_N == (0.01, 0.01, 0.02)
     assert np.isnan(recording.sensor.mm_per_px).all()
 
 

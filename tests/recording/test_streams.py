@@ -84,6 +84,13 @@ def test_a_torn_first_picture_does_not_hide_the_size(folder: Path) -> None:
     assert isinstance(next(iter_frames(recording)), BadFrame)
 
 
+def test_pictures_that_are_all_torn_are_an_error(folder: Path) -> None:
+    for path in (folder / "frames").iterdir():
+        cut_to(path, 0.5)
+    with pytest.raises(RecordingError, match=r"frames: none of the first pictures can be read: f0.png, f1.png"):
+        read_recording(folder)
+
+
 def test_two_sizes_are_an_error_even_in_a_later_window(folder: Path) -> None:
     write_image(folder / "frames/f7.png", picture(7, width=40))
     recording = read_recording(folder)
