@@ -106,13 +106,13 @@ class Prescribed:
     steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
-        origin = self.map_grid.x_mm[0], self.map_grid.y_mm[0]
-        step = self.map_grid.spacing_mm
-        x, y = grid.places()
-        columns, rows = (x - origin[0]) / step[0], (y - origin[1]) / step[1]
-        source = self.depth_map_mm.astype(np.float32)
-        mapped = cv2.remap(source, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(mapped, dtype=np.float32)
+        from scipy.ndimage import map_coordinates
+
+        step_x, step_y = self.map_grid.spacing_mm
+        rows = (grid.y_mm - self.map_grid.y_mm[0]) / step_y
+        columns = (grid.x_mm - self.map_grid.x_mm[0]) / step_x
+        places = np.meshgrid(rows, columns, indexing="ij")
+        return np.asarray(map_coordinates(self.depth_map_mm, places, order=1, mode="nearest"), dtype=np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
         still = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
@@ -207,14 +207,14 @@ class PunchPress:
         x, y = grid.places(self.centre_mm)
         r = np.maximum(grid.distance(self.centre_mm), np.float32(1e-6))
         places, _ = self.profile.seen(max(self.face_mm, 0.0))
-        amount = _lookup(r, places, max(self.face_mm, 0.0) * self.profile.shift) / r
+        amount = lookup(r, places, max(self.face_mm, 0.0) * self.profile.shift) / r
         return (amount * x).astype(np.float32), (amount * y).astype(np.float32)
 
     def _free(self, grid: Grid) -> Singles:
         r = grid.distance(self.centre_mm)
         places, depths = self.profile.seen(1.0)
         places = self.profile.radius_mm + max(self.face_mm, 0.0) * self.profile.shift
-        unit = _lookup(r, places, depths, rounding_mm=self.rounding_mm)
+        unit = lookup(r, places, depths, rounding_mm=self.rounding_mm)
         face = np.full_like(r, self.face_mm)
         if self.tilt != (0.0, 0.0):
             x, y = grid.places(self.centre_mm)
@@ -229,7 +229,7 @@ def _distance(grid: Grid, centre_mm: Pair) -> Singles:
     return np.asarray(np.hypot(x, y), dtype=np.float32)
 
 
-def _lookup(r: Singles, places: Floats, values: Floats, *, rounding_mm: float = 0.0) -> Singles:
+def lookup(r: Singles, places: Floats, values: Floats, *, rounding_mm: float = 0.0) -> Singles:
     """Values against the distance from the axis, held inside the first place and 0 beyond the last."""
     step = 0.005
     even = np.arange(0.0, places[-1] + 2 * step, step)

@@ -38,7 +38,7 @@ _RISE = np.array(
     ]
 )
 _RISE_PUNCH_MM, _RISE_LAYER_MM = 2.5, 3.0
-_FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouched
+FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouched
 _SLIP = 0.4  # thicknesses over which u_r recovers from the sticking edge
 
 
@@ -71,24 +71,27 @@ def punch_profile(poisson_ratio: float, radius_mm: float, thickness_mm: float) -
 
     Valid for a/h between about 0.2 and 2 and Poisson's ratio from 0.3 to 0.4999.
     """
-    reach = np.linspace(0.0, 1.0, 401) ** 2 * _FAR * thickness_mm  # close points at the steep wall
+    reach = np.linspace(0.0, 1.0, 401) ** 2 * FAR * thickness_mm  # close points at the steep wall
     radii = radius_mm + reach
     depth, shift = layer_surface(poisson_ratio, radius_mm / thickness_mm, radii / thickness_mm)
     depth = depth - _beyond_linear(poisson_ratio, reach / thickness_mm)
-    fade = np.clip((_FAR - reach / thickness_mm) / 2.0, 0.0, 1.0)
-    fade = fade * fade * (3.0 - 2.0 * fade)
     recovery = 1.0 - np.exp(-reach / (_SLIP * thickness_mm))
     depth[0] = 1.0
-    return PunchProfile(radius_mm, radii, depth * fade, shift * fade * recovery)
+    end = fade(reach / thickness_mm)
+    return PunchProfile(radius_mm, radii, depth * end, shift * end * recovery)
+
+
+def fade(reach: Floats) -> Floats:
+    """1 near the contact, 0 from FAR thicknesses on, smooth in between."""
+    left = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
+    return np.asarray(left * left * (3.0 - 2.0 * left))
 
 
 def layer_surface(poisson_ratio: float, a_over_h: float, radii: Floats) -> tuple[Floats, Floats]:
     """u_z/w and u_r/w at `radii` (in thicknesses, all outside the punch) by the linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
-    waves, wave_weights = np.polynomial.legendre.leggauss(480)
-    u, du = 12.5 * (waves + 1), 12.5 * wave_weights  # 1 - K has died out by u = 25
-    K, K_r, K_r_far = _kernels(u, poisson_ratio)
+    u, du, K, K_r, K_r_far = _waves(poisson_ratio)
     phi = _punch_density(x, dx, u, (1 - K) * du, a_over_h)
     transform = np.cos(np.outer(u * a_over_h, x)) @ (phi * dx)
     scale = 2 * a_over_h / np.pi
@@ -113,6 +116,14 @@ def _punch_density(x: Floats, dx: Floats, u: Floats, missing: Floats, a_over_h: 
     waves = np.cos(np.outer(x, u) * a_over_h)
     M = a_over_h * (waves * missing) @ waves.T
     return np.asarray(np.linalg.solve(np.eye(x.size) - (2 / np.pi) * M * dx, np.ones(x.size)), dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _waves(poisson_ratio: float) -> tuple[Floats, Floats, Floats, Floats, float]:
+    """Wave numbers (per thickness), their weights, and the kernels there; 1 - K has died out by u = 25."""
+    nodes, weights = np.polynomial.legendre.leggauss(480)
+    u = 12.5 * (nodes + 1)
+    return (u, 12.5 * weights, *_kernels(u, poisson_ratio))
 
 
 def _kernels(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats, float]:
@@ -146,5 +157,5 @@ def _beyond_linear(poisson_ratio: float, reach: Floats) -> Floats:
     rise = np.array([np.interp(nu, _RISE_NU, column) for column in _RISE.T])
     linear, _ = layer_surface(nu, _RISE_PUNCH_MM / _RISE_LAYER_MM, _RISE_RADII_MM / _RISE_LAYER_MM)
     known = (_RISE_RADII_MM - _RISE_PUNCH_MM) / _RISE_LAYER_MM
-    at, extra = np.r_[0.0, known, _FAR - 1.0, 10 * _FAR], np.r_[0.0, rise + linear, 0.0, 0.0]
+    at, extra = np.r_[0.0, known, FAR - 1.0, 10 * FAR], np.r_[0.0, rise + linear, 0.0, 0.0]
     return np.asarray(PchipInterpolator(at, extra)(reach), dtype=np.float64)

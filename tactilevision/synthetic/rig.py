@@ -20,9 +20,11 @@ QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """How every press runs: `free_s` in air before the ramp and after the release, speeds, pauses.
+    """How every press runs.
 
-    `gap_mm` of air lie between the resting face and the gel. `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face goes on after it.
+    `free_s` of rest in air before the ramp and after the release, `gap_mm` above the gel; `rest_s` between one
+    press and the next; `dwell_s` is the pause at the bevel's touch (0: none), `overtravel_mm` how far the face
+    goes on after it, `hold_s` the pause there.
     """
 
     free_s: float = 0.8
@@ -48,10 +50,11 @@ class Motion:
 
     def loading_time_s(self, depth_mm: float) -> float:
         """When the face first stands at a depth; NaN where it never does."""
-        turn = int(np.argmax(self.face_mm))
-        if depth_mm > self.face_mm[turn] + 1e-12:
+        reached = np.flatnonzero(self.face_mm >= depth_mm - 1e-12)
+        if reached.size == 0:
             return float("nan")
-        return float(np.interp(depth_mm, self.face_mm[: turn + 1], self.time_s[: turn + 1]))
+        leg = slice(max(int(reached[0]) - 1, 0), int(reached[0]) + 1)
+        return float(np.interp(depth_mm, self.face_mm[leg], self.time_s[leg]))
 
     def released_s(self) -> float:
         """When the face leaves the gel."""

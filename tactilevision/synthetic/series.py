@@ -41,7 +41,8 @@ def certified(story: Story) -> tuple[CertifiedPoint, ...]:
         points.append(CertifiedPoint(
             press.label, press.indenter, round(press.touch_mm + machined - press.bevel.height_mm, 6), fz,
             depth_std_mm=kit.height_std_mm, fz_std_N=round(float(noise[2]), 6), fx_N=fx, fy_N=fy,
-            time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3), speed_mm_s=press.protocol.speed_mm_s,
+            time_s=round(press.touch_time_s, 4), rest_s=round(press.rest_s, 3),
+            speed_mm_s=press.protocol.speed_mm_s,
         ))  # fmt: skip
     return tuple(points)
 

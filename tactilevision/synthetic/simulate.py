@@ -11,11 +11,12 @@ import numpy as np
 from tactilevision.recording import Recording, layout, write_image, write_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import writing
+from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.optics import build_camera
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
-from tactilevision.synthetic.reference import BallPress, picture_still, plan_balls
+from tactilevision.synthetic.reference import picture_still, plan_balls
 from tactilevision.synthetic.story import Story, stream, tell
 from tactilevision.synthetic.truth import truth_of
 
@@ -104,5 +105,5 @@ def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
 def _balls(story: Story) -> tuple[BallPress, ...]:
     camera = story.options.camera
     half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
-    return plan_balls(story.options.balls, story.options.ball_radii_mm, half, story.options.gel.thickness_mm,
+    return plan_balls(story.options.balls, story.options.ball_radii_mm, half, story.options.gel,
                       stream(story.seed, 5))  # fmt: skip

@@ -13,11 +13,11 @@ from tactilevision.files import replacing, write_text
 from tactilevision.recording import BallPress as BallRecord
 from tactilevision.recording import Recording, layout, write_image
 from tactilevision.records import Bytes, ForceSeries, Gel, Indenter, Press, Sensor
+from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid
 from tactilevision.synthetic.optics import distortion
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
-from tactilevision.synthetic.reference import BallPress
 from tactilevision.synthetic.series import DEPTH_STD_MM, certified, curves, read_forces
 from tactilevision.synthetic.story import Story
 
