@@ -48,7 +48,12 @@ def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
     row = int(rows[np.argmax(data.depth_mm[rows])])
     depths = np.linspace(0.05, 1.05, STEPS) * data.depth_mm[row]
 
+    places = fitted.model.slices(data)
+
     def force(values: Floats) -> Floats:
+        values = values.copy()
+        if "heights" in places:  # errors of one indenter's points, not of the law
+            values[places["heights"]] = 0.0
         at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
         return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
 
