@@ -13,9 +13,15 @@ from pydantic import BaseModel, ValidationError
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.names import nearest
-from tactilevision.recording.settings import SensorSettings, Settings
+from tactilevision.recording.settings import GelSettings, IndenterSettings, SensorSettings, Settings
 
 _Place = tuple[str | int, ...]
+
+_TABLES: dict[str, type[BaseModel]] = {
+    "[sensor.gel]": GelSettings,
+    "[sensor]": SensorSettings,
+    "[indenter.NAME]": IndenterSettings,
+}
 
 # beyond these a value was probably written in another unit: key, least, most, what it looks like above
 _PLAUSIBLE = (
@@ -78,13 +84,13 @@ def _checked(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, 
                 f"{_key(place)} is not known",
                 where=path,
                 value=_at(content, place),
-                remedy=f"Did you mean {meant}? Units are part of the name.",
+                remedy=f"Did you mean {meant}?" + (" Units are part of the name." if "_" in meant else ""),
             )
     try:
         settings = Settings.model_validate(content)
     except ValidationError as fault:
         raise _translated(fault, path) from None
-    news = (f"{path.name}: {_key(place)} has no meaning here and is left alone" for place, _ in unknown)
+    news = (f"{path.name}: {_key(place)} has no meaning here{_home(place)}" for place, _ in unknown)
     return settings, (*news, *_implausible(content, path))
 
 
@@ -125,6 +131,12 @@ def _unknown(model: type[BaseModel], content: Mapping[str, Any], place: _Place) 
                 yield from _unknown(table, one if isinstance(one, dict) else {}, (*place, key, name))
         else:
             yield from _unknown(table, value, (*place, key))
+
+
+def _home(place: _Place) -> str:
+    """Where a key without a meaning would have one."""
+    homes = [table for table, model in _TABLES.items() if place[-1] in model.model_fields]
+    return f"; it has one in {homes[0]}" if homes else " and is left alone"
 
 
 def _table_of(annotation: Any) -> type[BaseModel] | None:

@@ -111,6 +111,8 @@ def test_text_in_another_encoding_is_named(folder: Path) -> None:
         ),
         ("thickness_mm = 3.0", "thickness_mm = 3.0\nyoungs_modulus_MPa = 200", "is it in kPa or Pa?"),
         ('name = "small"', 'name = "small"\noperator = "Ada"', "operator has no meaning here and is left alone"),
+        ("[sensor.gel]", "[gel]", "recording.toml: gel has no meaning here; it has one in [sensor]"),
+        ("[sensor.gel]\n", "", "[sensor] thickness_mm has no meaning here; it has one in [sensor.gel]"),
         ("[clock]", "[robot]\nkind = 3\n[clock]", "robot has no meaning here and is left alone"),
     ],
 )
