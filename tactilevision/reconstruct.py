@@ -86,7 +86,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod = 
     from tactilevision.recording import read_image
 
     sensor = recording.sensor
-    flats = [rectify(sensor, read_image(path)) for path in recording.flats]
+    flats = [rectify(sensor, read_image(path, white_level=recording.white_level)) for path in recording.flats]
     if not isinstance(method, str):
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
     if method not in PHOTOMETRIC:
@@ -99,7 +99,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod = 
     reference = make_reference(flats)
     pictures = [
         BallPicture(
-            rectify(sensor, read_image(ball.path)),
+            rectify(sensor, read_image(ball.path, white_level=recording.white_level)),
             ball.ball_radius_mm,
             ball.centre_px,
             ball.contact_radius_px,
