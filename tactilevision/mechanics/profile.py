@@ -48,18 +48,22 @@ SPLINE_NODES = 100
 
 @dataclass(frozen=True, slots=True)
 class PunchCase:
-    """What the surface beside a flat punch depends on, besides the place: pure numbers. w/h is its depth."""
+    """What the surface beside a flat punch depends on, besides the place: pure numbers.
+
+    `w_over_h` is the depth over the thickness, `friction` Coulomb's coefficient; infinity: the gel sticks.
+    """
 
     poisson_ratio: float
     a_over_h: float
     w_over_h: float = 0.0
+    friction: float = 0.0
 
 
 class ProfileSource(Protocol):
     """Where the surface beside the punch comes from: `linear_profile`, finite element tables, or one's own.
 
     Takes material radii r/a >= 1 (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of
-    depth: rise positive out of the gel, u_r away from the axis. Friction and law belong to the source.
+    depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source.
     """
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]: ...
@@ -87,7 +91,7 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, a_over_h: float
 def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
     """exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
 
-    Beyond r = a + 20 h both are 0. A ProfileSource; `w_over_h` plays no part in linear theory.
+    Beyond r = a + 20 h both are 0. A ProfileSource; depth and friction of the case play no part in it.
     """
     s = np.sqrt((np.asarray(r_over_a, dtype=float) - 1) * case.a_over_h)
     if not (s >= 0).all():
@@ -122,22 +126,27 @@ def seen_rise(
     poisson_ratio: float,
     source: ProfileSource = linear_profile,
 ) -> Floats:
-    """Rise (mm) at the radius where a camera sees it, r + u_r(r) (any shape): what a height map shows.
+    """Rise (mm) at the radius r_mm (any shape) where a camera sees it, as a height map shows it."""
+    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    return depth_mm * seen_profile(np.asarray(r_mm, dtype=float) / radius_mm, case, source=source)
+
+
+def seen_profile(r_over_a: Floats, case: PunchCase, *, source: ProfileSource = linear_profile) -> Floats:
+    """Rise per unit of depth at the *deformed* radius, (r + u_r)/a (any shape); -1 under the face.
 
     The map r -> r + u_r is inverted on a fine grid of material radii; its own slope stays near 1 at depths below a
-    fifth of the thickness. Under the face, -depth.
+    fifth of the thickness.
     """
     from scipy.interpolate import PchipInterpolator
 
-    seen_at = np.asarray(r_mm, dtype=float)
-    case = punch_case(depth_mm, radius_mm=radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    farthest = max(float(seen_at.max(initial=0.0)) + 2 * depth_mm, radius_mm + thickness_mm)
-    material = radius_mm + (farthest - radius_mm) * np.linspace(0, 1, 400) ** 2
-    rise, outward = source(material / radius_mm, case)
-    seen = material + depth_mm * outward
+    depth = case.w_over_h / case.a_over_h
+    farthest = max(float(r_over_a.max(initial=0.0)) + 2 * depth, 1 + 1 / case.a_over_h)
+    material = 1 + (farthest - 1) * np.linspace(0, 1, 400) ** 2
+    rise, outward = source(material, case)
+    seen = material + depth * outward
     forward = np.concatenate([[True], np.diff(np.maximum.accumulate(seen)) > 0])
-    place = PchipInterpolator(seen[forward], depth_mm * rise[forward])
-    return np.where(seen_at > radius_mm, place(np.maximum(seen_at, seen[0])), -depth_mm)
+    place = PchipInterpolator(seen[forward], rise[forward])
+    return np.where(r_over_a > 1, place(np.maximum(r_over_a, seen[0])), -1.0)
 
 
 def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> PunchCase:

@@ -1,0 +1,249 @@
+"""Poisson's ratio from the picture: the gel beside a flat punch rises the more, the less it can be compressed.
+
+For every press i and block of the height map (surface_view.py)
+
+    depth = g_i + (t_i, s_i).(x, y) + u_i D(r; nu, a/h, w_i/h, mu) + noise,
+    D = 1 (+ e_i) under the face, -rise/depth at the *seen* radius beside it,
+
+u_i the depth on the map's own scale (its gain does not matter: only the ratio of rise to depth speaks), g, t, s
+its zero plane, e_i the error of the step at the punch's wall, and small shifts of the centre. All these are linear
+and eliminated for each press; nu, h, mu and the map's gain are left, with their priors, for a few steps of least
+squares. The noise of the block means is estimated from the residuals (variance, correlation length, a white part),
+and the interval is widened to the scatter that the presses really show. It holds for a wide gel, a punch that
+stands straight within a few hundredths, and depths within the range of the profile's source.
+
+Source: the profile is profile.py's; elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10
+(1973) 413; widening: White, Econometrica 48 (1980) 817, clustered by press.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.bulge_press import Joint, Press, WhitePress, prepare, residual, unknowns, whiten
+from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
+from tactilevision.mechanics.profile import ProfileSource, linear_profile
+from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
+from tactilevision.records import Estimate, Floats
+
+START = 0.45
+PINNED = 1e-6  # standard deviation of what is taken as known
+FEWEST_CLUSTERS = 4
+FLAT_STD = 12**-0.5  # of a quantity that may lie anywhere in [0, 1]
+NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileModel:
+    """Where the profile comes from and how well it is known.
+
+    `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
+    average away; `frictional` says whether the source knows friction.
+    """
+
+    source: ProfileSource
+    name: str
+    relative_error: float
+    frictional: bool = False
+
+
+LINEAR = ProfileModel(linear_profile, "linear layer theory, frictionless", 0.06)
+
+
+@dataclass(frozen=True, slots=True)
+class BulgeSettings:
+    """How the maps are read. Lengths in mm.
+
+    `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach_mm` from the axis.
+    `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it (0:
+    the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain.
+    """
+
+    block_mm: float = 1.0
+    guard_mm: float = 0.4
+    reach_mm: float = 9.0
+    blur_mm: float = 0.0
+    step_std: float = 0.0
+    gain_std: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class BulgeFit:
+    """nu from the picture, with what was fitted beside it.
+
+    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
+    friction_share (mu/(mu + .3)), gain. `press_estimates` (n,): nu as each press alone would move it;
+    `effective_samples` counts independent readings; `residual_mm` is the rms of the block means' misfit.
+    """
+
+    poisson_ratio: Estimate
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    press_estimates: Floats
+    effective_samples: float
+    residual_mm: float
+    noise: NoiseModel
+    model: str
+
+
+NAMES = ("poisson_ratio", "log_thickness", "friction_share", "gain")
+LOWER, UPPER = np.array([0.0, -0.5, 0.0, 0.5]), np.array([0.4999, 0.5, 1.0, 2.0])
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    presses: tuple[Press, ...]
+    thickness_mm: float
+    prior: Floats
+    prior_std: Floats
+    source: ProfileSource
+
+
+def fit_poisson_ratio(
+    views: Sequence[SurfaceView],
+    *,
+    thickness_mm: float,
+    thickness_std_mm: float = 0.0,
+    model: ProfileModel = LINEAR,
+    settings: BulgeSettings | None = None,
+) -> BulgeFit:
+    """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
+
+    Raises InputError where no view shows both the face and the gel beside it, or a length is not above 0.
+    """
+    settings = settings or BulgeSettings()
+    task = _task(_presses(views, settings), (thickness_mm, thickness_std_mm), model, settings)
+    rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
+    task = replace(task, presses=_presses(_centred(task, rough), settings))
+    white = [whiten(press, WHITE) for press in task.presses]
+    misfits = [residual(w, _joint(task, rough), task.source)[: len(w.goal)] * WHITE.white_mm for w in white]
+    noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
+    white = [whiten(press, noise) for press in task.presses]
+    return _report(task, _solve(task, rough, white), white, noise, model)
+
+
+def _presses(views: Sequence[SurfaceView], settings: BulgeSettings) -> tuple[Press, ...]:
+    size = {"block_mm": settings.block_mm, "guard_mm": settings.guard_mm, "reach_mm": settings.reach_mm}
+    found = (
+        prepare(reduce_view(view, **size), blur_mm=settings.blur_mm, step_std=settings.step_std) for view in views
+    )
+    return tuple(press for press in found if press is not None)
+
+
+def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
+    """The views with the centre that a first fit finds: near the edge the profile bends too much for one step."""
+    moved = []
+    for press in task.presses:
+        view = press.blocks.view
+        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), task.source)[-2:]
+        moved.append(replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y))))
+    return moved
+
+
+def _task(
+    presses: tuple[Press, ...], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
+) -> _Task:
+    where = "fit_poisson_ratio"
+    if not (thickness[0] > 0 and thickness[1] >= 0):
+        raise InputError("the gel's thickness lies above 0 mm", where=where, value=thickness[0])
+    if settings.guard_mm < 3 * settings.blur_mm:
+        raise InputError("the guard band spans three times the blur", where=where, value=settings.guard_mm)
+    if not presses:
+        raise InputError("no height map shows both the punch's face and the gel beside it", where=where,
+                         remedy="Take a wider view or deeper presses.")  # fmt: skip
+    friction_std = FLAT_STD if model.frictional else PINNED
+    std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std])
+    return _Task(presses, thickness[0], np.array([START, 0.0, 0.5, 1.0]), std, model.source)
+
+
+def _joint(task: _Task, theta: Floats) -> Joint:
+    nu, log_thickness, friction, gain = (float(value) for value in theta)
+    return Joint(nu, task.thickness_mm * float(np.exp(log_thickness)), friction, gain)
+
+
+def _residuals(
+    task: _Task, theta: Floats, white: Sequence[WhitePress], *, rise_factor: float = 1.0
+) -> list[Floats]:
+    joint = _joint(task, theta)
+    return [residual(press, joint, task.source, rise_factor=rise_factor) for press in white]
+
+
+def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
+    from scipy.optimize import least_squares
+
+    def everything(values: Floats) -> Floats:
+        parts = _residuals(task, values, white)
+        return np.concatenate([*parts, (values - task.prior) / task.prior_std])
+
+    def slopes(values: Floats) -> Floats:
+        return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
+
+    start = np.clip(theta, LOWER + 1e-6, UPPER - 1e-6)
+    scale = np.minimum(task.prior_std, 0.1)
+    found = least_squares(
+        everything, start, jac=slopes, bounds=(LOWER, UPPER), x_scale=scale, ftol=1e-5, xtol=1e-5
+    )
+    return np.asarray(found.x)
+
+
+def _report(
+    task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel, model: ProfileModel
+) -> BulgeFit:
+    now = _residuals(task, theta, white)
+    slopes = _slopes(task, theta, white)
+    information = np.diag(task.prior_std**-2.0)
+    own = [slope.T @ slope for slope in slopes]
+    covariance = np.linalg.inv(information + sum(own)).astype(float)
+    scores = np.array([slope.T @ part for slope, part in zip(slopes, now, strict=True)])
+    other = _residuals(task, theta, white, rise_factor=1 + model.relative_error)
+    pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
+    systematic = float((covariance @ pull)[0])
+    shown = _clustered(covariance, information, scores)
+    return BulgeFit(
+        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
+        names=NAMES,
+        values=theta,
+        covariance=covariance,
+        press_estimates=theta[0] - scores[:, 0] / np.array([part[0, 0] for part in own]),
+        effective_samples=sum(noise.effective_samples(press.blocks) for press in task.presses),
+        residual_mm=float(np.hypot(noise.std_mm, noise.white_mm)),
+        noise=noise,
+        model=model.name,
+    )
+
+
+def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
+    """Derivative of each press's residual by the joint unknowns, (n + 10, 4) each; inwards at a bound."""
+    base = _residuals(task, theta, white)
+    columns = []
+    for index in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[index] = 1e-4 if theta[index] + 1e-4 <= UPPER[index] else -1e-4
+        moved = _residuals(task, theta + step, white)
+        columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
+    return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+
+
+def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
+    """Half of the 95 % interval of nu that the presses' own scatter shows; 0 for fewer than four presses."""
+    from scipy.stats import t
+
+    count = len(scores)
+    if count < FEWEST_CLUSTERS:
+        return 0.0
+    meat = scores.T @ scores * count / (count - 1) + information * np.isfinite(information)
+    spread = covariance @ meat @ covariance
+    return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
+
+
+def _estimate(value: float, std: float, shown: float, systematic: float) -> Estimate:
+    half = float(np.hypot(max(1.96 * std, shown), 1.96 * systematic))
+    low, high = max(value - half, 0.0), min(value + half, 0.5)
+    if high - low > NO_ANSWER_WIDTH:
+        return Estimate(None, None, (low, high), "", "the rise beside the punch is lost in the noise of the maps")
+    return Estimate(float(value), half / 1.96, (low, high), "")
