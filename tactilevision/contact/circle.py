@@ -1,0 +1,97 @@
+"""A circle through edge points, some of which are not the circle's.
+
+    minimise  sum_i w_i rho( |p_i - c| - R )        rho: Tukey's biweight, its scale from the residuals
+
+RANSAC finds the circle that most points agree on, whatever the others do; the weighted geometric
+(orthogonal distance) fit then refines it. Units: mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.records import Bools, Floats, Pair
+
+_TUKEY = 4.685  # of the residuals' scale: 95 % efficient on Gaussian points
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """Centre (x, y) and radius, standard deviation of either, rms distance of the kept points, share kept."""
+
+    centre_mm: Pair
+    radius_mm: float
+    centre_std_mm: float
+    radius_std_mm: float
+    residual_mm: float
+    kept: float
+
+
+def fit_circle(
+    points_mm: Floats, *, start: tuple[Pair, float], scale_mm: float, independent: float
+) -> Circle | None:
+    """Robust circle through points (N, 2) from a start (centre, radius).
+
+    `scale_mm` is what a point may be off at best (a fraction of a pixel); `independent` the number of points
+    that err independently, since neighbours on an edge err together. None where fewer than half of
+    the points agree on a circle.
+    """
+    if len(points_mm) < 8:
+        return None
+    begin = _consensus(points_mm, start, scale_mm)
+    centre, radius, weights = _refine(points_mm, begin, scale_mm)
+    inside = weights > 0
+    if inside.mean() < 0.5:
+        return None
+    jacobian, residual = _linearised(points_mm, centre, radius)
+    rms = float(np.sqrt(np.average(residual**2, weights=weights)))
+    information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
+    variance = np.diag(np.linalg.pinv(information)) * max(rms, 0.1 * scale_mm) ** 2
+    return Circle((float(centre[0]), float(centre[1])), radius, float(np.sqrt(variance[:2].max())),
+                  float(np.sqrt(variance[2])), rms, float(inside.mean()))  # fmt: skip
+
+
+def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
+    """The circle through three points that most others lie on; the start itself counts as a candidate."""
+    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
+    triples = points[rng.integers(0, len(points), (200, 3))]
+    first, second, third = triples[:, 0], triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
+    cross = 2 * (second[:, 0] * third[:, 1] - second[:, 1] * third[:, 0])
+    usable = np.abs(cross) > 0.2 * start[1] ** 2
+    second2, third2 = (second**2).sum(1), (third**2).sum(1)
+    safe = np.where(usable, cross, 1.0)
+    x = (third[:, 1] * second2 - second[:, 1] * third2) / safe
+    y = (second[:, 0] * third2 - third[:, 0] * second2) / safe
+    centres = np.vstack([np.asarray(start[0]), (first + np.c_[x, y])[usable]])
+    radii = np.r_[start[1], np.hypot(x, y)[usable]]
+    distance = np.abs(np.hypot(*(points[None] - centres[:, None]).transpose(2, 0, 1)) - radii[:, None])
+    best = int(np.argmin(np.minimum(distance / (3 * scale_mm), 1.0).sum(axis=1)))
+    return centres[best], float(radii[best])
+
+
+def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:
+    centre, radius = np.array(start[0], dtype=np.float64), start[1]
+    weights = np.ones(len(points))
+    for _ in range(20):
+        jacobian, residual = _linearised(points, centre, radius)
+        weights = _tukey(residual, scale_mm)
+        step, *_ = np.linalg.lstsq(jacobian * weights[:, None] ** 0.5, -residual * weights**0.5, rcond=None)
+        centre, radius = centre + step[:2], radius + float(step[2])
+        if np.abs(step).max() < 1e-6 * radius:
+            break
+    return centre, radius, weights
+
+
+def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, Floats]:
+    offset = points - centre
+    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)
+    return np.c_[-offset / distance[:, None], -np.ones(len(points))], distance - radius
+
+
+def _tukey(residual: Floats, scale_mm: float) -> Floats:
+    spread = max(1.4826 * float(np.median(np.abs(residual))), 0.5 * scale_mm)
+    relative = residual / (_TUKEY * spread)
+    inside: Bools = np.abs(relative) < 1
+    return np.where(inside, (1 - relative**2) ** 2, 0.0)

@@ -1,0 +1,144 @@
+"""The indenter's circle in a height map: centre, radius, depth and tilt of its face.
+
+A disc-minus-ring filter finds the face, the steepest ring round it gives edge points, a robust circle goes through
+them, and a plane through the face inside it gives depth and tilt:
+
+    depth(x, y) = depth_c + tilt_x (x - x_c) + tilt_y (y - y_c)
+
+Lengths in mm, places on the pad. Assumes a flat round face; a ball's or cone's contact gives a circle too, but its
+tilt and depth are then those of the plane nearest to its tip. Depth is taken from the height map's own zero.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from tactilevision.contact.circle import Circle, fit_circle
+from tactilevision.contact.edge import edge_points, place_px
+from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter, Pair
+
+_GRID_MM = 0.2
+_RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
+_MODEL = 0.25  # share of the wall's correction that is doubtful: blurs differ from a Gaussian by about that
+_SURE = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
+
+
+def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | None = None) -> Footprint | None:
+    """The face of `indenter` in `height`, or None where nothing stands out of the noise.
+
+    `prior`, a footprint of the same press, saves the search. Works from a depth of some ten times the noise on.
+    """
+    if prior is not None:
+        start: tuple[Pair, float] | None = (prior.centre_mm, prior.radius_mm)
+    else:
+        start = _search(height, indenter.radius_mm)
+    if start is None:
+        return None
+    circle, drawn = None, 0.0
+    for _ in range(2):  # the second time round the centre that the first has found
+        points, steepness, drawn = edge_points(height, *start)
+        steep = steepness > 0.25 * np.median(steepness) if len(steepness) else np.zeros(0, dtype=bool)
+        arc = 2 * np.pi * start[1] * steep.sum() / 180
+        circle = fit_circle(points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px),
+                            independent=max(arc / 0.5, 4.0))  # fmt: skip
+        if circle is None or not 0.3 * start[1] < circle.radius_mm < 2.5 * start[1]:
+            return None
+        start = (circle.centre_mm, circle.radius_mm)
+    return None if circle is None else _describe(height, circle, _MODEL * drawn)
+
+
+def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
+    """Rough centre and radius: the best answer of a disc-minus-ring filter."""
+    candidates = [radius_mm] if np.isfinite(radius_mm) else list(np.geomspace(0.8, 6.0, 7))
+    found = [(answer, radius) for radius in candidates if (answer := _best_disc(height, radius)) is not None]
+    if not found:
+        return None
+    (centre, _), radius = max(found, key=lambda item: item[0][1] * np.sqrt(item[1]))
+    return centre, radius
+
+
+def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
+    rows, columns = height.depth_mm.shape
+    size = (
+        max(int(columns * height.mm_per_px[0] / _GRID_MM), 8),
+        max(int(rows * height.mm_per_px[1] / _GRID_MM), 8),
+    )
+    known = cv2.resize(height.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    filled = np.where(height.valid, height.depth_mm, 0).astype(np.float32)
+    depth = cv2.resize(filled, size, interpolation=cv2.INTER_AREA)
+    score, covered = _contrast(depth, known, radius_mm / _GRID_MM)
+    if not covered.any():
+        return None
+    typical = np.median(score[covered])
+    scatter = 1.4826 * float(np.median(np.abs(score[covered] - typical)))
+    best = np.unravel_index(int(np.where(covered, score, -np.inf).argmax()), score.shape)
+    if score[best] - typical < _SURE * scatter or score[best] <= 0:
+        return None
+    x = (best[1] + 0.5) * columns / size[0] - 0.5 - (columns - 1) / 2
+    y = (best[0] + 0.5) * rows / size[1] - 0.5 - (rows - 1) / 2
+    return (float(x * height.mm_per_px[0]), float(y * height.mm_per_px[1])), float(score[best])
+
+
+def _contrast(depth: Floats, known: Floats, radius: float) -> tuple[Floats, Bools]:
+    """Mean over a disc minus mean over the ring round it, and where enough of both is in view."""
+    reach = int(np.ceil(_RING[1] * radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    distance = np.hypot(x, y)
+    score = np.zeros_like(depth)
+    covered = np.ones(depth.shape, dtype=bool)
+    for sign, shape in (
+        (1, distance < 0.9 * radius),
+        (-1, (distance > _RING[0] * radius) & (distance < _RING[1] * radius)),
+    ):
+        kernel = shape.astype(np.float32) / shape.sum()
+        total = cv2.filter2D(depth, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
+        share = cv2.filter2D(known, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
+        covered &= share > 0.4
+        score += sign * total / np.maximum(share, 0.05)
+    return score, covered
+
+
+def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
+    rows, columns = height.depth_mm.shape
+    x_px, y_px = place_px(height, np.asarray(circle.centre_mm))
+    x = (np.arange(columns) - x_px)[None, :] * height.mm_per_px[0]
+    y = (np.arange(rows) - y_px)[:, None] * height.mm_per_px[1]
+    mask = np.hypot(x, y) <= circle.radius_mm
+    face = height.valid & (np.hypot(x, y) < 0.8 * circle.radius_mm)
+    plane, std = _plane(height, face, (x, y))
+    lever = 0.4 * circle.radius_mm  # rms distance from the middle of the face along one axis
+    return Footprint(
+        mask=mask, centre_mm=circle.centre_mm, centre_std_mm=circle.centre_std_mm, radius_mm=circle.radius_mm,
+        radius_std_mm=float(np.hypot(circle.radius_std_mm, model_mm)),
+        tilt=(float(plane[1]), float(plane[2])), tilt_std=std / lever,
+        depth_mm=float(plane[0]), depth_std_mm=std, residual_mm=circle.residual_mm,
+    )  # fmt: skip
+
+
+def _plane(height: HeightMap, face: Bools, offsets: tuple[Floats, Floats]) -> tuple[Floats, float]:
+    """Plane (depth at the centre, d/dx, d/dy) through the face, and the standard deviation of its depth.
+
+    Twice, the second time without what lies beyond 3 sigma. Residuals are alike over the length that their own
+    gradient tells, so the face holds area / (2 pi length^2) independent readings.
+    """
+    x, y = np.broadcast_to(offsets[0], face.shape)[face], np.broadcast_to(offsets[1], face.shape)[face]
+    if x.size < 10:
+        return np.array([np.nan, np.nan, np.nan]), float("nan")
+    depth = np.asarray(height.depth_mm, dtype=np.float64)[face]
+    basis = np.c_[np.ones_like(x), x, y]
+    keep = np.ones(x.size, dtype=bool)
+    plane = np.zeros(3)
+    residual = depth
+    for _ in range(2):
+        plane, *_ = np.linalg.lstsq(basis[keep], depth[keep], rcond=None)
+        residual = depth - basis @ plane
+        keep = np.abs(residual) <= max(3 * float(residual[keep].std()), 1e-12)
+    spread = float(residual[keep].std())
+    whole = np.full(face.shape, np.nan)
+    whole[face] = residual
+    steps = np.diff(whole, axis=1) / height.mm_per_px[0]
+    rough = float(np.nanstd(steps)) if np.isfinite(steps).any() else 0.0
+    length = spread / rough if rough > 0 else max(height.mm_per_px)
+    independent = max(keep.sum() * np.prod(height.mm_per_px) / (2 * np.pi * length**2), 3.0)
+    return plane, spread / float(np.sqrt(independent))

@@ -1,0 +1,120 @@
+"""Frames and forces of a recording to its certificate.
+
+watch each press -> align the clocks -> tare -> find all touches together -> rise, depth, force -> check
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from tactilevision.errors import RecordingError
+from tactilevision.press.certificate import Certificate
+from tactilevision.press.checks import rests
+from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
+from tactilevision.press.conclude import Chain, conclude
+from tactilevision.press.event import crossing
+from tactilevision.press.force_window import ForceWindow, force_window
+from tactilevision.press.groups import Touched, find_all
+from tactilevision.press.touch import SURE
+from tactilevision.press.watch import Reconstructs, Watch, watch
+from tactilevision.recording import Recording, iter_frames, require
+from tactilevision.records import Estimate, ForceSeries, Press
+
+Progress = Callable[[int, int], None]
+_MARGIN_S = 0.5  # of frames before and after the press that the table names: the free gel, where there are any
+
+
+def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Progress | None = None) -> Certificate:
+    """Certified depth and force of every press of a recording that has frames and forces.
+
+    `progress(done, of)` is called after each press. Frames are streamed, one press at a time in memory.
+    Raises RecordingError where frames, their times, forces or presses are missing, or an indenter is not
+    described.
+    """
+    for need in ("frames", "frame_times", "forces", "presses", "indenters"):
+        require(recording, need, step="certifying the presses")
+    watches = _watch_all(recording, reconstructor, progress or (lambda done, of: None))
+    forces = recording.forces
+    assert forces is not None
+    offset = _first_offset(recording, forces, watches)
+    windows = _windows(recording, forces, watches, offset.value or 0.0)
+    touches = find_all(watches, windows, offset.value or 0.0)
+    if recording.clock_offset_s is None and offset.value is not None:
+        # again, now that the frames that feel the bevel are known
+        offset = estimate_offset(_seen(watches, windows, touches, offset.value), forces, start_s=offset.value)
+        windows = _windows(recording, forces, watches, offset.value or 0.0)
+        touches = find_all(watches, windows, offset.value or 0.0)
+    rest_s = dict(zip(watches, rests(recording.presses), strict=True))
+    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s))
+
+
+def _watch_all(recording: Recording, reconstructor: Reconstructs, progress: Progress) -> dict[str, Watch | None]:
+    found: dict[str, Watch | None] = {}
+    for k, press in enumerate(recording.presses):
+        indenter = recording.indenters.get(press.indenter)
+        if indenter is None:
+            raise RecordingError(
+                "a press names an indenter that is not described",
+                where=recording.path,
+                value=press.indenter,
+                remedy=f"Add a table [indenter.{press.indenter}].",
+            )
+        first, last = free_span(recording.presses, k)
+        first, last = max(first, press.start_s - _MARGIN_S), min(last, press.end_s + _MARGIN_S)
+        frames = iter_frames(recording, first, last)
+        found[press.press] = watch(frames, reconstructor, press=press, indenter=indenter)
+        progress(k + 1, len(recording.presses))
+    return found
+
+
+def free_span(presses: Sequence[Press], k: int) -> tuple[float, float]:
+    """From the end of the press before to the start of the one after."""
+    here = presses[k]
+    before = [p.end_s for p in presses if p is not here and p.end_s <= here.start_s]
+    after = [p.start_s for p in presses if p is not here and p.start_s >= here.end_s]
+    return max(before, default=-np.inf), min(after, default=np.inf)
+
+
+def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[str, Watch | None]) -> Estimate:
+    if recording.clock_offset_s is not None:
+        known = recording.clock_offset_s
+        return Estimate(known, 0.0, (known, known), "s")
+    seen = _seen(watches, {}, {}, 0.0)
+    if not seen:
+        return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
+    start, sure = coarse_offset(seen, forces)
+    if sure < 0.5:
+        return Estimate(None, None, None, "s", why=f"depth and force do not go together (correlation {sure:.2f})")
+    return estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+
+
+def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None],
+          touches: Mapping[str, Touched], offset_s: float) -> list[Seen]:  # fmt: skip
+    """The presses for the clocks; the depth that the camera read at the touch is where the force passed
+    through it.
+    """
+    found = []
+    for name, seen in watches.items():
+        if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
+            continue
+        touched, window = touches.get(name), windows.get(name)
+        limit = float("nan")
+        if touched is not None and touched.onset is not None and touched.onset.gain > SURE and window is not None:
+            crossed = crossing(window, float(touched.law.force(touched.onset.at)), 0.0)
+            if crossed is not None:
+                limit = float(np.interp(crossed.time_s - offset_s, seen.time_s, seen.depth_mm))
+        found.append(Seen(seen.time_s, seen.depth_mm, seen.indenter.radius_mm, limit))
+    return found
+
+
+def _windows(recording: Recording, forces: ForceSeries, watches: Mapping[str, Watch | None],
+             offset_s: float) -> dict[str, ForceWindow | None]:  # fmt: skip
+    found: dict[str, ForceWindow | None] = {}
+    for k, (name, seen) in enumerate(watches.items()):
+        first, last = free_span(recording.presses, k)
+        here = recording.presses[k]
+        span = (max(first, here.start_s - 2.0), min(last, here.end_s + 2.0))
+        found[name] = None if seen is None else force_window(forces, seen, free_s=span, offset_s=offset_s)
+    return found

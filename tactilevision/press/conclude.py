@@ -1,0 +1,219 @@
+"""From what was seen and felt of every press to points, curves and evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.press.certificate import Certificate, Finding, Touch
+from tactilevision.press.checks import Look, findings
+from tactilevision.press.curves import press_curve
+from tactilevision.press.event import Crossing, crossing, event_force
+from tactilevision.press.event_force import EventForce
+from tactilevision.press.evidence import evidence_of
+from tactilevision.press.force_window import ForceWindow
+from tactilevision.press.gauge import find_gauge
+from tactilevision.press.groups import Touched
+from tactilevision.press.rise import Rise, combine, computed_ratio, press_rise, seen_ratio, unknown_rise
+from tactilevision.press.touch import SURE, in_picture
+from tactilevision.press.usual import usual_of
+from tactilevision.press.watch import Reconstructs, Watch
+from tactilevision.recording import Recording
+from tactilevision.records import CertifiedPoint, Estimate, ForceSeries, Press
+
+_UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """Everything gathered from a recording before a press is judged, by press label."""
+
+    recording: Recording
+    reconstructor: Reconstructs
+    watches: Mapping[str, Watch | None]
+    windows: Mapping[str, ForceWindow | None]
+    offset: Estimate
+    touches: Mapping[str, Touched]
+    rest_s: Mapping[str, float]
+
+    @property
+    def forces(self) -> ForceSeries:
+        assert self.recording.forces is not None
+        return self.recording.forces
+
+    @property
+    def offset_s(self) -> float:
+        return self.offset.value or 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timed:
+    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force."""
+
+    touched: Touched
+    crossed: Crossing | None
+    touch: Touch | None
+    event: EventForce | None
+
+
+def conclude(chain: Chain) -> Certificate:
+    """Points, curves and evidence of every press."""
+    timed = {name: _time(chain, name, touched) for name, touched in chain.touches.items()}
+    rises = _rises(chain, timed)
+    looks = {name: _look(chain, watch, timed.get(name), rises.get(name))
+             for name, watch in chain.watches.items() if watch is not None}  # fmt: skip
+    usual = usual_of(looks)
+    said = {name: findings(look, usual, chain.forces) for name, look in looks.items()}
+    points = []
+    for press in chain.recording.presses:
+        point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press))
+        points.append(_judged(point, said.get(press.press, (_UNSEEN,))))
+    gauge = find_gauge([(touch.depth_seen_mm, point.depth_mm) for point in points
+                        if point.accepted and (touch := looks[point.press].touch) is not None])  # fmt: skip
+    seen = [(looks[point.press], point) for point in points if point.press in looks]
+    curves = [curve for look, point in seen if (curve := press_curve(look, point, gauge)) is not None]
+    evidence = {point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
+                for look, point in seen}  # fmt: skip
+    given = next((t.touched for t in timed.values()), None)
+    return Certificate(
+        points=tuple(points), curves=tuple(curves), clock_offset=chain.offset, evidence=evidence,
+        rise=next(iter(rises.values()), None), bevel_distance_mm=given.distance_mm if given else None,
+        gauge=gauge, warnings=tuple(_warnings(chain, timed, rises)),
+    )  # fmt: skip
+
+
+def _time(chain: Chain, name: str, touched: Touched) -> Timed:
+    """Touch and force of one press, from the depth at which its bevel touches."""
+    onset, window, watch = touched.onset, chain.windows[name], touched.case.watch
+    if onset is None or window is None:
+        return Timed(touched, None, None, None)
+    channel = "height map"
+    if touched.distance_mm is not None and onset.gain > SURE:
+        picture = in_picture(touched.case, onset, touched.distance_mm)
+        if picture is not None and picture.gain > onset.gain and picture.std < onset.std:
+            onset, channel = replace(picture, amplitude=onset.amplitude, gain=picture.gain), "picture"
+    level = float(touched.law.force(onset.at))
+    stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
+    crossed = crossing(window, level, stiffness * onset.std)
+    if crossed is None:
+        return Timed(touched, None, None, None)
+    time_s = crossed.time_s - chain.offset_s
+    seen = float(np.interp(time_s, watch.time_s, watch.depth_mm))
+    std_s = float(np.hypot(crossed.std_s, chain.offset.std or 0.0))
+    touch = Touch(time_s, std_s, seen, channel, onset)
+    event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
+    return Timed(touched, crossed, touch, event)
+
+
+def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
+    """Rise at the bevel's edge for each press: seen in all presses of its bevel, computed for its own depth."""
+    found: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {}
+    scales = []
+    for one in timed.values():
+        distance, case = one.touched.distance_mm, one.touched.case
+        if one.touch is None or one.touch.onset.gain <= SURE or distance is None:
+            continue
+        height = case.watch.indenter.height_mm
+        scales += [one.touch.depth_seen_mm / height] if height else []
+        single = press_rise(
+            case.watch, case.drive, case.use & (case.drive < one.touch.onset.at), distance_mm=distance
+        )
+        if single is not None:
+            found.setdefault(distance, []).append(single)
+    scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else 0.25
+    rises = {}
+    for name, one in timed.items():
+        distance, indenter = one.touched.distance_mm, one.touched.case.watch.indenter
+        if distance is None or not indenter.height_mm:
+            rises[name] = unknown_rise()
+            continue
+        computed = computed_ratio(chain.recording.sensor.gel, distance_mm=distance,
+        radius_mm=indenter.radius_mm,
+                                  depth_mm=indenter.height_mm)  # fmt: skip
+        rises[name] = combine(seen_ratio(found.get(distance, []), scale_std=scale_std), computed)
+    return rises
+
+
+def _look(chain: Chain, watch: Watch, timed: Timed | None, rise: Rise | None) -> Look:
+    name, window = watch.press.press, chain.windows[watch.press.press]
+    touch, event = (timed.touch, timed.event) if timed else (None, None)
+    expected = (watch.indenter.height_mm or float("nan")) / (1 + (rise.ratio if rise else 0.0))
+    event_s = float("nan")
+    if touch is not None and touch.onset.gain > SURE:
+        event_s = touch.time_s
+    elif timed is not None and window is not None and np.isfinite(expected):
+        due = crossing(window, float(timed.touched.law.force(expected)), 0.0)
+        event_s = due.time_s - chain.offset_s if due is not None else float("nan")
+    return Look(watch=watch, force=window, touch=touch, event=event, event_s=event_s, depth_mm=expected,
+                distance_mm=timed.touched.distance_mm if timed else watch.indenter.bevel_distance_mm,
+                rest_s=chain.rest_s[name], offset_s=chain.offset_s)  # fmt: skip
+
+
+def _point(
+    chain: Chain, press: Press, timed: Timed | None, rise: Rise | None, look: Look | None
+) -> CertifiedPoint:
+    indenter = chain.recording.indenters[press.indenter]
+    height = indenter.height_mm if indenter.height_mm is not None else float("nan")
+    rise = rise or unknown_rise()
+    depth = height / (1 + rise.ratio)
+    std = float(np.hypot(indenter.height_std_mm / (1 + rise.ratio), depth * rise.std / (1 + rise.ratio)))
+    extra: dict[str, object] = {"rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
+    force, force_std, time_s = np.full(3, np.nan), float("nan"), float("nan")
+    if timed is not None and timed.touch is not None and timed.event is not None and timed.crossed is not None:
+        event, touch = timed.event, timed.touch
+        window = chain.windows[press.press]
+        tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
+        force, time_s = event.force_N, touch.time_s
+        from_time = 0.0 if event.dwell else event.rate_N_s * timed.crossed.std_s
+        force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
+        extra |= {"touch_std_s": touch.std_s, "touch_channel": touch.channel, "touch_sigmas":
+        touch.onset.gain**0.5,
+                  "force_readings": event.readings, "force_dwell": int(event.dwell)}  # fmt: skip
+    if look is not None and look.watch.footprint is not None:
+        face = look.watch.footprint
+        extra |= {"centre_x_mm": face.centre_mm[0], "centre_y_mm": face.centre_mm[1], "face_radius_mm":
+        face.radius_mm,
+                  "tilt_x": face.tilt[0], "tilt_y": face.tilt[1]}  # fmt: skip
+    return CertifiedPoint(
+        press=press.press, indenter=press.indenter, depth_mm=depth, fz_N=float(force[2]), depth_std_mm=std,
+        fz_std_N=force_std, fx_N=float(force[0]), fy_N=float(force[1]), time_s=time_s,
+        depth_uncorrected_mm=height, rest_s=chain.rest_s[press.press], speed_mm_s=press.speed_mm_s,
+        x_mm=press.x_mm, y_mm=press.y_mm, extra=extra,
+    )  # fmt: skip
+
+
+def _judged(point: CertifiedPoint, said: tuple[Finding, ...]) -> CertifiedPoint:
+    """The point with its verdict; all findings are kept in `extra`."""
+    if not said and not np.isfinite(point.fz_N):
+        said = (Finding("bevel_not_touched", "no force could be read at the touch"),)
+    if not said:
+        return point
+    every = {"findings": "; ".join(f"{finding.reason}: {finding.text}" for finding in said)}
+    return replace(point, accepted=False, reason=said[0].reason, extra={**point.extra, **every})
+
+
+def _warnings(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> Iterator[str]:
+    if chain.offset.value is None:
+        yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
+    untared = [name for name, window in chain.windows.items() if window is not None and not window.tare.known]
+    if untared:
+        yield f"No force reading of the free gel for presses {', '.join(untared)}: their zero is as recorded."
+    if any(t.touched.distance_mm is not None and not t.touched.distance_given for t in timed.values()):
+        place = next(t.touched.distance_mm for t in timed.values() if t.touched.distance_mm is not None)
+        yield f"The bevel's edge is not stated; it was found at {place:.1f} mm from the axis."
+    if any(t.touched.distance_mm is None for t in timed.values()):
+        yield (
+            "The bevel's place is neither stated nor seen: depths are the machined heights, which may be "
+            "too deep by up to 13 %."
+        )
+    contrary = [rise for rise in rises.values() if rise.disagreement > 3]
+    if contrary:
+        seen, computed = contrary[0].seen, contrary[0].computed
+        assert seen is not None
+        assert computed is not None
+        yield (
+            f"The gel's rise at the bevel is {seen[0]:.3f} of the depth in the height map and {computed[0]:.3f} "
+            "as computed: they contradict each other, and the uncertainty of the depths was widened."
+        )

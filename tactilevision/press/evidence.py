@@ -1,0 +1,64 @@
+"""What the report shows of a press: the frame at the event, its height map, the bevel's window, the force
+about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_signal
+from tactilevision.errors import TactilevisionError
+from tactilevision.press.certificate import Evidence, Finding
+from tactilevision.press.checks import Look
+from tactilevision.press.watch import Reconstructs
+from tactilevision.recording import Recording, read_frame
+from tactilevision.records import HeightMap, Pair
+
+
+def evidence_of(
+    recording: Recording, reconstructor: Reconstructs, look: Look, said: tuple[Finding, ...]
+) -> Evidence:
+    """Evidence of one press; its event's frame is read and reconstructed once more."""
+    watch, window = look.watch, look.force
+    place = int(np.argmin(np.abs(watch.time_s - look.event_s))) if np.isfinite(look.event_s) else watch.deepest
+    name = watch.names[place]
+    index = recording.frame_names.index(name) if name in recording.frame_names else None
+    signal = None
+    if look.distance_mm is not None and watch.footprint is not None:
+        signal = height_signal(
+            watch.strips, watch.s_mm, distance_mm=look.distance_mm, radius_mm=watch.footprint.radius_mm
+        )
+    return Evidence(
+        press=watch.press.press, frame_index=index, frame_name=name, footprint=watch.footprint,
+        height_map=_height_map(recording, reconstructor, index), bevel_window_mm=_window(look),
+        time_s=watch.time_s, depth_mm=watch.depth_mm, signal_mm=signal, touch=look.touch,
+        event_s=look.event_s, force_time_s=np.zeros(0) if window is None else window.time_s - look.offset_s,
+        force_N=np.zeros((0, 3)) if window is None else window.force_N, findings=said,
+    )  # fmt: skip
+
+
+def _height_map(recording: Recording, reconstructor: Reconstructs, index: int | None) -> HeightMap | None:
+    if index is None:
+        return None
+    try:
+        height = reconstructor.height_map(read_frame(recording, index))
+    except TactilevisionError:
+        return None
+    std = None if height.std_mm is None else height.std_mm.astype(np.float32)
+    return replace(height, depth_mm=height.depth_mm.astype(np.float32), std_mm=std)
+
+
+def _window(look: Look) -> tuple[Pair, Pair] | None:
+    """Corners (x, y) of the window at the bevel's edge, on the pad."""
+    face = look.watch.footprint
+    if face is None or look.distance_mm is None:
+        return None
+    along = np.array(SIDES[look.watch.side])
+    across = np.array([-along[1], along[0]])
+    middle = np.array(face.centre_mm) + look.distance_mm * along
+    corners = np.array([middle - EDGE_MM * along - HALF_WIDTH_MM * across,
+                        middle + EDGE_MM * along + HALF_WIDTH_MM * across])  # fmt: skip
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    return (float(x0), float(y0)), (float(x1), float(y1))

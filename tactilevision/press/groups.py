@@ -1,0 +1,107 @@
+"""Presses that share a bevel and a punch radius, searched for their touches together.
+
+The driving depth is read from the force; its law w(P) is anchored to the machined heights by the touches
+themselves, so search and law are found in turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.contact.onset import Onset
+from tactilevision.press.force_window import ForceWindow
+from tactilevision.press.phases import find_phases
+from tactilevision.press.touch import SURE, Case, DepthOfForce, depth_of_force, find_distance, find_touches
+from tactilevision.press.watch import Watch
+from tactilevision.records import Bools, Floats
+
+_TURNS = 2
+_RISE = 0.09  # of the depth, for the first anchors: a common factor of all, which the search does not feel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """What the search found for one press: the case, the onset (in driving depth), the bevel's place, the law."""
+
+    case: Case
+    onset: Onset | None
+    distance_mm: float | None
+    distance_given: bool
+    law: DepthOfForce
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Frames:
+    watch: Watch
+    force_N: Floats  # (N,) at the frames
+    use: Bools
+
+
+def find_all(
+    watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None], offset_s: float
+) -> dict[str, Touched]:
+    """The touches of all presses that can be searched, by press."""
+    groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
+    for name, watch in watches.items():
+        window = windows[name]
+        if watch is None or watch.footprint is None or window is None or watch.indenter.bevel is None:
+            continue
+        indenter = watch.indenter
+        key = (indenter.bevel, indenter.bevel_distance_mm, indenter.radius_mm)
+        groups.setdefault(key, {})[name] = _frames(watch, window, offset_s)
+    found: dict[str, Touched] = {}
+    for group in groups.values():
+        found |= _search(group)
+    return found
+
+
+def _frames(watch: Watch, window: ForceWindow, offset_s: float) -> _Frames:
+    time = watch.time_s + offset_s
+    force = window.at(time)
+    if window.phases is not None:
+        release = float(window.time_s[window.phases.release])
+    else:
+        seen = find_phases(watch.depth_mm)
+        release = float(time[seen.release if seen is not None else -1])
+    return _Frames(watch, force, np.asarray((time <= release) & np.isfinite(force)))
+
+
+def _search(group: Mapping[str, _Frames]) -> dict[str, Touched]:
+    law = _first_law(group)
+    indenter = next(iter(group.values())).watch.indenter
+    distance = indenter.bevel_distance_mm
+    if distance is None:
+        distance = find_distance([_case(frames, law) for frames in group.values()])
+    cases = {name: _case(frames, law) for name, frames in group.items()}
+    onsets: dict[str, Onset | None] = dict.fromkeys(group)
+    for _ in range(_TURNS if distance is not None else 0):
+        assert distance is not None
+        cases = {name: _case(frames, law) for name, frames in group.items()}
+        onsets = dict(zip(group, find_touches(list(cases.values()), distance), strict=True))
+        anchors = [
+            (case.watch.indenter.height_mm / (1 + _RISE), float(law.force(onset.at)))
+            for case, onset in zip(cases.values(), onsets.values(), strict=True)
+            if onset is not None and onset.gain > SURE and case.watch.indenter.height_mm
+        ]
+        used, law = law, depth_of_force(anchors) or law
+    if distance is None:
+        used = law
+    given = indenter.bevel_distance_mm is not None
+    return {name: Touched(cases[name], onsets[name], distance, given, used) for name in group}
+
+
+def _case(frames: _Frames, law: DepthOfForce) -> Case:
+    return Case(frames.watch, law.depth(frames.force_N), frames.use)
+
+
+def _first_law(group: Mapping[str, _Frames]) -> DepthOfForce:
+    """Straight line from the depths that the camera reads."""
+    ratios = []
+    for frames in group.values():
+        deep = frames.use & (frames.watch.depth_mm > 0.5 * np.nanmax(frames.watch.depth_mm))
+        ratio = frames.force_N[deep] / frames.watch.depth_mm[deep]
+        ratios += [float(r) for r in ratio if np.isfinite(r) and r > 0]
+    return DepthOfForce(float(np.median(ratios)) if ratios else 1.0, 0.0)

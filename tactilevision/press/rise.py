@@ -1,0 +1,125 @@
+"""How far the gel rises where the bevel meets it, and the depth that the bevel then certifies.
+
+    touch:  w + u_z(r_bevel, w) = H        rho = u_z / w  (positive out of the gel)      w = H / (1 + rho)
+
+Seen: rho is the slope of the rise against the depth of the face over the frames before the touch, the rise
+from the height map, the depth from the force, in the scale that the bevels certify. A slope is free of the
+zero plane. The rise is the mean over a ring, since without tilt it is the same all round; the scatter of its
+quarters is part of the uncertainty, and so is what the height map's scale is off by on the faces (the gauge).
+Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. The
+two are checked against each other and combined by their variances. Where the bevel's place is neither given
+nor seen, w = H is kept with what that may be wrong. Source: docs/physics, "The bevel touches early".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.mechanics.profile import seen_rise
+from tactilevision.press.watch import Watch
+from tactilevision.records import Bools, Floats, Gel
+
+_HALF_RING_MM = 0.3
+_SOFT_GEL = (0.45, 0.4999)  # silicones and the like, where nothing is said of the gel
+# What finite elements have beyond the linear profile at w/h = .13, over w: .004 (friction .3), .008 (stick)
+_BEYOND_LINEAR, _THEORY_STD = 0.005, 0.004
+_UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
+
+
+@dataclass(frozen=True, slots=True)
+class Rise:
+    """rho at the bevel's edge and its std, and what it rests on: seen and computed (ratio, std), None if not
+    known.
+    """
+
+    ratio: float
+    std: float
+    seen: tuple[float, float] | None = None
+    computed: tuple[float, float] | None = None
+
+    @property
+    def disagreement(self) -> float:
+        """Sigmas between what is seen and what is computed."""
+        if self.seen is None or self.computed is None:
+            return 0.0
+        return abs(self.seen[0] - self.computed[0]) / float(np.hypot(self.seen[1], self.computed[1]))
+
+
+def unknown_rise() -> Rise:
+    """Nothing is known of the bevel's place: w = H, and how far that may be off."""
+    return Rise(0.0, (_UNKNOWN[1] - _UNKNOWN[0]) / float(np.sqrt(3)))
+
+
+def press_rise(
+    watch: Watch, depth_mm: Floats, before: Bools, *, distance_mm: float
+) -> tuple[Floats, Floats] | None:
+    """rho (4,) of the quarters of the ring and its std, from one press; `depth_mm` (N,), `before` the touch
+    (N,).
+    """
+    ring = np.abs(watch.r_mm - distance_mm) <= _HALF_RING_MM
+    use = before & np.isfinite(depth_mm)
+    if use.sum() < 4 or not ring.any() or np.ptp(depth_mm[use]) <= 0:
+        return None
+    depth = depth_mm[use]
+    level = watch.rings[use][:, :, ring].mean(axis=2)
+    unseen = ~np.isfinite(level).all(axis=0)
+    level = np.where(np.isfinite(level), level, 0.0)
+    design = np.c_[np.ones_like(depth), depth]
+    answer, *_ = np.linalg.lstsq(design, level, rcond=None)
+    spread = (level - design @ answer).std(axis=0) / np.sqrt(((depth - depth.mean()) ** 2).sum())
+    return np.where(unseen, np.nan, -answer[1]), np.where(unseen, np.nan, spread)
+
+
+def seen_ratio(found: Sequence[tuple[Floats, Floats]], *, scale_std: float) -> tuple[float, float] | None:
+    """One rho and its std from many presses; `scale_std` is the relative uncertainty of the height map's
+    scale.
+    """
+    if not found:
+        return None
+    ratios, stds = np.array([f[0] for f in found]), np.array([f[1] for f in found])
+    weights = np.where(np.isfinite(ratios), 1 / np.maximum(stds, 1e-4) ** 2, 0.0)
+    total = weights.sum(axis=0)
+    seen = total > 0
+    if seen.sum() < 2:
+        return None
+    quarters = (np.where(np.isfinite(ratios), ratios, 0.0) * weights).sum(axis=0)[seen] / total[seen]
+    value = float(quarters.mean())
+    # the quarters err by what the method has wrong in each direction, which more presses do not mend
+    spread = float(quarters.std(ddof=1) / np.sqrt(seen.sum()))
+    return value, float(np.sqrt(spread**2 + 1 / total[seen].sum() + (scale_std * value) ** 2))
+
+
+def computed_ratio(
+    gel: Gel | None, *, distance_mm: float, radius_mm: float, depth_mm: float
+) -> tuple[float, float] | None:
+    """rho and its std from the linear profile and what is known of Poisson's ratio; None without a gel's
+    thickness.
+    """
+    if gel is None or not np.isfinite(radius_mm) or not 0 < depth_mm < gel.thickness_mm:
+        return None
+    if gel.poisson_ratio is not None:
+        std = gel.poisson_ratio_std or 0.01
+        ratios = (gel.poisson_ratio - std, gel.poisson_ratio, gel.poisson_ratio + std)
+        width = 2.0
+    else:
+        ratios, width = (_SOFT_GEL[0], 0.5 * sum(_SOFT_GEL), _SOFT_GEL[1]), float(np.sqrt(12))
+    low, middle, high = (
+        float(seen_rise(distance_mm, depth_mm, radius_mm=radius_mm, thickness_mm=gel.thickness_mm,
+                        poisson_ratio=min(nu, 0.4999)))
+        / depth_mm for nu in ratios
+    )  # fmt: skip
+    return middle + _BEYOND_LINEAR, float(np.hypot((high - low) / width, _THEORY_STD))
+
+
+def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> Rise:
+    """By inverse variance; where they contradict each other the std grows until they do not."""
+    if seen is None or computed is None:
+        known = seen or computed
+        return unknown_rise() if known is None else Rise(known[0], known[1], seen, computed)
+    weights = np.array([1 / seen[1] ** 2, 1 / computed[1] ** 2])
+    value = float(np.average([seen[0], computed[0]], weights=weights))
+    apart = abs(seen[0] - computed[0]) / float(np.hypot(seen[1], computed[1]))
+    return Rise(value, float(max(apart, 1.0) / np.sqrt(weights.sum())), seen, computed)

@@ -1,0 +1,149 @@
+"""First touch of the bevel in every press of a recording, found together.
+
+The presses share the shape of the growing dent (its amplitude per depth, its share k), since they share the
+bevel; each has its own depth of touch. The depth that drives the signal is read from the force, P = c w (1 +
+b w), c and b from the touches themselves at the machined heights: a height map's own depth is too crooked
+where the walls are steep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.contact.bevel import height_signal, picture_signal
+from tactilevision.contact.onset import Onset, find_onset
+from tactilevision.press.watch import Watch
+from tactilevision.records import Bools, Floats, Pair
+
+SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
+_SHARES = np.linspace(0.0, 1.0, 11)
+_LIKE = 0.15  # by which the amplitude may differ between presses of one bevel, one sigma: gain, sideways place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A press to be searched: its frames up to the end of the hold (`use`), and the driving depth or force
+    (N,).
+    """
+
+    watch: Watch
+    drive: Floats
+    use: Bools
+
+    def signal(self, distance_mm: float) -> Floats | None:
+        watch = self.watch
+        radius = watch.footprint.radius_mm if watch.footprint else watch.indenter.radius_mm
+        return height_signal(watch.strips, watch.s_mm, distance_mm=distance_mm, radius_mm=radius)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthOfForce:
+    """w(P) of P = c w (1 + b w)."""
+
+    c_N_per_mm: float
+    b_per_mm: float
+
+    def depth(self, force_N: Floats) -> Floats:
+        force = np.asarray(force_N, dtype=np.float64)
+        if self.b_per_mm == 0:
+            return force / self.c_N_per_mm
+        root = np.sqrt(np.maximum(1 + 4 * self.b_per_mm * force / self.c_N_per_mm, 1e-6))
+        return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
+
+    def force(self, depth_mm: Floats | float) -> Floats:
+        w = np.asarray(depth_mm, dtype=np.float64)
+        return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
+
+
+def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
+    """c and b through (depth, force) anchors, robustly; b is kept at 0 where all depths are alike."""
+    usable = np.array([a for a in anchors if a[0] > 0 and a[1] > 0])
+    if not len(usable):
+        return None
+    depth, stiffness = usable[:, 0], usable[:, 1] / usable[:, 0]
+    if np.ptp(depth) < 0.25 * depth.max():
+        return DepthOfForce(float(np.median(stiffness)), 0.0)
+    keep = np.ones(depth.size, dtype=bool)
+    slope, start = 0.0, float(np.median(stiffness))
+    for _ in range(5):
+        slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
+        residual = np.abs(stiffness - start - slope * depth)
+        keep = residual <= max(3 * 1.4826 * float(np.median(residual)), 1e-9)
+        if keep.sum() < 3:
+            break
+    return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
+
+
+def find_touches(cases: Sequence[Case], distance_mm: float) -> list[Onset | None]:
+    """The onset of each press; None where its bevel is out of view or its signal never rises."""
+    traces = [case.signal(distance_mm) for case in cases]
+    known = [(case.drive[case.use], trace[case.use]) for case, trace in zip(cases, traces, strict=True)
+             if trace is not None]  # fmt: skip
+    found = iter(_together(known))
+    return [None if trace is None else next(found) for trace in traces]
+
+
+def _together(traces: Sequence[tuple[Floats, Floats]]) -> list[Onset | None]:
+    """Onsets of many signals (x, y) of one shape: the mean over the shares k, each by its likelihood."""
+    first = [find_onset(x, y, share=0.7) for x, y in traces]
+    sure = [onset for onset in first if onset is not None and onset.gain > SURE]
+    if not sure:
+        return first
+    noise = float(np.median([onset.noise for onset in sure]))
+    trials, misfit = [], []
+    for share in _SHARES:
+        free = [find_onset(x, y, share=float(share), noise=noise) for x, y in traces]
+        amplitudes = [o.amplitude for o in free if o is not None and o.gain > SURE]
+        middle = float(np.median(amplitudes)) if amplitudes else np.nan
+        alike = (middle, _LIKE * middle) if amplitudes else None
+        trial = [find_onset(x, y, share=float(share), amplitude=alike, noise=noise)
+                 for x, y in traces]  # fmt: skip
+        trials.append(trial)
+        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if amplitudes else np.inf)
+    count = sum(len(x) for x, _ in traces)
+    scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
+    weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
+    return [_mixture([trial[k] for trial in trials], weights) for k in range(len(traces))]
+
+
+def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:
+    """One onset from its likes under several shares."""
+    kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
+    if not kept or sum(weight for _, weight in kept) <= 0:
+        return None
+    share_out = np.array([weight for _, weight in kept])
+    at = np.array([onset.at for onset, _ in kept])
+    variance = np.array([onset.std**2 for onset, _ in kept])
+    mean = float(np.average(at, weights=share_out))
+    best = kept[int(share_out.argmax())][0]
+    return replace(best, at=mean, std=float(np.sqrt(np.average(variance + (at - mean) ** 2, weights=share_out))))
+
+
+def find_distance(cases: Sequence[Case]) -> float | None:
+    """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
+    near = max(case.watch.indenter.radius_mm for case in cases) + 0.8
+    places = np.arange(near, max(float(case.watch.s_mm[-1]) for case in cases), 0.2)
+    totals = []
+    for place in places:
+        gains = []
+        for case in cases:
+            trace = case.signal(float(place))
+            onset = None if trace is None else find_onset(case.drive[case.use], trace[case.use], share=0.7)
+            gains.append(0.0 if onset is None else min(onset.gain, 400.0))
+        totals.append(float(np.mean(gains)))
+    best = int(np.argmax(totals)) if totals else 0
+    if not totals or max(totals) < SURE:
+        return None
+    near_best = slice(max(best - 1, 0), best + 2)
+    return float(np.average(places[near_best], weights=totals[near_best]))
+
+
+def in_picture(case: Case, onset: Onset, distance_mm: float) -> Onset | None:
+    """The same touch from the change of the picture's colours."""
+    watch = case.watch
+    trace = picture_signal(watch.colours[case.use], watch.s_mm, case.drive[case.use], distance_mm=distance_mm,
+                           onset=onset)  # fmt: skip
+    return None if trace is None else find_onset(case.drive[case.use], trace, share=onset.share)

@@ -1,0 +1,114 @@
+"""The indenter's circle in drawn height maps whose circle is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from contact_scenes import Scene, height_map
+
+from tactilevision.contact.circle import fit_circle
+from tactilevision.contact.footprint import find_footprint
+from tactilevision.records import HeightMap
+
+SCENES: list[dict[str, Any]] = [
+    {"depth_mm": 0.1},
+    {"depth_mm": 0.6},
+    {"depth_mm": 0.1, "plane": (0.01, 0.002, -0.001)},
+    {"depth_mm": 0.3, "mm_per_px": (0.03, 0.04), "size_px": (640, 480)},
+    {"depth_mm": 0.3, "blur_mm": 0.2},
+    {"depth_mm": 0.3, "blur_mm": 0.03},
+    {"depth_mm": 0.3, "radius_mm": 1.5},
+    {"depth_mm": 0.35, "height_mm": 0.25, "side": "top"},
+    {"depth_mm": 0.3, "centre_mm": (12.5, 0.0)},
+    {"depth_mm": 0.5, "tilt": (0.02, -0.01)},
+]
+
+
+@pytest.mark.parametrize("given", SCENES, ids=str)
+def test_circle_is_found_below_a_pixel(given: dict[str, Any]) -> None:
+    scene = Scene(**given)
+    face = find_footprint(height_map(scene, np.random.default_rng(1)), scene.indenter())
+    assert face is not None
+    assert np.hypot(*np.subtract(face.centre_mm, scene.centre_mm)) < 0.03
+    assert face.radius_mm == pytest.approx(scene.radius_mm, rel=0.015)
+    assert abs(face.radius_mm - scene.radius_mm) < 3 * face.radius_std_mm + 0.005
+    assert face.residual_mm < 0.02
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.03, -0.02)])
+def test_depth_and_tilt_of_the_face(tilt: tuple[float, float]) -> None:
+    scene = Scene(depth_mm=0.4, tilt=tilt, gain=1.0)
+    for seed in range(3):
+        face = find_footprint(height_map(scene, np.random.default_rng(seed)), scene.indenter())
+        assert face is not None
+        assert face.depth_mm == pytest.approx(0.4, abs=4 * face.depth_std_mm)
+        assert face.depth_std_mm < 0.003
+        assert face.tilt == pytest.approx(tilt, abs=4 * face.tilt_std)
+
+
+def test_nothing_there_is_nothing() -> None:
+    scene = Scene(depth_mm=0.0)
+    for seed in range(10):
+        assert find_footprint(height_map(scene, np.random.default_rng(seed)), scene.indenter()) is None
+
+
+def test_another_radius_than_the_stated_one_is_measured() -> None:
+    scene = Scene(radius_mm=2.0)
+    height = height_map(scene, np.random.default_rng(0))
+    for stated in (2.5, 1.6, float("nan")):
+        face = find_footprint(height, replace(scene.indenter(), radius_mm=stated))
+        assert face is not None
+        assert face.radius_mm == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_hole_in_the_map_is_not_read() -> None:
+    scene = Scene()
+    height = height_map(scene, np.random.default_rng(0))
+    valid, depth = height.valid.copy(), np.array(height.depth_mm)
+    valid[150:170, 250:270] = False
+    depth[~valid] = 9.0
+    face = find_footprint(HeightMap(depth, valid, height.mm_per_px), scene.indenter())
+    assert face is not None
+    assert face.radius_mm == pytest.approx(2.5, rel=0.01)
+    assert face.depth_mm == pytest.approx(0.309, abs=0.01)
+
+
+def test_a_prior_gives_the_same_circle() -> None:
+    scene = Scene()
+    height = height_map(scene, np.random.default_rng(0))
+    first = find_footprint(height, scene.indenter())
+    again = find_footprint(height, scene.indenter(), prior=first)
+    assert first is not None
+    assert again is not None
+    assert again.centre_mm == pytest.approx(first.centre_mm, abs=1e-3)
+
+
+def test_circle_fit_is_exact_on_a_circle_and_deaf_to_a_third_of_strangers() -> None:
+    rng = np.random.default_rng(3)
+    angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    points = np.c_[1.0 + 2.5 * np.cos(angle), -2.0 + 2.5 * np.sin(angle)]
+    exact = fit_circle(points, start=((0.8, -1.7), 2.2), scale_mm=0.03, independent=30)
+    assert exact is not None
+    assert (*exact.centre_mm, exact.radius_mm) == pytest.approx((1.0, -2.0, 2.5), abs=1e-9)
+    points[:30] += rng.uniform(0.3, 2.0, (30, 2))
+    robust = fit_circle(points, start=((0.8, -1.7), 2.2), scale_mm=0.03, independent=30)
+    assert robust is not None
+    assert (*robust.centre_mm, robust.radius_mm) == pytest.approx((1.0, -2.0, 2.5), abs=1e-3)
+    assert robust.kept == pytest.approx(2 / 3, abs=0.05)
+    assert fit_circle(points[:5], start=((0.8, -1.7), 2.2), scale_mm=0.03, independent=5) is None
+
+
+def test_circle_std_covers_what_noise_does() -> None:
+    angle = np.linspace(0, 1.2 * np.pi, 80)
+    errors = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        radius = 2.5 + 0.03 * rng.standard_normal(80)
+        points = np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+        found = fit_circle(points, start=((0.0, 0.0), 2.5), scale_mm=0.03, independent=80)
+        assert found is not None
+        errors.append([(found.radius_mm - 2.5) / found.radius_std_mm])
+    assert 0.7 < np.std(errors) < 1.4

@@ -1,0 +1,91 @@
+"""Clocks aligned from what camera and F/T sensor both saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
+from tactilevision.records import Floats, ForceSeries
+
+TOPS = (0.2, 0.35, 0.4, 0.5, 0.65)
+
+
+def depth_at(time: Floats, start: float, top: float, speed: float = 0.25) -> Floats:
+    """Ramp, hold of half a second, quick release."""
+    corners = np.cumsum([start, top / speed, 0.5, top / 1.0])
+    return np.interp(time, corners, [0.0, top, top, 0.0])
+
+
+def presses(
+    offset_s: float, rng: np.random.Generator, *, rate_Hz: float = 30.0, frames: int | None = None,
+    relaxing: float = 0.0, crooked: float = 0.4,
+) -> tuple[list[Seen], ForceSeries]:  # fmt: skip
+    """Presses every seven seconds; the camera reads depths crookedly, at jittered and thinned times."""
+    force_time = np.arange(0, 7.0 * len(TOPS) + 2, 0.005)
+    depth = np.sum([depth_at(force_time, 2 + 7 * k, top) for k, top in enumerate(TOPS)], axis=0)
+    normal = 3.5 * depth * (1 + 0.28 * depth)
+    if relaxing:
+        branch = np.zeros_like(normal)
+        for i in range(1, normal.size):
+            branch[i] = (branch[i - 1] + normal[i] - normal[i - 1]) * np.exp(-0.005 / 1.0)
+        normal = (1 - relaxing) * normal + relaxing * branch
+    force = np.c_[0 * normal, 0 * normal, normal + 0.2] + 0.0125 * rng.standard_normal((normal.size, 3))
+    seen = []
+    for k, top in enumerate(TOPS):
+        time = np.arange(1 + 7 * k, 6 + 7 * k, 1 / rate_Hz)
+        time = time + rng.uniform(-0.1, 0.1, time.size) / rate_Hz
+        if frames is not None:
+            time = np.sort(rng.choice(time, frames, replace=False))
+        true = depth_at(time, 2 + 7 * k, top)
+        read = true * (1.2 - crooked * true) * rng.normal(1, 0.02) + 0.002 * rng.standard_normal(time.size)
+        seen.append(Seen(time, read, 2.5))
+    return seen, ForceSeries(force_time + offset_s, force, (0.00625, 0.00625, 0.0125))
+
+
+@pytest.mark.parametrize("rate_Hz", [15.0, 30.0, 90.0])
+@pytest.mark.parametrize("offset_s", [-0.15, 0.0, 0.08])
+def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> None:
+    seen, forces = presses(offset_s, np.random.default_rng(int(rate_Hz)), rate_Hz=rate_Hz)
+    start, sure = coarse_offset(seen, forces)
+    assert sure > 0.9
+    found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+    assert found.value == pytest.approx(offset_s, abs=0.003)
+    assert found.std is not None
+    assert found.std < 0.003
+
+
+def test_thinned_frames_and_a_relaxing_gel() -> None:
+    for seed, relaxing in ((1, 0.0), (2, 0.0), (3, 0.15)):
+        seen, forces = presses(0.12, np.random.default_rng(seed), rate_Hz=60, frames=60, relaxing=relaxing)
+        start, _ = coarse_offset(seen, forces)
+        found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+        assert found.value == pytest.approx(0.12, abs=0.003), relaxing
+
+
+def test_clocks_of_different_origin() -> None:
+    seen, forces = presses(5432.1, np.random.default_rng(0))
+    start, sure = coarse_offset(seen, forces)
+    assert sure > 0.9
+    found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+    assert found.value == pytest.approx(5432.1, abs=0.003)
+
+
+def test_std_is_what_the_estimate_scatters_by() -> None:
+    errors, stds = [], []
+    for seed in range(20):
+        seen, forces = presses(0.05, np.random.default_rng(seed), frames=40)
+        found = estimate_offset(seen, forces, start_s=0.06)
+        assert found.value is not None
+        assert found.std is not None
+        errors.append(found.value - 0.05)
+        stds.append(found.std)
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) / np.mean(stds) < 2
+
+
+def test_no_ramp_no_offset() -> None:
+    seen, forces = presses(0.0, np.random.default_rng(0))
+    free = [Seen(s.time_s[:5], np.zeros(5), 2.5) for s in seen]
+    found = estimate_offset(free, forces, start_s=0.0)
+    assert found.value is None
+    assert found.why

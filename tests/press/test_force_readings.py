@@ -1,0 +1,92 @@
+"""Zero, phases and the force at the event, on ramps whose force is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.press.event_force import force_in_dwell, force_on_ramp
+from tactilevision.press.phases import find_phases
+from tactilevision.press.tare import find_tare
+from tactilevision.records import Floats, ForceSeries
+
+STD = np.array([0.00625, 0.00625, 0.0125])
+
+
+def ramp(rng: np.random.Generator, *, bump: float = 0.0) -> tuple[Floats, Floats]:
+    """200 Hz; contact at 1 s, touch of the bevel at 2 s with 1 N, more force of the bevel after it."""
+    time = np.arange(0, 3, 0.005)
+    depth = np.clip(time - 1, 0, None) + bump * np.sin(12 * np.clip(time - 1, 0, None))
+    normal = 0.9 * depth + 0.1 * depth**2 + 2.0 * np.clip(time - 2, 0, None) ** 2
+    return time, np.c_[0.02 * normal, 0 * normal, normal] + STD * rng.standard_normal((time.size, 3))
+
+
+def test_force_on_a_ramp_is_unbiased_and_its_std_honest() -> None:
+    errors, stds = [], []
+    for seed in range(40):
+        found = force_on_ramp(*ramp(np.random.default_rng(seed)), STD, onset_s=1.03, touch_s=2.0)
+        assert found is not None
+        assert not found.dwell
+        errors.append(found.force_N[2] - 1.0)
+        stds.append(found.std_N[2])
+        assert found.rate_N_s == pytest.approx(1.1, abs=0.1)
+    assert np.mean(errors) == pytest.approx(0, abs=0.002)
+    assert 0.6 < np.std(errors) / np.mean(stds) < 1.6
+    assert np.mean(stds) < 0.004
+
+
+def test_an_uneven_ramp_is_read_from_its_last_part() -> None:
+    true = 0.9 * (1 + 0.03 * np.sin(12)) + 0.1 * (1 + 0.03 * np.sin(12)) ** 2
+    errors = []
+    for seed in range(20):
+        found = force_on_ramp(*ramp(np.random.default_rng(seed), bump=0.03), STD, onset_s=1.03, touch_s=2.0)
+        assert found is not None
+        errors.append((found.force_N[2] - true) / found.std_N[2])
+    assert np.sqrt(np.mean(np.square(errors))) < 2
+
+
+def test_a_dwell_gives_the_mean_of_two_hundred_readings() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 4, 0.005)
+    force = np.array([0.01, 0.0, 1.3]) + STD * rng.standard_normal((time.size, 3))
+    found = force_in_dwell(time, force, (0.5, 3.5), event_s=0.5)
+    assert found is not None
+    assert found.dwell
+    assert found.readings == 200
+    assert found.force_N[2] == pytest.approx(1.3, abs=4 * 0.0125 / 200**0.5)
+    assert found.std_N[2] == pytest.approx(0.0125 / 200**0.5, rel=0.2)
+
+
+def test_too_short_a_ramp_gives_nothing() -> None:
+    assert force_on_ramp(*ramp(np.random.default_rng(0)), STD, onset_s=1.0, touch_s=1.01) is None
+
+
+def test_zero_that_drifts_is_taken_between_before_and_after() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 10, 0.005)
+    zero = np.array([0.1, -0.2, 0.3]) + np.outer(time, [0.0, 0.002, 0.01])
+    press = np.where((time > 4) & (time < 6), 1.0, 0.0)
+    force = zero + np.c_[0 * press, 0 * press, press] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    tare = find_tare(series, (3.9, 6.1), free_s=(0.0, 10.0))
+    assert tare.known
+    assert tare.at(np.array([5.0]))[0] == pytest.approx([0.1, -0.19, 0.35], abs=0.004)
+    assert tare.drift_N is not None
+    assert tare.drift_N[2] == pytest.approx(0.01 * (tare.after_s - tare.before_s), abs=0.004)
+    only_before = find_tare(series, (3.9, 6.1), free_s=(0.0, 6.0))
+    assert only_before.after_N is None
+    assert only_before.at(np.array([5.0]))[0][2] == pytest.approx(0.33, abs=0.01)
+    assert not find_tare(series, (0.0, 10.0), free_s=(0.0, 10.0)).known
+
+
+def test_phases_of_a_press() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 4, 0.02)
+    depth = np.interp(time, [1, 2, 2.5, 2.8], [0, 0.3, 0.3, 0]) + 0.002 * rng.standard_normal(time.size)
+    phases = find_phases(depth)
+    assert phases is not None
+    names = phases.names(time.size)
+    for moment, name in ((0.5, "free"), (1.5, "load"), (2.3, "hold"), (2.65, "unload"), (3.5, "free")):
+        assert names[np.searchsorted(time, moment)] == name
+    assert time[phases.onset] == pytest.approx(1.03, abs=0.06)
+    assert find_phases(0.002 * rng.standard_normal(100)) is None
