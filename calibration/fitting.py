@@ -261,7 +261,7 @@ def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fi
 def inverse_information(jacobian: Floats) -> Floats:
     """(J^T J)^-1 by singular values of the scaled J; what the data do not fix at all gets a huge variance."""
     size = np.linalg.norm(jacobian, axis=0)
-    size = np.where(size > 0, size, 1e-150)
+    size = np.where(size > 0, size, 1e-100)
     _, s, right = np.linalg.svd(jacobian / size, full_matrices=False)
     s = np.maximum(s, 1e-9)
     back = right.T / s

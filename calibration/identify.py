@@ -1,9 +1,10 @@
 """What these data can fix, and what only a prior or an assumption supplies.
 
-One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by about
-4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii. Where none
-of them fixes it, E and nu have no value but still an interval: what the range that silicones span allows.
-Sticking, where friction is unknown, lowers E's lower end only: the frictionless kappa gives the largest E.
+One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
+about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
+Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
+allows. Sticking, where friction is unknown, lowers E's lower end only: the frictionless kappa gives the
+largest E.
 """
 
 from __future__ import annotations

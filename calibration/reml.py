@@ -1,11 +1,12 @@
-"""The error model's sizes from the data: restricted maximum likelihood, held by weak priors where repeats are few.
+"""The error model's sizes from the data: restricted maximum likelihood, held by weak priors where repeats are
+few.
 
     -2 log L = sum over presses of log|V_p| + log|J^T V^-1 J + Lambda| + r^T P r
 
-J the model's derivatives, Lambda the priors' precision, P projects the fitted part out. With few presses the sizes
-of gain and zero are hardly known: log-normal priors about .5 % and 4 um (a factor 2.7 either way) then keep them
-from collapsing to 0, and fade as presses are added. Sources: Patterson, Thompson, Biometrika 58 (1971) 545;
-Harville, J. Am. Stat. Assoc. 72 (1977) 320.
+J the model's derivatives, Lambda the priors' precision, P projects the fitted part out. With few presses the
+sizes of gain and zero are hardly known: log-normal priors about .5 % and 4 um (a factor 2.7 either way) then
+keep them from collapsing to 0, and fade as presses are added. Sources: Patterson, Thompson, Biometrika 58
+(1971) 545; Harville, J. Am. Stat. Assoc. 72 (1977) 320.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Physical and instrument effects, one a file. EFFECTS is a catalogue, not a gate: any Effect works.
 
-CATALOGUE, the order of the documentation, is also that in which effects of one stage act; private ones come after.
+CATALOGUE, the order of the documentation, is also that in which effects of one stage act; private ones come
+after.
 """
 
 from __future__ import annotations
@@ -8,38 +9,61 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from calibration.effects.adhesion import Adhesion
+from calibration.effects.ageing import Ageing
+from calibration.effects.backing_compliance import BackingCompliance
+from calibration.effects.bevel_rise import BevelRise
+from calibration.effects.clock_offset import ClockOffset
 from calibration.effects.depth_zero import DepthZero
+from calibration.effects.edge_fillet import EdgeFillet
+from calibration.effects.force_bias import ForceBias
+from calibration.effects.force_crosstalk import ForceCrosstalk
+from calibration.effects.force_gain import ForceGain
+from calibration.effects.friction import Friction
+from calibration.effects.lateral_boundary import LateralBoundary
+from calibration.effects.mullins import Mullins
+from calibration.effects.photometric_drift import PhotometricDrift
+from calibration.effects.photometric_gain import PhotometricGain
+from calibration.effects.recovery import Recovery
+from calibration.effects.skin import Skin
+from calibration.effects.slope_saturation import SlopeSaturation
+from calibration.effects.stiffening import Stiffening
+from calibration.effects.temperature import Temperature
+from calibration.effects.thickness import Thickness
+from calibration.effects.thickness_wedge import ThicknessWedge
+from calibration.effects.tilt import Tilt
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.stages import Effect
 from tactilevision.errors import InputError
 
-EFFECTS: Mapping[str, Effect] = MappingProxyType({e.key: e for e in (DepthZero(), Viscoelasticity())})
-CATALOGUE = (
-    "depth_zero",
-    "bevel_rise",
-    "force_bias",
-    "force_gain",
-    "force_crosstalk",
-    "clock_offset",
-    "tilt",
-    "edge_fillet",
-    "backing_compliance",
-    "lateral_boundary",
-    "thickness",
-    "thickness_wedge",
-    "skin",
-    "friction",
-    "adhesion",
-    "viscoelasticity",
-    "recovery",
-    "mullins",
-    "stiffening",
-    "ageing",
-    "temperature",
-    "photometric_gain",
-    "photometric_drift",
-    "slope_saturation",
+_BUILT: tuple[Effect, ...] = (
+    DepthZero(),
+    BevelRise(),
+    ForceBias(),
+    ForceGain(),
+    ForceCrosstalk(),
+    ClockOffset(),
+    Tilt(),
+    EdgeFillet(),
+    BackingCompliance(),
+    LateralBoundary(),
+    Thickness(),
+    ThicknessWedge(),
+    Skin(),
+    Friction(),
+    Adhesion(),
+    Viscoelasticity(),
+    Recovery(),
+    Mullins(),
+    Stiffening(),
+    Ageing(),
+    Temperature(),
+    PhotometricGain(),
+    PhotometricDrift(),
+    SlopeSaturation(),
 )
+EFFECTS: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in _BUILT})
+CATALOGUE = tuple(EFFECTS)
 
 
 def get_effect(key: str) -> Effect:

@@ -1,0 +1,67 @@
+"""The gel beside the punch rises and meets the bevel early: a certified depth is H - rise, not H.
+
+    w -> w [1 - q u(r_b)],    u the rise over w at the bevel's distance r_b by linear theory, q = 1 as computed
+
+From points of one bevel distance it is E (and beta a little); indenters whose bevels stand at other distances, or
+the stage, show it. Vanishes at q = 0. Source: tactilevision.mechanics.profile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.mechanics.profile import exact_profile
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class BevelRise(EffectBase):
+    """One multiple of the computed rise."""
+
+    key = "bevel_rise"
+    title = "the bevel touches early"
+    stage = Stage.DEPTH
+    seen_in = ("certified against reconstructed depth",)
+    confused_with = ("youngs_modulus", "beta")
+    separated_by = ("another bevel distance", "the height map", "the stage")
+    source = "linear layer theory"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """q."""
+        return (Parameter("multiple", "1", 0.0, (-0.5, 3.0), "rise at the bevel over the computed one", 0.5),)
+
+    def missing(self, data: Observations) -> str:
+        """What these data would need."""
+        if data.depth_source != "gauge":
+            return "the depths are not certified by a bevel"
+        known = [i for i in data.indenters if i.bevel_distance_mm is not None]
+        if len(known) < len(data.indenters):
+            return "needs the bevels' distances (bevel_distance_mm)"
+        return "" if np.ptp(relative_rise(data)) > 0.005 else "needs bevels at several distances"
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Lower the certified depth."""
+        rise = relative_rise(data)[data.presses.indenter[data.press]]
+        return replace(state, depth_mm=state.depth_mm * (1 - values[0] * rise))
+
+
+def relative_rise(data: Observations) -> Floats:
+    """Rise over depth at each indenter's bevel, (number of indenters,); 0 where its distance is unknown."""
+    nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
+    table = [_rise(nu, i.radius_mm, i.bevel_distance_mm, data.gel.thickness_mm) for i in data.indenters]
+    return np.array(table)
+
+
+@lru_cache(maxsize=64)
+def _rise(poisson_ratio: float, radius_mm: float, distance_mm: float | None, thickness_mm: float) -> float:
+    if distance_mm is None:
+        return 0.0
+    rise, _ = exact_profile(distance_mm / radius_mm, poisson_ratio, radius_mm / thickness_mm)
+    return float(rise)

@@ -1,0 +1,50 @@
+"""Tangential forces leak into the normal channel: P + cx Fx + cy Fy.
+
+Fx, Fy as recorded. Vanishes at cx = cy = 0. Source: definition of a linear cross-talk matrix's last row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ForceCrosstalk(EffectBase):
+    """Two factors, one for each tangential force."""
+
+    key = "force_crosstalk"
+    title = "tangential force leaks into the normal one"
+    stage = Stage.INSTRUMENT
+    seen_in = ("Fx", "Fy")
+    confused_with = ("tilt", "thickness_wedge")
+    separated_by = ("a press with shear put on by hand",)
+    source = "definition"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """cx and cy."""
+        return (
+            Parameter("cx", "1", 0.0, (-0.3, 0.3), "normal force read for a unit of Fx", 0.02),
+            Parameter("cy", "1", 0.0, (-0.3, 0.3), "normal force read for a unit of Fy", 0.02),
+        )
+
+    def missing(self, data: Observations) -> str:
+        """What these data would need."""
+        size = float(np.ptp(data.force_N[:, :2], axis=0).max())
+        return "" if size > 0 else "needs tangential forces that were recorded and vary"
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[0.02, 0.0], [-0.02, 0.0], [0.0, 0.02], [0.0, -0.02], [0.02, 0.02], [0.02, -0.02]])
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Add the leak."""
+        leak = data.force_N[:, 0] * values[0] + data.force_N[:, 1] * values[1]
+        return replace(state, force_N=state.force_N + leak)

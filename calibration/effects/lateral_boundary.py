@@ -1,0 +1,68 @@
+"""The gel ends near the punch, which changes its stiffness with the distance d from the edge.
+
+    K0 -> K0 [1 + s exp(-(d - a)/lambda)]
+
+s below 0 for a free edge, above for a held one; a layer forgets over a length lambda of about its thickness
+(Saint-Venant). Even in the position, unlike a wedge. Vanishes at s = 0. Source: form by judgement; the decay of
+end effects in a bonded layer: Horgan, Knowles, Adv. Appl. Mech. 23 (1983) 179.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class LateralBoundary(EffectBase):
+    """One amplitude and one length."""
+
+    key = "lateral_boundary"
+    title = "the gel's edge is near"
+    stage = Stage.GEOMETRY
+    seen_in = ("x", "y")
+    confused_with = ("youngs_modulus", "thickness_wedge")
+    separated_by = ("presses at several places",)
+    source = "Horgan, Knowles, Adv. Appl. Mech. 23 (1983) 179"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """s and lambda."""
+        return (
+            Parameter("strength", "1", 0.0, (-3.0, 3.0), "relative change of stiffness at the very edge", 0.5),
+            Parameter("length_mm", "mm", 3.0, (0.5, 12.0), "length over which the edge is forgotten", 2.0),
+        )
+
+    def missing(self, data: Observations) -> str:
+        """What these data would need."""
+        if data.gel.shape == "unbounded":
+            return "needs the gel's outline ([sensor.gel] shape)"
+        gap = edge_distance(data)
+        if not np.isfinite(gap).all() or np.ptp(gap) < 0.5:
+            return "needs presses at several distances from the gel's edge (x_mm, y_mm)"
+        return ""
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[0.3, 1.5], [-0.3, 1.5], [0.3, 3.0], [-0.3, 3.0], [0.3, 8.0], [-0.3, 8.0]])
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Scale the stiffness by place."""
+        gap = np.maximum(edge_distance(data) - data.presses.radius_mm, 0)
+        factor = 1 + values[0] * np.exp(-gap / values[1])
+        return replace(state, factor=state.factor * factor[data.press])
+
+
+def edge_distance(data: Observations) -> Floats:
+    """From the axis of each press (M,) to the gel's nearest edge, mm; NaN where a place was not recorded."""
+    gel, presses = data.gel, data.presses
+    if gel.shape == "rectangle" and gel.size_mm is not None:
+        aside = gel.size_mm[0] / 2 - np.abs(presses.x_mm)
+        return np.asarray(np.minimum(aside, gel.size_mm[1] / 2 - np.abs(presses.y_mm)))
+    return np.asarray((gel.radius_mm or np.nan) - np.hypot(presses.x_mm, presses.y_mm))

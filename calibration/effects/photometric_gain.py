@@ -1,0 +1,40 @@
+"""The picture's depth is too large by a factor: s_obs = (1 + g) s, so w -> w/(1 + g).
+
+From forces alone it is E and beta exactly; a certified depth beside the reconstructed one shows it. Vanishes at
+g = 0. Source: definition.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class PhotometricGain(EffectBase):
+    """One factor on the depth."""
+
+    key = "photometric_gain"
+    title = "the height map is too high by a factor"
+    stage = Stage.DEPTH
+    seen_in = ("certified against reconstructed depth",)
+    confused_with = ("youngs_modulus", "beta")
+    separated_by = ("a gauge or a ball in each recording",)
+    source = "definition"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """g."""
+        return (Parameter("gain", "1", 0.0, (-0.2, 0.2), "relative error of the depth", 0.03),)
+
+    def missing(self, data: Observations) -> str:
+        """What these data would need."""
+        return "a factor on the depth is E and beta exactly; a gauge beside the picture would show it"
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Scale the depth."""
+        return replace(state, depth_mm=state.depth_mm / (1 + values[0]))

@@ -1,0 +1,42 @@
+"""The gel stiffens at large strain beyond the law's own bracket.
+
+    P -> P + K0 w gamma (w/h)^2
+
+The next term of the series whose first is beta: what Yeoh's or Gent's strain energy adds grows with the square of
+the strain. Vanishes at gamma = 0. Sources: Yeoh, Rubber Chem. Technol. 66 (1993) 754; Gent, ibid. 69 (1996) 59.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffening(EffectBase):
+    """One coefficient."""
+
+    key = "stiffening"
+    title = "the gel stiffens with strain"
+    stage = Stage.MATERIAL
+    seen_in = ("w/h",)
+    confused_with = ("viscoelasticity", "edge_fillet")
+    separated_by = ("slow and fast presses", "several radii")
+    source = "Yeoh, Rubber Chem. Technol. 66 (1993) 754"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """gamma."""
+        return (Parameter("gamma", "1", 0.0, (-60.0, 120.0), "coefficient of (w/h)^2", 4.0),)
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Add the next term."""
+        strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
+        added = state.stiffness_N_per_mm * state.depth_mm * values[0] * strain**2
+        return replace(state, force_N=state.force_N + added)

@@ -1,0 +1,55 @@
+"""The gel is a wedge: h(x, y) = h + sx x + sy y, x and y from the pad's centre.
+
+Odd in the position, unlike a near edge. Slopes are small: each press sees a layer of its own thickness.
+Vanishes at sx = sy = 0. Source: the law's own h.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.parameters import Parameter
+from calibration.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ThicknessWedge(EffectBase):
+    """Two slopes of the thickness."""
+
+    key = "thickness_wedge"
+    title = "the gel is thicker on one side"
+    stage = Stage.GEOMETRY
+    seen_in = ("x", "y")
+    confused_with = ("lateral_boundary",)
+    separated_by = ("presses at opposite places",)
+    source = "the law"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """sx and sy."""
+        return (
+            Parameter("slope_x", "mm/mm", 0.0, (-0.08, 0.08), "thickness gained along x", 0.01),
+            Parameter("slope_y", "mm/mm", 0.0, (-0.08, 0.08), "thickness gained along y", 0.01),
+        )
+
+    def missing(self, data: Observations) -> str:
+        """What these data would need."""
+        place = np.column_stack([data.presses.x_mm, data.presses.y_mm])
+        if not np.isfinite(place).all() or np.ptp(place, axis=0).max() < 1:
+            return "needs presses at several places (x_mm, y_mm)"
+        return ""
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[0.01, 0.0], [-0.01, 0.0], [0.0, 0.01], [0.0, -0.01], [0.01, 0.01], [0.01, -0.01],
+                         [-0.01, 0.01], [-0.01, -0.01]])  # fmt: skip
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Thickness by place."""
+        gain = data.presses.x_mm * values[0] + data.presses.y_mm * values[1]
+        thickness = np.maximum(state.thickness_mm + gain[data.press], 0.1 * data.gel.thickness_mm)
+        return replace(state, thickness_mm=thickness)
