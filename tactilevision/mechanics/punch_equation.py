@@ -47,9 +47,7 @@ class PunchSolution:
     @property
     def series(self) -> Legendre:
         """phi on [0, 1] as the Legendre series that the Gauss rule gives: as exact as phi at its nodes."""
-        degree = np.arange(len(self.x))
-        modes = np.polynomial.legendre.legvander(2 * self.x - 1, len(self.x) - 1)
-        return Legendre((2 * degree + 1) * ((self.weights * self.phi) @ modes), domain=[0, 1])
+        return legendre_series(self.phi)
 
     def transform(self, xi: Floats) -> Floats:
         """Int_0^1 phi(x) cos(xi x) dx, xi in 1/a, of any shape."""
@@ -91,11 +89,25 @@ def solve_punch(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) ->
     """
     check_range(poisson_ratio, a_over_h, where="solve_punch")
     x, weights = gauss(nodes)
+    phi = np.linalg.solve(equation_matrix(poisson_ratio, a_over_h, nodes=nodes), np.ones(nodes))
+    return PunchSolution(float(poisson_ratio), float(a_over_h), x, weights, phi.astype(float))
+
+
+def equation_matrix(poisson_ratio: float, a_over_h: float, *, nodes: int = NODES) -> Floats:
+    """1 - (2/pi) M W at the Gauss nodes, (nodes, nodes): applied to phi it gives the right-hand side."""
+    x, weights = gauss(nodes)
     u, u_weights = gauss(KERNEL_NODES, KERNEL_END)
     waves = np.cos(np.multiply.outer(a_over_h * u, x))
     kernel = a_over_h * (waves.T * (u_weights * layer_defect(u, poisson_ratio))) @ waves
-    phi = np.linalg.solve(np.eye(nodes) - (2 / np.pi) * kernel * weights, np.ones(nodes))
-    return PunchSolution(float(poisson_ratio), float(a_over_h), x, weights, phi.astype(float))
+    return np.asarray(np.eye(nodes) - (2 / np.pi) * kernel * weights)
+
+
+def legendre_series(values: Floats) -> Legendre:
+    """The polynomial through values (n,) at the n Gauss nodes of [0, 1]."""
+    x, weights = gauss(len(values))
+    degree = np.arange(len(values))
+    modes = np.polynomial.legendre.legvander(2 * x - 1, len(values) - 1)
+    return Legendre((2 * degree + 1) * ((weights * values) @ modes), domain=[0, 1])
 
 
 def check_range(poisson_ratio: object, a_over_h: object, *, where: str) -> None:
