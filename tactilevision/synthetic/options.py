@@ -95,7 +95,7 @@ class SimulationOptions:
     frames: Literal["png", "jpeg", "curves", "points"] = "png"
     jpeg_quality: int = 92
     flats: int = 2
-    balls: int = 14
+    balls: int = 24
     ball_radii_mm: tuple[float, ...] = (2.0, 4.0)
     state_balls: bool = False
     torn_frame: bool = True

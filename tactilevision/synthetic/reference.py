@@ -27,6 +27,7 @@ def plan_balls(
     balls = []
     for i in range(count):
         place = ((start + i * steps) % 1.0) * 2 - 1
+        place = np.sign(place) * np.abs(place) ** 1.25  # closer together where the presses are
         radius = radii_mm[i % len(radii_mm)]
         contact = float(radius * rng.uniform(0.35, 0.58))
         x, y = place * (np.asarray(half_mm) - 1.0 - contact)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.recording import Recording, layout, write_image, write_recording
+from tactilevision.recording import Recording, layout, write_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import writing
 from tactilevision.synthetic.ball import BallPress
@@ -90,7 +90,7 @@ def _pictured(record: Recording, story: Story, progress: Progress) -> Recording:
     flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
     stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
     for path, surface in stills:
-        write_image(path, picture_still(camera, surface, rng))
+        writing.write_picture(path, picture_still(camera, surface, rng))
         progress(done := done + 1, total)
     names, times_s = tuple(frames.names), np.array(frames.times_s)
     return replace(record, frame_names=names, frame_times_s=times_s, balls=records)

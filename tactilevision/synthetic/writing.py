@@ -11,7 +11,7 @@ import cv2
 
 from tactilevision.files import replacing, write_text
 from tactilevision.recording import BallPress as BallRecord
-from tactilevision.recording import Recording, layout, write_image
+from tactilevision.recording import Recording, layout
 from tactilevision.records import Bytes, ForceSeries, Gel, Indenter, Press, Sensor
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid
@@ -119,12 +119,11 @@ def write_toml(path: Path, content: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(content))
 
 
-def write_frame(path: Path, rgb: Bytes, *, jpeg_quality: int) -> None:
+def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
     """A picture by its suffix; JPEG keeps the colours at full resolution, which photometry needs."""
-    if path.suffix != ".jpg":
-        write_image(path, rgb)
-        return
-    settings = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality,
+    settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
+    if path.suffix == ".jpg":
+        settings = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality,
                 cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
     _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), settings)
     with replacing(path) as temporary:
@@ -143,7 +142,7 @@ class FrameWriter:
     def add(self, rgb: Bytes, time_s: float) -> None:
         self.names.append(f"{len(self.names):05d}{self._suffix}")
         self.times_s.append(round(time_s, 4))
-        write_frame(self._folder / self.names[-1], rgb, jpeg_quality=self._quality)
+        write_picture(self._folder / self.names[-1], rgb, jpeg_quality=self._quality)
 
     def tear(self, index: int) -> None:
         """Cut a frame's file in half, as a full disk or a lost connection does."""
