@@ -53,7 +53,8 @@ def frame_times(story: Story) -> list[tuple[PlannedPress, Floats]]:
         if rig.frames_per_press is not None:
             times = times[_telling(press, times, rig.frames_per_press)]
         if press.fault == "dropped_frames":
-            times = times[np.abs(times - press.touch_time_s) > 0.25]
+            since = times - press.touch_time_s
+            times = times[(since < -0.25) | (since > 0.25 + press.protocol.dwell_s)]
         kept.append((press, times))
     return kept
 
@@ -64,7 +65,9 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     turn = press.motion.loading_time_s(float(press.motion.face_mm.max()))
     contact = press.motion.loading_time_s(0.0)
     event = turn if np.isnan(press.touch_time_s) else press.touch_time_s
-    near = event + interval * np.array([-4, -3, -2, -1, 0, 1, 2, 3, 4, 7, 10, 14, 18])
+    dwell = press.protocol.dwell_s
+    onward = event + dwell + interval * np.array([1, 2, 4, 7, 10, 14, 18] if dwell > 0 else [7, 10, 14, 18])
+    near = np.concatenate([event + interval * np.arange(-4, 5), onward])
     hold, release = press.protocol.hold_s, float(press.motion.time_s[-2])
     rest = [press.start_s, contact - 2 * interval, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
     ramp = np.linspace(contact, event, max(count - near.size - len(rest), 0) + 2)[1:-1]

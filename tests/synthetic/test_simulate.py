@@ -145,7 +145,8 @@ def test_every_fault_is_there_in_the_data(story: Story) -> None:
     assert np.isnan(shy.touch_time_s)
     assert shy.bevel.gap_mm(shy.profile, float(shy.motion.face_mm.max())) > 0.02
     dropped = press_with(story, "dropped_frames")
-    assert np.abs(by_label[dropped.label] - dropped.touch_time_s).min() > 0.2
+    since = by_label[dropped.label] - dropped.touch_time_s
+    assert ((since < -0.2) | (since > 1.2)).all()  # nothing of the dwell of one second either
     top = during(press_with(story, "saturated"))[:, 2]
     assert (top == top.max()).sum() > 100
     good = [p for p in story.presses if not p.fault]
