@@ -66,6 +66,10 @@ class Model:
             start = places[effect.key].stop
         return places
 
+    def slices_of(self, size: int) -> dict[str, slice]:
+        """The same for a vector of this many values, without data."""
+        return self._places(size - sum(len(e.parameters) for e in self.effects))
+
     def defaults(self, data: Observations) -> Floats:
         """Where each parameter rests; with every effect off."""
         return np.array([p.default for p in self.parameters(data)])
@@ -76,7 +80,7 @@ class Model:
 
     def state(self, values: Floats, data: Observations) -> State:
         """The state after the last stage."""
-        places = self._places(values.size - sum(len(e.parameters) for e in self.effects))
+        places = self.slices_of(values.size)
         state = rest_state(data)
         stages = [(e.stage, e) for e in self.effects]
         for effect in (e for stage, e in stages if stage < Stage.MATERIAL):

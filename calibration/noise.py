@@ -74,6 +74,8 @@ class Whitener:
         left, size, _ = np.linalg.svd(table, full_matrices=False)  # a press at a time: (M, T, 2)
         self._left = left
         self._shrink = 1 - 1 / np.sqrt(1 + size**2)
+        jump = float(self._grid.real[:, 1:].sum()) * np.log(1 - self._rho**2)
+        self.log_volume = float(2 * np.sum(np.log(self._std)) + jump + np.sum(np.log1p(size**2)))
 
     def apply(self, values: Floats) -> Floats:
         """W values."""

@@ -1,0 +1,228 @@
+"""From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
+
+    testable? -> base model -> screen -> refit -> confirm -> again, at most three times -> is anything left?
+
+Each decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold. The verdict is
+ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit
+as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue
+explains).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.calibrate import conclude
+from calibration.checks import check
+from calibration.compare import base_model
+from calibration.data import Observations
+from calibration.diagnosis import Added, Diagnosis, Errors
+from calibration.effects import EFFECTS
+from calibration.experiment import BY_HAND, NextMeasurement, measure_next
+from calibration.fitting import Fit, fit
+from calibration.outside import CANDIDATES, would_have_to_be
+from calibration.refit import Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.repeats import noise_floor
+from calibration.screen import Scored, Screen, refit_with_pure_noise, screen
+from calibration.stages import Effect
+
+LEVEL = 0.05  # family-wise chance of naming an effect where there is none
+LEFT_LEVEL = 0.025  # of saying that something unknown is left
+AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3.0  # std
+REFITTED, MOST = 5, 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Round:
+    """One turn of the search: the screen, and the candidates refitted on its best."""
+
+    screen: Screen
+    candidates: tuple[Candidate, ...]
+    scored: Mapping[str, Scored]
+
+
+def diagnose(
+    data: Observations,
+    rng: np.random.Generator,
+    *,
+    effects: Sequence[Effect] = (),
+    known: Sequence[Effect] = (),
+) -> Diagnosis:
+    """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
+
+    Raises InputError where no law can be fitted at all.
+    """
+    check(data)
+    catalogue = [*EFFECTS.values(), *effects]
+    model = base_model(data)
+    for effect in known:
+        model = model + effect
+    base = refit_with_pure_noise(fit(model, data))
+    current = base
+    rounds: list[_Round] = []
+    added: list[tuple[Candidate, Scored, float]] = []
+    sets: list[tuple[Candidate, ...]] = []
+    while len(added) < MOST:
+        turn = _look(current, catalogue, rng)
+        rounds.append(turn)
+        best = _confirmed(current, turn)
+        if best is None:
+            break
+        sets.append(_equals(current, best, turn.candidates))
+        added.append((best, turn.scored[best.effect.key], _skill(current, best)))
+        current = adopt(current, best)
+    last = rounds[-1] if len(rounds) > len(added) else _look(current, (), rng)
+    return _conclude(base, current, rounds, added=added, sets=sets, last=last)
+
+
+def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator) -> _Round:
+    """Screen, then refit the best five and every effect that acts as a threshold."""
+    seen = screen(current, catalogue, rng)
+    by_key = {e.key: e for e in catalogue}
+    scored = {s.key: s for s in seen.effects}
+    chosen = [s.key for s in seen.effects[:REFITTED] if s.p < LEVEL]
+    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
+    candidates = []
+    for key in chosen:
+        try:
+            candidates.append(refit_with(current, by_key[key]))
+        except (ValueError, ArithmeticError, RuntimeError):
+            continue  # it screened well but does not fit: no candidate
+    return _Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+
+
+def _confirmed(current: Fit, turn: _Round) -> Candidate | None:
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    for best in turn.candidates:
+        gain = current.chi2 - best.chi2
+        if min(turn.scored[best.effect.key].p_adjusted, _p_of_refit(turn, best, gain)) > LEVEL:
+            continue
+        if _inside(best) and _skill(current, best) > 0:
+            return best
+    return None
+
+
+def _p_of_refit(turn: _Round, candidate: Candidate, gain: float) -> float:
+    """Of the likelihood ratio after the refit, for as many looks as the screen's own adjustment amounts to."""
+    from scipy.stats import chi2
+
+    p = float(chi2.sf(max(gain, 0.0), len(candidate.effect.parameters)))
+    one = turn.scored[candidate.effect.key]
+    looks = np.log1p(-min(one.p_adjusted, 0.999999)) / np.log1p(-min(max(one.p, 1e-300), 0.999999))
+    return float(-np.expm1(max(looks, 1.0) * np.log1p(-min(p, 0.999999))))
+
+
+def _inside(candidate: Candidate) -> bool:
+    """The amplitude is not at the end of its range."""
+    value, first = candidate.own_values[0], candidate.effect.parameters[0]
+    low, high = first.bounds
+    return bool(low + 1e-4 * first.scale < value < high - 1e-4 * first.scale or (first.default in (low, high)
+                and value < high - 1e-4 * first.scale))  # fmt: skip
+
+
+def _skill(current: Fit, candidate: Candidate) -> float:
+    """1 - held-out error with over without the effect, both squared and whitened."""
+    folds = press_folds(current.data)
+    before = hold_out(current.model, current, current.values, folds).squares
+    after = hold_out(candidate.model, current, candidate.values, folds).squares
+    return 1 - after / before if before > 0 else 0.0
+
+
+def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    kept = [best]
+    for other in candidates:
+        if other.effect.key == best.effect.key or not _inside(other):
+            continue
+        if other.cost - best.cost < AS_GOOD or separation(current, best, other.effect) < TOLD_APART:
+            kept.append(other)
+    return tuple(kept)
+
+
+def _conclude(
+    base: Fit,
+    current: Fit,
+    rounds: Sequence[_Round],
+    *,
+    added: Sequence[tuple[Candidate, Scored, float]],
+    sets: Sequence[tuple[Candidate, ...]],
+    last: _Round,
+) -> Diagnosis:
+    """The verdict and everything that goes with it."""
+    before, after = conclude(base), conclude(current)
+    flags = list(after.flags)
+    left = last.screen.lack_of_fit
+    wide = [s for s in sets if len(s) > 1]
+    verdict = "IDENTIFIED" if added else "ADEQUATE"
+    if wide or "beta_outside_theory" in flags:
+        verdict = "AMBIGUOUS"
+    if left < LEFT_LEVEL:
+        verdict = "UNKNOWN"
+    first = rounds[0].screen
+    candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
+    explained = would_have_to_be(current) if "beta_outside_theory" in flags else ()
+    if explained:
+        candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
+    return Diagnosis(
+        verdict=verdict, effects=tuple(_added(current, c, s, k) for c, s, k in added), candidates=candidates,
+        not_testable=dict(first.not_testable), visible=dict(first.visible),
+        errors=_errors(base, current), before=before, after=after, covariates=last.screen.covariates,
+        screen=first.effects, measure_next=_next(base, sets, flags, first.not_testable),
+        change_point=change_point(current) if left < LEFT_LEVEL else None, flags=tuple(flags),
+        would_have_to_be=explained, lack_of_fit_p=left, base=base, fitted=current,
+    )  # fmt: skip
+
+
+def _added(current: Fit, candidate: Candidate, scored: Scored, skill: float) -> Added:
+    key = candidate.effect.key
+    values = tuple((p.name, current.estimate(f"{key}.{p.name}")) for p in candidate.effect.parameters)
+    return Added(key, values, scored.p_adjusted, skill)
+
+
+def _errors(base: Fit, current: Fit) -> Errors:
+    folds = press_folds(base.data)
+    enough = base.data.count > 2
+    before = hold_out(base.model, base, base.values, folds).rms_N if enough else float("nan")
+    after = hold_out(current.model, current, current.values, folds).rms_N if enough else float("nan")
+    return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
+
+
+def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str],
+          not_testable: Mapping[str, str]) -> tuple[NextMeasurement, ...]:  # fmt: skip
+    """Actions for the first set that stays open; for what no press can show, the action by hand."""
+    plans: list[NextMeasurement] = []
+    for group in sets:
+        if len(group) > 1:
+            plans += measure_next(base, group[0], group[1:])
+            break
+    if not plans and "beta_outside_theory" in flags:
+        from calibration.effects import get_effect
+
+        found = [refit_with(base, get_effect(key)) for key in CANDIDATES if key not in base.model.keys]
+        plans += measure_next(base, found[0], found[1:])
+    plans += [NextMeasurement(*BY_HAND[key], float("nan")) for key in not_testable if key in BY_HAND]
+    return tuple(plans)
+
+
+def change_point(fitted: Fit) -> str | None:
+    """The press at which the mean residual jumps, where a jump explains it better than chance; else None.
+
+    The largest CUSUM of the presses' mean whitened residuals, with Kolmogorov's distribution for its p.
+    """
+    from scipy.stats import kstwobign
+
+    data = fitted.data
+    if data.count < 8:
+        return None
+    mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.bincount(
+        data.press, fitted.about.force_N**2)  # fmt: skip
+    spread = float(np.std(mean))
+    if spread == 0:
+        return None
+    path = np.cumsum(mean - mean.mean()) / (spread * np.sqrt(data.count))
+    k = int(np.argmax(np.abs(path[:-1])))
+    return data.presses.label[k + 1] if kstwobign.sf(abs(float(path[k]))) < LEVEL else None

@@ -1,0 +1,98 @@
+"""The outcome of a diagnosis, and its form on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from calibration.experiment import NextMeasurement
+from calibration.fitting import Fit
+from calibration.outside import WouldHaveToBe
+from calibration.result import CalibrationResult
+from calibration.screen import Scored
+from tactilevision.records import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """An effect that was added: its parameters, p adjusted for all looks, and its skill on presses left out."""
+
+    key: str
+    parameters: tuple[tuple[str, Estimate], ...]
+    p_adjusted: float
+    transfer_skill: float
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of effects."""
+        return {
+            "key": self.key,
+            "parameters": {name: estimate.as_json() for name, estimate in self.parameters},
+            "p_adjusted": self.p_adjusted,
+            "transfer_skill": self.transfer_skill,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Rms errors in N: of the base model and the last one, in and out of sample, and the repeats' own."""
+
+    before: float
+    after: float
+    held_out_before: float
+    held_out_after: float
+    floor: float
+
+    def as_json(self) -> dict[str, float]:
+        """rms_error_N."""
+        return {"before": self.before, "after": self.after, "held_out_before": self.held_out_before,
+                "held_out_after": self.held_out_after, "floor": self.floor}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a diagnosis found.
+
+    `candidates` the keys that these data cannot tell apart (one where the effect is identified); `screen` every
+    testable effect's score on the base model; `visible` the amplitude of each that would have been seen;
+    `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
+    theory does not allow; `base` and `fitted` the fits before and after.
+    """
+
+    verdict: str
+    effects: tuple[Added, ...]
+    candidates: tuple[str, ...]
+    not_testable: Mapping[str, str]
+    visible: Mapping[str, float]
+    errors: Errors
+    before: CalibrationResult
+    after: CalibrationResult
+    covariates: tuple[Scored, ...]
+    screen: tuple[Scored, ...]
+    measure_next: tuple[NextMeasurement, ...]
+    change_point: str | None
+    flags: tuple[str, ...]
+    would_have_to_be: tuple[WouldHaveToBe, ...]
+    lack_of_fit_p: float
+    base: Fit
+    fitted: Fit
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of diagnosis.json."""
+        return {
+            "verdict": self.verdict,
+            "effects": [effect.as_json() for effect in self.effects],
+            "candidates": list(self.candidates),
+            "not_testable": [{"key": key, "why": why} for key, why in self.not_testable.items()],
+            "rms_error_N": self.errors.as_json(),
+            "material": {"before": self.before.as_json(), "after": self.after.as_json()},
+            "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.covariates],
+            "measure_next": [action.as_json() for action in self.measure_next],
+            "change_point": self.change_point,
+            "flags": list(self.flags),
+            "lack_of_fit_p": self.lack_of_fit_p,
+            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
+            "smallest_visible": dict(self.visible),
+            "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
+            "noise": self.fitted.noise.parts(self.fitted.about.base_N),
+        }

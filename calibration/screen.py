@@ -1,0 +1,318 @@
+"""Which directions stand out of the residual, with error rates that hold for presses that are no repeats.
+
+A direction is the change of the force that an effect would bring (from each of its starts), or a step function
+of a covariate. Whitened and freed of what the fit can absorb, its score is t = d.z/|d|. For an effect the
+largest t^2 over its starts counts, for a covariate the sum over its bins. Both are calibrated by a parametric
+bootstrap in which the error model is estimated anew each time; the smallest p over all effects (or covariates)
+is calibrated by the same bootstrap, which gives p_adjusted a family-wise meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.conditions import Covariate, bins, covariates, group_basis
+from calibration.fitting import Fit, fit
+from calibration.noise import Noise, Whitener
+from calibration.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise
+from calibration.stages import Effect
+from tactilevision.errors import InputError
+from tactilevision.records import Floats
+
+DRAWS = 199
+SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
+DEPTH_BINS, OTHER_BINS = 16, 6
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One effect or covariate: its statistic, its own p, and p adjusted for having looked at all."""
+
+    key: str
+    statistic: float
+    p: float
+    p_adjusted: float
+
+
+@dataclass(frozen=True, slots=True)
+class Screen:
+    """The scores of effects and of covariates, the most telling first, and why others were not looked at.
+
+    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
+    (3.6 std); inf where the base model absorbs it.
+    """
+
+    effects: tuple[Scored, ...]
+    covariates: tuple[Scored, ...]
+    not_testable: Mapping[str, str]
+    visible: Mapping[str, float]
+
+    @property
+    def lack_of_fit(self) -> float:
+        """Adjusted p of the most telling covariate; 1 where there is none."""
+        return min((c.p_adjusted for c in self.covariates), default=1.0)
+
+
+def noise_from_repeats(fitted: Fit) -> Noise:
+    """The error model free of what the law lacks; the fit's own where points leave nothing to compare."""
+    data = fitted.data
+    free = fitted.free
+    basis = group_basis(data)
+    jacobian = np.column_stack([fitted.jacobian[:, free], basis])
+    precision = np.zeros((jacobian.shape[1],) * 2)
+    known = [0.0 if p.prior is None else p.prior.std**-2 for p in fitted.parameters]
+    few = int(free.sum())
+    precision[:few, :few] = np.diag(np.array(known)[free])
+    left = data.size - np.linalg.matrix_rank(jacobian / np.linalg.norm(jacobian, axis=0).clip(1e-12))
+    if left < 3:
+        return fitted.noise
+    precision[few:, few:] = np.eye(basis.shape[1]) * 1e-8
+    return estimate_noise(data, fitted.about, residual_N=fitted.residual_N, jacobian=jacobian,
+                          precision=precision, stated=fitted.noise.stated)  # fmt: skip
+
+
+def refit_with_pure_noise(fitted: Fit) -> Fit:
+    """The same model fitted with the noise that repeats show."""
+    return fit(fitted.model, fitted.data, noise=noise_from_repeats(fitted), starts=fitted.values[None],
+               tolerances=False)  # fmt: skip
+
+
+def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS) -> Screen:
+    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
+    tables, missing = effect_directions(fitted, effects)
+    seen = covariates(fitted.data)
+    steps = {c.name: _steps(fitted, c) for c in seen}
+    cast = _Cast(fitted, [*tables.values(), *steps.values()])
+    real = cast.scores(fitted.noise, fitted.residual_N[:, None], [0])[0]
+    null = cast.null(rng, draws)
+    for key, table in zip(tables, cast.left[: len(tables)], strict=True):
+        if not table.any():
+            missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
+    count = len(tables)
+    largest = [float(np.max(s**2, initial=0.0)) for s in real[:count]]
+    sums = [float(np.sum(s**2)) for s in real[count:]]
+    null_largest = np.array([[np.max(s**2, initial=0.0) for s in row[:count]] for row in null]).reshape(
+        draws, count
+    )
+    null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
+    return Screen(
+        effects=_ranked(list(tables), largest, null_largest, skip=missing),
+        covariates=_ranked(list(steps), sums, null_sums, skip={}),
+        not_testable=missing, visible=_visible(fitted, effects, tables, cast),
+    )  # fmt: skip
+
+
+def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
+    """Change of the force (N, s) for each start of each effect that can be tested, and why others cannot."""
+    tables: dict[str, Floats] = {}
+    missing: dict[str, str] = {}
+    data, base = fitted.data, fitted.force_N
+    for effect in effects:
+        if effect.key in fitted.model.keys:
+            continue
+        try:
+            why = effect.missing(data)
+            if not why:
+                tables[effect.key] = _directions(fitted, effect, base)
+        except Exception as fault:  # a private effect may raise anything; the rest of the analysis goes on
+            why = f"it failed: {type(fault).__name__}: {fault}"
+        if why:
+            missing[effect.key] = why
+    return tables, missing
+
+
+def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
+    model = fitted.model + effect
+    place = model.slices(fitted.data)[effect.key]
+    off = len(model.parameters(fitted.data)) - len(effect.parameters)
+    values = np.insert(fitted.values, place.start, np.zeros(place.stop - place.start))
+    assert values.size == off + len(effect.parameters)
+    columns = []
+    for start in effect.starts(fitted.data):
+        values[place] = start
+        force = np.asarray(model.predict(values, fitted.data))
+        if force.shape != base.shape:
+            raise InputError("an effect returns one force a sample", where=effect.key, value=force.shape)
+        if not np.isfinite(force).all():
+            raise InputError("an effect returns finite forces", where=effect.key, value=start.tolist())
+        columns.append(force - base)
+    return np.column_stack(columns)
+
+
+def _steps(fitted: Fit, covariate: Covariate) -> Floats:
+    """Step functions (N, k) of a covariate: of the stiffness for a press's, of the depth for a sample's."""
+    number = bins(covariate, DEPTH_BINS if covariate.name == "w" else OTHER_BINS)
+    carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
+    hot = np.eye(int(number.max()) + 1)[number]
+    return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
+
+
+class _Cast:
+    """Directions against residuals under one model: whiten, take out what the fit absorbs, score."""
+
+    def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
+        self.fitted = fitted
+        free = fitted.free
+        self._jacobian = fitted.jacobian[:, free]
+        known = [0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters]
+        self._priors = np.diag(np.array(known)[free])[np.array(known)[free] > 0]
+        self._ends = np.cumsum([t.shape[1] for t in tables])
+        self._tables = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
+        self.left = self._split_seen()
+
+    def scores(self, noise: Noise, residual_N: Floats, which: Sequence[int]) -> list[list[Floats]]:
+        """Scores of each table's directions for the columns `which` of residuals (N, b), under one noise."""
+        directions, white = self._freed(noise, residual_N[:, which])
+        size = np.linalg.norm(directions, axis=0)
+        unit = directions / np.where(self._visible, size, np.inf)
+        all_scores = unit.T @ white
+        return [np.split(all_scores[:, k], self._ends[:-1]) for k in range(len(which))]
+
+    def null(self, rng: np.random.Generator, draws: int) -> list[list[Floats]]:
+        """Scores under the model itself, the noise estimated anew for each draw."""
+        fitted = self.fitted
+        whitener = Whitener(fitted.data, fitted.noise, fitted.about)
+        errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))
+        noises = renewed_noise(fitted, errors)
+        return [self.scores(noises[k], errors, [k])[0] for k in range(draws)]
+
+    def _freed(self, noise: Noise, residual_N: Floats) -> tuple[Floats, Floats]:
+        """Directions and residuals, whitened and orthogonal to the fit (priors included)."""
+        fitted = self.fitted
+        whitener = Whitener(fitted.data, noise, fitted.about)
+        both = whitener.apply(np.column_stack([self._jacobian, self._tables, residual_N]))
+        free, count = self._jacobian.shape[1], self._tables.shape[1]
+        jacobian = np.vstack([both[:, :free], self._priors])
+        rest = np.vstack([both[:, free:], np.zeros((len(self._priors), both.shape[1] - free))])
+        scale = np.linalg.norm(jacobian, axis=0)
+        q, _ = np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0))
+        self._before = np.linalg.norm(rest[:, :count], axis=0)
+        rest = rest - q @ (q.T @ rest)
+        return rest[:, :count], rest[:, count:]
+
+    def _split_seen(self) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+        directions, _ = self._freed(self.fitted.noise, np.zeros((self.fitted.data.size, 0)))
+        self.sizes = np.linalg.norm(directions, axis=0)
+        self._visible = self.sizes > SEEN * np.maximum(self._before, 1e-300)
+        self._visible &= self.sizes > 1e-9
+        return list(np.split(self._visible, self._ends[:-1]))
+
+
+def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
+    """The noise that would be estimated from each column of errors (N, b): one Newton step on the likelihood.
+
+    The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
+    """
+    if not fitted.data.is_curves:
+        return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
+    free, basis = fitted.free, group_basis(fitted.data)
+    jacobian = np.column_stack([fitted.jacobian[:, free], basis])
+    precision = 1e-8 * np.eye(jacobian.shape[1])
+    centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
+    step = 0.15
+    stencil = [np.zeros(3), *[_unit(i) for i in range(3)], *[-_unit(i) for i in range(3)],
+               *[_unit(i) + _unit(j) for i in range(3) for j in range(i + 1, 3)]]  # fmt: skip
+    costs = np.array([
+        _costs(fitted, centre + step * s, errors_N, jacobian, precision) for s in stencil
+    ])  # fmt: skip
+    prior = np.array(
+        [np.sum(((centre + step * s)[1:] - np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])) ** 2) for s in stencil]
+    )
+    costs = costs + prior[:, None]
+    return [_stepped(fitted.noise, centre, step, costs[:, k]) for k in range(errors_N.shape[1])]
+
+
+def _unit(k: int) -> Floats:
+    return np.asarray(np.eye(3)[k])
+
+
+def _stepped(noise: Noise, centre: Floats, step: float, costs: Floats) -> Noise:
+    """Newton's step of at most a factor e from ten costs."""
+    gradient = (costs[1:4] - costs[4:7]) / (2 * step)
+    hessian = np.diag((costs[1:4] + costs[4:7] - 2 * costs[0]) / step**2)
+    for value, (i, j) in zip(costs[7:], [(0, 1), (0, 2), (1, 2)], strict=True):
+        cross = (value - costs[1 + i] - costs[1 + j] + costs[0]) / step**2
+        hessian[i, j] = hessian[j, i] = cross
+    curvature, axes = np.linalg.eigh(hessian)
+    move = -axes @ ((axes.T @ gradient) / np.maximum(curvature, 0.5))
+    sizes = np.exp(centre + np.clip(move, -1, 1))
+    return replace(noise, scale=float(sizes[0]), gain=float(sizes[1]), zero_mm=float(sizes[2]))
+
+
+def _costs(fitted: Fit, logs: Floats, errors_N: Floats, jacobian: Floats, precision: Floats) -> Floats:
+    """-2 log L (b,) of many residuals at one set of sizes; what does not depend on the residual is shared."""
+    noise = replace(fitted.noise, scale=float(np.exp(logs[0])), gain=float(np.exp(logs[1])),
+                    zero_mm=float(np.exp(logs[2])))  # fmt: skip
+    whitener = Whitener(fitted.data, noise, fitted.about)
+    white = whitener.apply(np.column_stack([jacobian, errors_N]))
+    j, z = white[:, : jacobian.shape[1]], white[:, jacobian.shape[1] :]
+    q, r = np.linalg.qr(np.vstack([j, np.sqrt(np.diag(precision)) * np.eye(j.shape[1])]))
+    z = np.vstack([z, np.zeros((j.shape[1], z.shape[1]))])
+    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
+    volume = 2 * float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
+    return np.asarray(squares + volume + whitener.log_volume)
+
+
+def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
+    """Relative size of the noise from each draw of points, weighed with what was stated."""
+    base = fitted.noise.scale * fitted.about.base_N
+    basis = group_basis(fitted.data) / base[:, None]
+    q, r = np.linalg.qr(basis)
+    q = q[:, np.abs(np.diag(r)) > 1e-9]
+    z = errors_N / base[:, None]
+    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
+    dof = fitted.data.size - q.shape[1]
+    if dof < 3:
+        return np.ones(errors_N.shape[1])
+    trust = 20.0 if fitted.noise.stated else 0.0
+    return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
+
+
+def _ranked(
+    keys: Sequence[str], real: Sequence[float], null: Floats, skip: Mapping[str, str]
+) -> tuple[Scored, ...]:
+    """p of each, and adjusted for the smallest of all, from the same draws."""
+    kept = [k for k, key in enumerate(keys) if key not in skip]
+    if not kept:
+        return ()
+    tails = {k: _Tail(null[:, k]) for k in kept}
+    smallest = np.min([[tails[k](float(x)) for x in null[:, k]] for k in kept], axis=0)
+    looks = max(float(np.log(0.95) / np.log1p(-np.quantile(smallest, 0.05))), 1.0)
+    scored = []
+    for k in kept:
+        p = tails[k](real[k])
+        scored.append(Scored(keys[k], real[k], p, float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12))))))
+    return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
+
+
+class _Tail:
+    """p-values from draws: a scaled chi-squared with the draws' mean and variance, which reaches beyond them."""
+
+    def __init__(self, draws: Floats) -> None:
+        mean, variance = float(np.mean(draws)), float(np.var(draws))
+        self._scale = max(variance / (2 * mean), 1e-12) if mean > 0 else 1.0
+        self._dof = max(mean / self._scale, 0.1)
+
+    def __call__(self, statistic: float) -> float:
+        from scipy.special import chdtrc
+
+        return float(chdtrc(self._dof, statistic / self._scale))
+
+
+def _visible(
+    fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: _Cast
+) -> dict[str, float]:
+    """Amplitude of each effect that such data would show, from its most visible start."""
+    found = {}
+    ends = np.concatenate([[0], cast._ends])
+    for k, key in enumerate(tables):
+        effect = next(e for e in effects if e.key == key)
+        sizes = cast.sizes[ends[k] : ends[k + 1]]
+        first = np.array([abs(s[0] - effect.parameters[0].default) for s in effect.starts(fitted.data)])
+        best = int(np.argmax(sizes))
+        seen = sizes[best] > 1e-9 and cast.left[k][best]
+        found[key] = float(3.6 * first[best] / sizes[best]) if seen and first[best] > 0 else float("inf")
+    return found
