@@ -8,9 +8,10 @@ import numpy as np
 
 from tactilevision.mechanics.material import contact_stiffness
 from tactilevision.records import Floats, Pair
-from tactilevision.synthetic.gel import Bevel, PunchPress
+from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.options import GelOptions, SimulationOptions
 from tactilevision.synthetic.profile import PunchProfile, punch_profile
+from tactilevision.synthetic.punch import PunchPress
 from tactilevision.synthetic.rig import GelLaw, Motion, Protocol, bevel_force_N, move
 
 _RECOVERY = 0.05, 1.0  # share of the force that a gel lacks right after a press, and its time constant in s

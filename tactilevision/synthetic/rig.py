@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Floats, Pair
-from tactilevision.synthetic.gel import Bevel
+from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.profile import PunchProfile
 
 QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)

@@ -8,8 +8,10 @@ import pytest
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.synthetic import profile as truth
 from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.gel import Bevel, Grid, Prescribed, PunchPress
+from tactilevision.synthetic.bevel import Bevel
+from tactilevision.synthetic.gel import Grid, Prescribed
 from tactilevision.synthetic.profile import punch_profile
+from tactilevision.synthetic.punch import PunchPress
 from tactilevision.synthetic.ring import RingPress
 
 
