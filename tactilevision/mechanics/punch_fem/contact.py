@@ -1,0 +1,178 @@
+"""A rigid flat punch with a rounded edge in unilateral contact with the gel's surface, point by point.
+
+Signorini's condition by a penalty at the surface's quadrature points, Coulomb's law by a return map from an
+elastic trial: with gap g, outward normal n and tangent t of the punch, nominal pressure q = k <-g> and tangential
+traction T = T0 - (k/10) (dy . t), |T| <= mu q, dy being the motion relative to the punch since the last converged
+step. mu = inf never slips. Per reference area, so all is total Lagrangian. Stiffer sticking makes slip fronts
+chatter from point to point; its elastic slip is that of one step only, since the traction carries over.
+Source: Wriggers, Computational Contact Mechanics (2006), 6.3 and 10.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.punch_fem.discretisation import Surface
+from tactilevision.records import Floats
+
+TANGENTIAL = 0.1  # stiffness of sticking over the penalty
+ROUND = (
+    0.1  # the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RoundedPunch:
+    """Flat for r <= radius_mm - edge_radius_mm, then a quarter circle, then the cylinder's side at radius_mm.
+
+    `friction` is Coulomb's coefficient: 0 frictionless, inf no slip.
+    """
+
+    radius_mm: float
+    edge_radius_mm: float
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.edge_radius_mm < self.radius_mm < np.inf:
+            raise InputError("the edge radius lies between 0 and the punch's radius", where="RoundedPunch",
+                             value=(self.edge_radius_mm, self.radius_mm),
+                             remedy="A sharp edge is GluedFace, or the limit of small radii.")  # fmt: skip
+        if not self.friction >= 0:
+            raise InputError("friction is 0 or more, inf for no slip", where="RoundedPunch", value=self.friction)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactHistory:
+    """At the last converged step: places relative to the punch (K, Q, 2), gaps and tangential tractions (K, Q)."""
+
+    place_mm: Floats
+    gap_mm: Floats
+    shear_MPa: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ContactState:
+    """`force` (K, 7) on the unknowns (internal minus external), `stiffness` (K, 7, 7); nominal `pressure_MPa` and
+    `shear_MPa` (K, Q), shear positive along the tangent; `history` for the next step; penalty `energy` (N mm)."""
+
+    force: Floats
+    stiffness: Floats
+    pressure_MPa: Floats
+    shear_MPa: Floats
+    history: ContactHistory
+    energy: float
+
+
+def signed_gap(punch: RoundedPunch, place: Floats) -> tuple[Floats, Floats, Floats]:
+    """Distance from the punch (negative inside), outward normal (..., 2) and curvature, at `place` (..., 2).
+
+    `place` is relative to the punch: r, and z from its face, up.
+    """
+    rho = punch.edge_radius_mm
+    beside = place[..., 0] - (punch.radius_mm - rho)
+    below = rho - place[..., 1]
+    corner = (beside > 0) & (below > 0)
+    distance = np.where(corner, np.hypot(beside, below), 1.0)
+    face = ~corner & (below >= beside)
+    gap = np.where(corner, distance, np.where(face, below, beside)) - rho
+    normal_r = np.where(corner, beside / distance, np.where(face, 0.0, 1.0))
+    normal_z = np.where(corner, -below / distance, np.where(face, -1.0, 0.0))
+    return gap, np.stack([normal_r, normal_z], axis=-1), np.where(corner, 1 / distance, 0.0)
+
+
+def places(surface: Surface, u: Floats) -> Floats:
+    """Surface points relative to the punch (K, Q, 2): r, and z from the face; `u` all unknowns."""
+    local = u[surface.dofs]
+    r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
+    z = np.einsum("kqn,kn->kq", surface.shape, local[:, 3:6]) - local[:, 6:7]
+    return np.stack([r, z], axis=-1)
+
+
+def untouched(surface: Surface, punch: RoundedPunch) -> ContactHistory:
+    """The history before any load."""
+    place = np.stack([surface.r_mm, np.zeros_like(surface.r_mm)], axis=-1)
+    gap = signed_gap(punch, place)[0]
+    return ContactHistory(place, gap, np.zeros_like(gap))
+
+
+def touch(
+    surface: Surface,
+    punch: RoundedPunch,
+    stiffness: float,
+    u: Floats,
+    history: ContactHistory,
+    *,
+    keep: bool = False,
+) -> ContactState:
+    """Contact forces and their exact tangent at `u`; `stiffness` is the penalty k in MPa/mm.
+
+    With `keep`, points that touched at the last step still do, in tension if need be: where sliding material is
+    extrapolated along its tangent it leaves the round edge, and Newton's method must not let go of it at once.
+    """
+    place = places(surface, u)
+    gap, normal, curvature = signed_gap(punch, place)
+    tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
+    active = (gap <= 0) | (keep & (history.gap_mm <= 0))
+    k = np.where(active, stiffness, 0.0)
+    pressure = -k * gap
+    moved = place - history.place_mm
+    trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
+    along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
+    shear, by_trial, by_pressure = slip(punch.friction, np.where(active, trial, 0.0), pressure)
+
+    # df/dy of f = q n + T t, with dq = -k n.dy, dn = c t (t.dy), dt = -c n (t.dy), d trial = along t.dy
+    slope = np.zeros((*gap.shape, 2, 2))
+    for weight, left, right in (
+        (-k, normal, normal),
+        (pressure * curvature + along * by_trial, tangent, tangent),
+        (-k * by_pressure, tangent, normal),
+        (-shear * curvature, normal, tangent),
+    ):
+        slope += weight[..., None, None] * left[..., :, None] * right[..., None, :]
+    traction = pressure[..., None] * normal + shear[..., None] * tangent
+
+    spread = _spread(surface)
+    area = surface.weight_mm2[..., None]
+    force = -np.einsum("kqia,kqi->ka", spread, area * traction)
+    matrix = -np.einsum("kqia,kqij,kqjb->kab", spread, area[..., None] * slope, spread, optimize=True)
+    return ContactState(
+        force=force,
+        stiffness=matrix,
+        pressure_MPa=pressure,
+        shear_MPa=shear,
+        history=ContactHistory(place, gap, shear),
+        energy=float((surface.weight_mm2 * pressure**2).sum() / (2 * stiffness)),
+    )
+
+
+def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:
+    """Tangential traction for an elastic `trial`, and its derivatives by trial and by pressure.
+
+    T = L phi(|trial|/L) with L = mu q and phi(x) = min(x, 1), its corner replaced by a parabola.
+    """
+    if friction == 0:
+        zero = np.zeros_like(trial)
+        return zero, zero, zero
+    if np.isinf(friction):
+        return trial, np.ones_like(trial), np.zeros_like(trial)
+    limit = friction * np.maximum(pressure, 0)
+    pressed = limit > 0
+    # Without pressure all slips, but at rest, with no trial either, it sticks until it has reason not to.
+    x = np.where(pressed, np.abs(trial) / np.where(pressed, limit, 1.0), np.where(trial == 0, 0.0, 2.0))
+    near = np.clip((x - (1 - ROUND)) / (2 * ROUND), 0, 1)
+    phi = np.where(x < 1 + ROUND, x - ROUND * near**2, 1.0)
+    sign = np.sign(trial)
+    by_pressure = np.where(pressure > 0, sign * friction * (phi - x * (1 - near)), 0.0)
+    return sign * limit * phi, 1 - near, by_pressure
+
+
+def _spread(surface: Surface) -> Floats:
+    """(K, Q, 2, 7): the seven unknowns of an edge to the motion of its points relative to the punch."""
+    spread = np.zeros((*surface.r_mm.shape, 2, 7))
+    spread[..., 0, :3] = surface.shape
+    spread[..., 1, 3:6] = surface.shape
+    spread[..., 1, 6] = -1.0
+    return spread

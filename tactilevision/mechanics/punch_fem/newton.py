@@ -1,0 +1,162 @@
+"""Newton's method for one load step: displacement, pressure and, where a force drives, the punch's depth
+together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.mechanics.punch_fem.assembly import Pattern, assemble, factorise, find_pattern, scatter
+from tactilevision.mechanics.punch_fem.contact import ContactHistory, ContactState, RoundedPunch, touch, untouched
+from tactilevision.mechanics.punch_fem.discretisation import Discretisation
+from tactilevision.mechanics.punch_fem.problem import Model
+from tactilevision.mechanics.punch_fem.solid import ElementSystem, corner_volumes, deform, linearise
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """An equilibrium: unknowns `u` (N,), `pressure` (E, 3), contact history, punch depth and force on the gel,
+    Newton's iterations that it took, and the out-of-balance force left over the punch's."""
+
+    u: Floats
+    pressure: Floats
+    history: ContactHistory | None
+    depth_mm: float
+    force_N: float
+    iterations: int
+    imbalance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """A model with the sparse pattern of its free unknowns; `by_force`: the punch's depth is one of them."""
+
+    model: Model
+    pattern: Pattern
+    by_force: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why a step has no solution, in words."""
+
+    why: str
+
+
+MOST_ITERATIONS = 10
+FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
+# Single contact points that change between stick and slip for ever keep the residual from 1e-6, not P from being
+# right.
+CHATTER_TOLERANCE = 1e-4
+VOLUME_TOLERANCE = 1e-9  # of each element's volume
+# A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step.
+LATE, LATE_ERROR, WORST_ERROR = 5, 1e-2, 3.0
+
+
+def equations(model: Model, *, by_force: bool) -> Equations:
+    """Set up the pattern for driving by depth or by force."""
+    free = ~model.held
+    free[model.mesh.punch] = by_force
+    tables = (model.mesh.dofs, model.mesh.surface.dofs) if _touches(model) else (model.mesh.dofs,)
+    return Equations(model, find_pattern(tables, free), by_force)
+
+
+def at_rest(model: Model) -> State:
+    """The undeformed gel, the punch just touching."""
+    mesh, punch = model.mesh, model.problem.punch
+    history = untouched(mesh.surface, punch) if isinstance(punch, RoundedPunch) else None
+    return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0, 0.0)
+
+
+def solve_step(system: Equations, last: State, target: float, guess: tuple[Floats, Floats]) -> State | Failure:
+    """The equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u, pressure).
+
+    Where the guess has another depth than the target, the first iteration is the tangent predictor.
+    """
+    model, mesh = system.model, system.model.mesh
+    u, pressure = guess
+    jump = 0.0 if system.by_force else -target - u[mesh.punch]
+    for iteration in range(MOST_ITERATIONS + 1):
+        state = deform(mesh, u)
+        if not (state.volume.min() > 0 and state.plane.min() > 0):
+            return Failure("an element turned inside out")
+        solid = linearise(mesh, model.problem.law, model.problem.material, state, pressure)
+        contact = contact_at(model, u, last.history, keep=iteration == 0)
+        error = _imbalance(system, solid, contact, target)
+        late = iteration >= LATE and error > LATE_ERROR
+        if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
+            return Failure(f"the iteration diverges (residual {error:.1e})")
+        tolerance = FORCE_TOLERANCE if iteration <= LATE else CHATTER_TOLERANCE
+        settled = jump == 0 and (contact is None or iteration > 0) and error < tolerance
+        if settled and _volume_error(mesh, solid) < VOLUME_TOLERANCE:
+            if corner_volumes(mesh, u).min() <= 0:
+                return Failure("the surface folds at the punch's edge")
+            force = -float(_sum(system, solid.internal, contact)[mesh.punch])
+            history = None if contact is None else contact.history
+            return State(u, pressure, history, -float(u[mesh.punch]), force, iteration, error)
+        du = _increment(system, solid, contact, target, jump)
+        jump = 0.0
+        u = u + du
+        local = du[mesh.dofs]
+        pressure = pressure + solid.recover_constant - (solid.recover_slope @ local[:, :, None])[:, :, 0]
+    return Failure(f"no convergence in {MOST_ITERATIONS} iterations (residual {error:.1e})")
+
+
+def contact_at(
+    model: Model, u: Floats, history: ContactHistory | None, *, keep: bool = False
+) -> ContactState | None:
+    """Contact forces at `u`; None for a glued face."""
+    punch = model.problem.punch
+    if not isinstance(punch, RoundedPunch) or history is None:
+        return None
+    return touch(model.mesh.surface, punch, model.contact_stiffness, u, history, keep=keep)
+
+
+def _touches(model: Model) -> bool:
+    return isinstance(model.problem.punch, RoundedPunch)
+
+
+def _imbalance(system: Equations, solid: ElementSystem, contact: ContactState | None, target: float) -> float:
+    """Norm of the out-of-balance forces over the punch's force."""
+    residual = _sum(system, solid.internal, contact)
+    problem, punch = system.model.problem, system.model.mesh.punch
+    floor = 1e-5 * problem.material.youngs_modulus_MPa * problem.thickness_mm**2
+    scale = max(abs(float(residual[punch])), floor)
+    if system.by_force:
+        residual[punch] += target
+        scale = max(abs(target), scale)
+    return float(np.linalg.norm(residual[system.pattern.free])) / scale
+
+
+def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
+    """The largest error of an element's mean volume change."""
+    return float(np.abs(solid.pressure_residual[:, 0] / mesh.weight_mm3.sum(axis=1)).max())
+
+
+def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Floats:
+    mesh = system.model.mesh
+    if contact is None:
+        return scatter(mesh.size, (mesh.dofs,), (forces,))
+    return scatter(mesh.size, (mesh.dofs, mesh.surface.dofs), (forces, contact.force))
+
+
+def _increment(
+    system: Equations, solid: ElementSystem, contact: ContactState | None, target: float, jump: float
+) -> Floats:
+    """Newton's increment of all unknowns, the punch's prescribed `jump` included."""
+    mesh, free = system.model.mesh, system.pattern.free
+    right = -_sum(system, solid.force, contact)
+    if system.by_force:
+        right[mesh.punch] -= target
+    du = np.zeros(mesh.size)
+    if jump:
+        du[mesh.punch] = jump
+        right -= scatter(mesh.size, (mesh.dofs,), ((solid.stiffness @ du[mesh.dofs][:, :, None])[:, :, 0],))
+        if contact is not None:
+            dofs = mesh.surface.dofs
+            right -= scatter(mesh.size, (dofs,), ((contact.stiffness @ du[dofs][:, :, None])[:, :, 0],))
+    parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
+    du[free] = factorise(assemble(system.pattern, parts)).solve(right[free])
+    return du

@@ -1,0 +1,101 @@
+"""What is pressed into what, and the equations that follow: everything that stays the same during one press."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.discretisation import Discretisation, discretise
+from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
+from tactilevision.mechanics.punch_fem.mesh import MeshSettings, graded_mesh
+from tactilevision.records import Bools, Material
+
+
+@dataclass(frozen=True, slots=True)
+class GluedFace:
+    """A perfectly sharp flat punch: the nodes with r <= radius_mm move down with it.
+
+    With `slides` they keep their freedom along r, as in Hayes' linear problem: valid for small depths only, since
+    nodes may pass the edge. Glued, the surface beside the edge folds beyond a depth of .13 to .2 of the thickness.
+    """
+
+    radius_mm: float
+    slides: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PunchProblem:
+    """One gel pad and one punch.
+
+    The pad is a disc of `thickness_mm` and `pad_radius_mm`, bonded to a rigid base; its side is free, or held in
+    both directions with `side_fixed`. `penalty` is the contact stiffness times radius over Young's modulus: the
+    punch sinks in by about the depth over it. `mesh` None takes `default_mesh`.
+    """
+
+    material: Material
+    punch: RoundedPunch | GluedFace
+    thickness_mm: float
+    pad_radius_mm: float
+    law: Law = field(default_factory=NeoHooke)
+    side_fixed: bool = False
+    penalty: float = 1e4
+    mesh: MeshSettings | None = None
+
+
+def default_mesh(problem: PunchProblem) -> MeshSettings:
+    """A third of the edge radius at the edge, or 1/50 of the radius where it is sharp; growing to 1/7 of the gel.
+
+    Where there is little friction, gel from further inside slides out round the edge, and is meshed for it.
+    """
+    largest = problem.thickness_mm / 7
+    if isinstance(problem.punch, GluedFace):
+        return MeshSettings(min(problem.punch.radius_mm / 50, largest), largest)
+    edge = problem.punch.edge_radius_mm
+    slides_out = max(0.0, 1 - 3 * problem.punch.friction) * problem.thickness_mm / 12
+    return MeshSettings(min(edge / 3, largest), largest, inside_mm=2 * edge + slides_out, outside_mm=edge)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A problem on its mesh. `held` (N,) unknowns that stay 0; glued ones share the punch's own number already."""
+
+    problem: PunchProblem
+    mesh: Discretisation
+    held: Bools
+
+    @property
+    def contact_stiffness(self) -> float:
+        """The penalty in MPa/mm."""
+        return self.problem.penalty * self.problem.material.youngs_modulus_MPa / self.problem.punch.radius_mm
+
+
+def build(problem: PunchProblem) -> Model:
+    """Mesh `problem` and set its boundary conditions. Raises InputError for a pad that cannot be."""
+    if not problem.penalty > 0:
+        raise InputError("the contact penalty lies above 0", where="PunchProblem", value=problem.penalty)
+    settings = problem.mesh or default_mesh(problem)
+    grid = graded_mesh(problem.punch.radius_mm, problem.thickness_mm, problem.pad_radius_mm, settings)
+    mesh = discretise(grid)
+    r, z = mesh.nodes_mm.T
+    held = np.zeros(mesh.size, dtype=bool)
+    tiny = 1e-9 * problem.thickness_mm
+    base = z < tiny
+    held[:-1:2] |= base | (r < tiny)
+    held[1:-1:2] |= base
+    if problem.side_fixed:
+        side = r > problem.pad_radius_mm - tiny
+        held[:-1:2] |= side
+        held[1:-1:2] |= side
+    if isinstance(problem.punch, GluedFace):
+        glued = np.flatnonzero((z > problem.thickness_mm - tiny) & (r <= problem.punch.radius_mm + tiny))
+        alias = np.arange(mesh.size)
+        alias[2 * glued + 1] = mesh.punch
+        held[2 * glued + 1] = True
+        if not problem.punch.slides:
+            held[2 * glued] = True
+        surface = replace(mesh.surface, dofs=alias[mesh.surface.dofs])
+        mesh = replace(mesh, dofs=alias[mesh.dofs], surface=surface)
+    return Model(problem, mesh, held)

@@ -1,0 +1,102 @@
+"""The gel itself: element forces and stiffness of the mixed form, the pressure condensed but kept as an unknown.
+
+Stationarity of the integral of W(F, p) (see laws) gives, by Newton's method for one element,
+[K_uu K_up; K_pu K_pp] [du; dp] = -[R_u; R_p]. The pressure is discontinuous, so dp = -K_pp^-1 (R_p + K_pu du) is
+eliminated element by element (3 by 3) and recovered afterwards: p is an unknown of Newton's method, never a
+function of u, and the iteration count does not depend on nu.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.mechanics.punch_fem.discretisation import Discretisation
+from tactilevision.mechanics.punch_fem.kinematics import IDENTITY, Deformation, deformation, outer
+from tactilevision.mechanics.punch_fem.laws import Law, bulk_modulus_MPa, shear_modulus_MPa
+from tactilevision.records import Floats, Material
+
+
+@dataclass(frozen=True, slots=True)
+class ElementSystem:
+    """One linearisation: `force` (E, 18) and `stiffness` (E, 18, 18) with the pressure condensed, and what
+    recovers it, dp = `recover_constant` (E, 3) - `recover_slope` (E, 3, 18) du. `internal` (E, 18) is the force
+    before that."""
+
+    force: Floats
+    stiffness: Floats
+    internal: Floats
+    recover_constant: Floats
+    recover_slope: Floats
+    pressure_residual: Floats
+
+
+def deform(mesh: Discretisation, u: Floats) -> Deformation:
+    """The deformation at all quadrature points (E Q) for the unknowns `u`."""
+    elements, points = mesh.weight_mm3.shape
+    local = u[mesh.dofs][:, :, None]
+    strain = mesh.gradient.reshape(elements, points * 5, 18) @ local
+    return deformation(strain.reshape(-1, 5) + IDENTITY)
+
+
+def corner_volumes(mesh: Discretisation, u: Floats) -> Floats:
+    """In-plane volume ratio at the elements' corners (E, 4): where one is not above 0, the mesh has folded."""
+    elements = len(mesh.dofs)
+    strain = mesh.corner_gradient.reshape(elements, 16, 18) @ u[mesh.dofs][:, :, None]
+    F = strain.reshape(elements, 4, 4) + IDENTITY[:4]
+    volume: Floats = F[..., 0] * F[..., 3] - F[..., 1] * F[..., 2]
+    return volume
+
+
+def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
+    """Pressure unknowns (E, 3) as values at all quadrature points (E Q)."""
+    values: Floats = np.einsum("eqm,em->eq", mesh.modes, pressure).ravel()
+    return values
+
+
+def linearise(
+    mesh: Discretisation, law: Law, material: Material, state: Deformation, pressure: Floats
+) -> ElementSystem:
+    """Forces and stiffness at `state` and `pressure` (E, 3). NaN where the law is not defined there."""
+    elements, points = mesh.weight_mm3.shape
+    bulk = bulk_modulus_MPa(material)
+    p = pressure_at_points(mesh, pressure)
+    stress, tangent = law.distortion(state, shear_modulus_MPa(material))
+    g, dg, ddg = law.volume(state.volume)
+    stress = stress + (p * dg)[:, None] * state.volume_gradient
+    tangent = tangent + (p * dg)[:, None, None] * state.volume_hessian
+    tangent += (p * ddg)[:, None, None] * outer(state.volume_gradient, state.volume_gradient)
+
+    weight = mesh.weight_mm3.ravel()
+    flat = mesh.gradient.reshape(elements, points * 5, 18)
+    across = flat.transpose(0, 2, 1)
+    internal = (across @ (weight[:, None] * stress).reshape(elements, -1, 1))[:, :, 0]
+    weighted = (weight[:, None, None] * tangent) @ mesh.gradient.reshape(-1, 5, 18)
+    stiffness = across @ weighted.reshape(elements, points * 5, 18)
+
+    modes = mesh.modes * mesh.weight_mm3[:, :, None]
+    coupling = (dg[:, None] * state.volume_gradient).reshape(elements, points, 5, 1) * modes[:, :, None, :]
+    K_pu = coupling.reshape(elements, points * 5, 3).transpose(0, 2, 1) @ flat
+    K_pp = modes.transpose(0, 2, 1) @ mesh.modes / -bulk
+    R_p = np.einsum("eqm,eq->em", modes, (g - p / bulk).reshape(elements, points))
+    solved = np.linalg.solve(K_pp, np.concatenate([R_p[:, :, None], K_pu], axis=2))
+    constant, slope = -solved[:, :, 0], solved[:, :, 1:]
+    K_up = K_pu.transpose(0, 2, 1)
+    return ElementSystem(
+        force=internal + (K_up @ constant[:, :, None])[:, :, 0],
+        stiffness=stiffness - K_up @ slope,
+        internal=internal,
+        recover_constant=constant,
+        recover_slope=slope,
+        pressure_residual=R_p,
+    )
+
+
+def stored_energy(mesh: Discretisation, law: Law, material: Material, u: Floats, pressure: Floats) -> float:
+    """Strain energy in N mm: the integral of W_d + p g(J) - p²/(2K)."""
+    state = deform(mesh, u)
+    p = pressure_at_points(mesh, pressure)
+    density = law.energy(state, shear_modulus_MPa(material)) + p * law.volume(state.volume)[0]
+    density = density - p**2 / (2 * bulk_modulus_MPa(material))
+    return float(mesh.weight_mm3.ravel() @ density)
