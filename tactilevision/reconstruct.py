@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
@@ -56,15 +57,15 @@ class Reconstructor:
     def _read(self, rgb: Bytes) -> tuple[SlopeMap, Bools]:
         if isinstance(self.method, CalibratedMethod):
             reading = self.method.read(rgb)
-            return reading.slopes, reading.drift.untouched
+            size = reading.drift.untouched.shape[::-1]
+            told = cv2.resize(self.method.calm, size, interpolation=cv2.INTER_AREA) > 0.95
+            return reading.slopes, reading.drift.untouched & told
         slopes = self.method.slopes(rgb)
         return slopes, _flat_blocks(slopes)
 
 
 def _flat_blocks(slopes: SlopeMap) -> Bools:
     """Blocks (h, w) of the picture where the mean slope does not stand out."""
-    import cv2
-
     height, width = slopes.dz_dx.shape
     block = max(4, int(np.sqrt(height * width / SLOPE_BLOCKS)))
     size = (max(2, width // block), max(2, height // block))

@@ -12,8 +12,9 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.quiet import Quiet, QuietSums
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.samples import Samples, inside_ball, join, untouched
+from tactilevision.photometric.samples import CONTACT, RESTING, Samples, far_from, inside_ball, join, untouched
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3
@@ -64,7 +65,7 @@ def calibrate_from_balls(
     """
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
-    balls, warnings, contact, quiet = _collect(change, pictures, mm_per_px, rng)
+    balls, warnings, contact, resting = _collect(change, pictures, mm_per_px, rng)
     if len(contact) < LEAST_BALLS:
         raise InputError(
             f"too few ball presses that can be used; {LEAST_BALLS} are the least",
@@ -72,12 +73,11 @@ def calibrate_from_balls(
             value=f"{len(contact)} of {len(pictures)}: " + "; ".join(warnings),
             remedy="Press the ball at more places, over the whole picture.",
         )
-    touching, still = join(contact), join(quiet)
+    touching, still = join(contact), join(resting)
     scores = [_held_out(fit, touching, still, ridge) for ridge in RIDGES]
     best = int(np.argmin([_mean_square(found, touching) for found in scores]))
-    gain = float(np.sum(scores[best] * touching.slopes) / np.sum(touching.slopes**2))
-    law = fit(touching, still, ridge=RIDGES[best]).scaled(1.0 / gain)
-    found = scores[best] / gain
+    law, found = fit(touching, still, ridge=RIDGES[best]), scores[best]
+    quiet = _listen(law, change, pictures, balls, mm_per_px, rng)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
@@ -88,12 +88,11 @@ def calibrate_from_balls(
         "balls_left_out": len(pictures) - len(contact),
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
-        "gain_before_correction": gain,
         "ridge": RIDGES[best],
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
     return Calibration(
-        CalibratedMethod(law, reference, relative, card), tuple(balls), direction, error, tuple(warnings)
+        CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings)
     )
 
 
@@ -110,6 +109,10 @@ def _collect(
     warnings: list[str] = []
     contact: list[Samples] = []
     quiet: list[Samples] = []
+
+    def share(samples: int) -> int:
+        return max(100, samples // max(1, len(pictures)))
+
     for number, picture in enumerate(pictures):
         name = picture.name or f"ball {number + 1}"
         try:
@@ -120,9 +123,25 @@ def _collect(
             balls.append(None)
             continue
         balls.append(ball)
-        contact.append(inside_ball(seen, ball, mm_per_px, number=number, valid=valid, rng=rng))
-        quiet.append(untouched(seen, ball, mm_per_px, number=number, valid=valid, rng=rng))
+        contact.append(
+            inside_ball(seen, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+        )
+        quiet.append(untouched(seen, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng))
     return balls, warnings, contact, quiet
+
+
+def _listen(law: ColourLaw, change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None],
+            mm_per_px: Pair, rng: np.random.Generator) -> Quiet:  # fmt: skip
+    """Bias and noise of the law on the untouched part of the ball pictures, a camera's noise added once more:
+    pictures for calibration are often means of several frames."""
+    evaluate = law.evaluator(change.reference.shape)
+    sums = QuietSums(change.reference.shape)
+    for picture, ball in zip(pictures, balls, strict=True):
+        if ball is not None:
+            seen, _, valid = change.measure(picture.rgb)
+            seen += rng.standard_normal(seen.shape, dtype=np.float32) * change.noise
+            sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px))
+    return sums.result(evaluate.noise(change.noise))
 
 
 def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:

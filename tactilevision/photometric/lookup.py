@@ -41,9 +41,6 @@ class Lookup:
         i, j, k = cells.astype(np.intp).T
         return np.asarray(self.table[i, j, k], np.float64)
 
-    def scaled(self, factor: float) -> Lookup:
-        return Lookup(self.table * np.float32(factor), self.lowest, self.highest)
-
     def evaluator(self, shape: tuple[int, int]) -> LookupEvaluator:
         return LookupEvaluator(self, shape)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.quiet import Quiet, darkness, doubt
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, SlopeMap
 
@@ -41,8 +42,6 @@ class ColourLaw(Protocol):
 
     def at(self, change: Floats, place: Floats) -> Floats: ...
 
-    def scaled(self, factor: float) -> ColourLaw: ...
-
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
     def arrays(self) -> dict[str, Floats]: ...
@@ -67,13 +66,20 @@ class CalibratedMethod:
     law: ColourLaw
     reference: Reference
     relative_error: float = 0.0
+    quiet: Quiet | None = None
     card: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.name = self.law.name
         self.change = ColourChange(self.reference)
         self.evaluate = self.law.evaluator(self.reference.shape)
-        self.noise = self.evaluate.noise(self.change.noise)
+        noise = self.evaluate.noise(self.change.noise)
+        quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
+        dark = self.evaluate.noise(self.change.scale * darkness(self.reference.rgb.transpose(2, 0, 1)))
+        self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
+        self.bias = (quiet[0] * self.calm, quiet[1] * self.calm)
+        self.noise: Picture = np.maximum(quiet[2], noise) * self.calm
+        self.readable = self.reference.usable & (self.calm > 0.5)
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         """Slopes (H, W) of a rectified frame (H, W, 3) uint8.
@@ -86,11 +92,14 @@ class CalibratedMethod:
         """The slopes and what was found on the way."""
         change, drift, valid = self.change.measure(rgb_rectified)
         dz_dx, dz_dy = self.evaluate(change)
-        return Reading(SlopeMap(dz_dx, dz_dy, valid, self._std(dz_dx, dz_dy)), drift)
+        for slope, bias in zip((dz_dx, dz_dy), self.bias, strict=True):
+            slope *= self.calm
+            slope -= bias
+        return Reading(SlopeMap(dz_dx, dz_dy, valid & self.readable, self._std(dz_dx, dz_dy)), drift)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""
-        return CalibratedMethod(self.law, reference, self.relative_error, self.card)
+        return CalibratedMethod(self.law, reference, self.relative_error, self.quiet, self.card)
 
     def _std(self, dz_dx: Picture, dz_dy: Picture) -> Picture:
         std = np.abs(dz_dx)

@@ -1,17 +1,20 @@
 """Slope as a polynomial of the colour change, its coefficients varying smoothly over the picture.
 
-    p, q = sum_k C_k(X, Y) phi_k(u)        phi: r, g, b, rr, rg, rb, gg, gb, bb
-    C_k(X, Y) = sum_m c_km B_m(X, Y)       B: 1, X, Y, XX, XY, YY; X, Y from -1 to 1
+    p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 19 products of one to three of the colour changes r, g, b
+    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 3, 2, 1 for products of one, two, three; X, Y from -1 to 1
 
 u (3,) is the colour change of `change.py`. There is no constant term: no change of colour is no slope. The fit is
-ridge regression on the ball samples and on untouched gel (slope 0), the penalty growing with the order in place,
-so that where no ball was pressed the light is taken to be as elsewhere. Valid for slopes the balls reached; beyond
-them a quadratic runs away, so the result is held to REACH times the steepest slope seen.
+ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are right in
+proportion as steep ones are, and on untouched gel (slope 0), which keeps dark channels from shouting. The
+ridge grows with the order in place, so that where no ball was pressed the light is taken to be as elsewhere.
+Valid for slopes the balls reached; beyond them a cubic runs away, so the result is held to REACH times the
+steepest slope seen.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
@@ -20,14 +23,32 @@ from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 ROWS = 16  # of a picture worked on at once, so that everything stays in the cache
-PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-ORDERS = np.array([0, 1, 1, 2, 2, 2])
+PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
+PLACE_ORDER = {1: 3, 2: 2, 3: 1}
+POWERS = tuple((i, n - i) for n in range(4) for i in range(n + 1))
+TYPICAL = 0.2
+QUIET = 0.1
 REACH = 1.5
+
+Picture = npt.NDArray[np.float32]
+
+
+def _terms() -> list[tuple[int, int]]:
+    """(colour product, power in place) of every coefficient."""
+    return [
+        (k, m)
+        for k, product in enumerate(PRODUCTS)
+        for m, power in enumerate(POWERS)
+        if sum(power) <= PLACE_ORDER[len(product)]
+    ]
+
+
+TERMS = np.array(_terms())
 
 
 @dataclass(frozen=True, slots=True)
 class Polynomial:
-    """`coefficients` (2, 9, 6): slope, colour term, place term. `steepest` slope among the samples."""
+    """`coefficients` (2, 19, 10): slope, colour product, power in place. `steepest` slope among the samples."""
 
     coefficients: Floats
     steepest: float
@@ -36,11 +57,12 @@ class Polynomial:
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
-        maps = np.einsum("skm,nm->nsk", self.coefficients, _place(place))
-        return np.asarray(np.einsum("nsk,nk->ns", maps, _colour(change)))
+        weights = self.coefficients[:, TERMS[:, 0], TERMS[:, 1]]
+        return self._held(_design(change, place) @ weights.T)
 
-    def scaled(self, factor: float) -> Polynomial:
-        return Polynomial(self.coefficients * factor, self.steepest)
+    def _held(self, slopes: Floats) -> Floats:
+        bound = REACH * self.steepest
+        return np.asarray(np.clip(slopes, -bound, bound))
 
     def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
         return PolynomialEvaluator(self, shape)
@@ -50,86 +72,82 @@ class Polynomial:
 
 
 def fit_polynomial(contact: Samples, quiet: Samples, *, ridge: float) -> Polynomial:
-    """The polynomial that explains the samples.
-
-    `ridge` is the penalty of the place terms, in parts of their power.
-    """
-    design = np.concatenate([_design(contact), _design(quiet)])
-    target = np.concatenate([contact.slopes, quiet.slopes])
-    scale = np.sqrt(np.mean(_colour(contact.change) ** 2, axis=0))[:, None] * np.ones(6)
-    design /= scale.ravel()
-    normal = design.T @ design / len(contact.place)
-    normal[np.diag_indices_from(normal)] += np.tile(1e-6 + ridge * ORDERS, 9)
-    solution = np.linalg.solve(normal, design.T @ target / len(contact.place))
-    coefficients = (solution.T / scale.ravel()).reshape(2, 9, 6)
+    """The polynomial that explains the samples; `ridge` penalises the place terms, in parts of their power."""
+    design, still = _design(contact.change, contact.place), _design(quiet.change, quiet.place)
+    weights = 1.0 / (np.sum(contact.slopes**2, axis=1) + TYPICAL**2)
+    weights /= weights.sum()
+    scale = np.sqrt(weights @ design**2) + 1e-12
+    design /= scale
+    still /= scale
+    normal = (design * weights[:, None]).T @ design + QUIET * still.T @ still / max(1, len(still))
+    orders = np.array([sum(POWERS[m]) for m in TERMS[:, 1]])
+    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * orders
+    solution = np.linalg.solve(normal, (design * weights[:, None]).T @ contact.slopes) / scale[:, None]
+    coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
+    coefficients[:, TERMS[:, 0], TERMS[:, 1]] = solution.T
     return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
 
 
 class PolynomialEvaluator:
-    """The polynomial over a whole picture; coefficients per pixel are made once (18 planes)."""
+    """The polynomial over a whole picture; coefficients per pixel are made once (38 planes)."""
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
-        y, x = np.meshgrid(np.linspace(-1, 1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
-        basis = _place(np.stack([x.ravel(), y.ravel()], axis=1))
-        maps = (polynomial.coefficients.reshape(18, 6) @ basis.T).reshape(2, 9, *shape)
-        self.maps = np.ascontiguousarray(maps, dtype=np.float32)
+        x = np.linspace(-1, 1, shape[1])[None, :] ** np.arange(4)[:, None]
+        y = np.linspace(-1, 1, shape[0])[None, :] ** np.arange(4)[:, None]
+        self.maps = np.zeros((2, len(PRODUCTS), *shape), np.float32)
+        for m, (i, j) in enumerate(POWERS):
+            basis = (y[j][:, None] * x[i][None, :]).astype(np.float32)
+            for k in np.unique(TERMS[TERMS[:, 1] == m, 0]):
+                for s in (0, 1):
+                    self.maps[s, k] += np.float32(polynomial.coefficients[s, k, m]) * basis
         self.bound = np.float32(REACH * polynomial.steepest)
-        self._work = np.empty((2, ROWS, shape[1]), np.float32)
+        self._work = np.empty((3, ROWS, shape[1]), np.float32)
 
-    def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
         for top in range(0, change.shape[1], ROWS):
             rows = slice(top, top + ROWS)
-            red, green, blue = change[:, rows]
             for s in (0, 1):
-                self._nested(self.maps[s, :, rows], red, green, blue, out[s, rows])
+                self._nested(self.maps[s, :, rows], change[:, rows], out[s, rows])
         np.clip(out, -self.bound, self.bound, out=out)
         return out[0], out[1]
 
-    def _nested(
-        self,
-        c: npt.NDArray[np.float32],
-        red: npt.NDArray[np.float32],
-        green: npt.NDArray[np.float32],
-        blue: npt.NDArray[np.float32],
-        out: npt.NDArray[np.float32],
-    ) -> None:
-        """r (c0 + c3 r + c4 g + c5 b) + g (c1 + c6 g + c7 b) + b (c2 + c8 b), without a new array."""
-        first, second = self._work[:, : len(out)]
-        np.multiply(c[3], red, out=out)
-        out += c[0]
-        for k, channel in ((4, green), (5, blue)):
-            np.multiply(c[k], channel, out=second)
-            out += second
-        out *= red
-        np.multiply(c[6], green, out=first)
-        first += c[1]
-        np.multiply(c[7], blue, out=second)
-        first += second
-        first *= green
-        out += first
-        np.multiply(c[8], blue, out=first)
-        first += c[2]
-        first *= blue
-        out += first
+    def _nested(self, c: Picture, change: Picture, out: Picture) -> None:
+        """Horner's scheme in three variables, without a new array.
 
-    def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        r(c0 + r(c3 + c9 r + c10 g + c11 b) + g(c4 + c12 g + c13 b) + b(c5 + c14 b))
+        + g(c1 + g(c6 + c15 g + c16 b) + b(c7 + c17 b)) + b(c2 + b(c8 + c18 b))
+        """
+        red, green, blue = change
+        outer, inner, spare = self._work[:, : len(out)]
+        chains = (
+            (red, 0, ((red, 3, (9, 10, 11)), (green, 4, (12, 13)), (blue, 5, (14,)))),
+            (green, 1, ((green, 6, (15, 16)), (blue, 7, (17,)))),
+            (blue, 2, ((blue, 8, (18,)),)),
+        )
+        out.fill(0.0)
+        for channel, first, brackets in chains:
+            np.copyto(outer, c[first])
+            for factor, second, thirds in brackets:
+                np.multiply(c[thirds[-1]], blue, out=inner)
+                for third, colour in zip(thirds[:-1], (red, green)[2 - len(thirds[:-1]) :], strict=True):
+                    np.multiply(c[third], colour, out=spare)
+                    inner += spare
+                inner += c[second]
+                inner *= factor
+                outer += inner
+            outer *= channel
+            out += outer
+
+    def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
         variance = np.einsum("skhw,khw->hw", self.maps[:, :3] ** 2, noise**2) / 2.0
         return np.asarray(np.sqrt(variance), dtype=np.float32)
 
 
-def _design(samples: Samples) -> Floats:
-    terms = _colour(samples.change)[:, :, None] * _place(samples.place)[:, None, :]
-    return np.asarray(terms.reshape(len(terms), -1))
-
-
-def _colour(change: Floats) -> Floats:
-    products = [change[:, i] * change[:, j] for i, j in PRODUCTS]
-    return np.concatenate([change, np.stack(products, axis=1)], axis=1)
-
-
-def _place(place: Floats) -> Floats:
+def _design(change: Floats, place: Floats) -> Floats:
+    colour = np.stack([np.prod(change[:, pick], axis=1) for pick in PRODUCTS], axis=1)
     x, y = place.T
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    powers = np.stack([x**i * y**j for i, j in POWERS], axis=1)
+    return np.asarray(colour[:, TERMS[:, 0]] * powers[:, TERMS[:, 1]])

@@ -12,8 +12,8 @@ from tactilevision.photometric.ball import Ball, ball_slopes
 from tactilevision.photometric.change import Planes
 from tactilevision.records import Bools, Floats, Pair
 
-PER_BALL = 1200
-QUIET_PER_BALL = 300
+CONTACT = 9000  # samples under balls, over all presses
+RESTING = 4000  # samples of untouched gel
 INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
 OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 
@@ -41,23 +41,28 @@ def join(parts: Sequence[Samples]) -> Samples:
 
 
 def inside_ball(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples under the ball, where the gel is the ball: at most PER_BALL of them, drawn without repeats."""
+    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats."""
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
-    index = _draw(inside, PER_BALL, rng)
+    index = _draw(inside, most, rng)
     p, q = ball_slopes(x[index], y[index], ball.contact_radius_px * mm_per_px[0], ball.radius_mm)
     return _at(change, index, np.stack([p, q], axis=1), number)
 
 
 def untouched(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples far from the ball, where slope is 0 and what change there is, is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
-    index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, QUIET_PER_BALL, rng)
+    index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
+
+
+def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
+    """Where (H, W) the gel counts as untouched by the ball."""
+    return np.asarray(_from_axis(shape, ball, mm_per_px)[2] > OUTSIDE * ball.contact_radius_px * mm_per_px[0])
 
 
 def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:

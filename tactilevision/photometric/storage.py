@@ -21,6 +21,7 @@ from tactilevision.files import replacing, write_json
 from tactilevision.photometric.lookup import Lookup
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.polynomial import Polynomial
+from tactilevision.photometric.quiet import Quiet
 from tactilevision.photometric.reference import Reference
 
 FORMAT = 1
@@ -35,6 +36,8 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
         "usable": method.reference.usable,
         "relative_error": np.array(method.relative_error),
     }
+    if method.quiet is not None:
+        held["quiet"] = np.stack([method.quiet.bias_x, method.quiet.bias_y, method.quiet.noise])
     with replacing(target) as temporary:
         np.savez_compressed(temporary, **held)  # type: ignore[arg-type]
     card = dict(method.card) | {"format": FORMAT, "method": method.name, "sha256": digest(target)}
@@ -61,9 +64,9 @@ def load_method(path: Path | str) -> CalibratedMethod:
         raise InputError(f"the method cannot be read: {fault}", where=target) from fault
     red, green, blue = (float(value) for value in held["noise_grey"])
     reference = Reference(held["reference"], (red, green, blue), held["usable"])
-    return CalibratedMethod(
-        _law(str(card["method"]), held, target), reference, float(held["relative_error"]), card
-    )
+    quiet = Quiet(*held["quiet"]) if "quiet" in held else None
+    law = _law(str(card["method"]), held, target)
+    return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
 
 
 def digest(path: Path) -> str:
