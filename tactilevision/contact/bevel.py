@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.contact.edge import sample
-from tactilevision.contact.onset import Onset, growth
+from tactilevision.contact.onset import Onset
 from tactilevision.records import Floats, Pair
 
 SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "bottom": (0.0, 1.0), "top": (0.0, -1.0)}
@@ -88,7 +88,7 @@ def picture_signal(
     near = np.asarray(np.abs(s - distance_mm) <= FLANK_MM[1])
     traces = colours[:, near].reshape(len(colours), -1)
     traces = traces[:, np.isfinite(traces).all(axis=0)]
-    after = growth(depth_mm - onset.at, onset.share)
+    after = onset.growth(depth_mm - onset.at)
     basis = np.c_[np.ones_like(depth_mm), depth_mm, depth_mm**2, after]
     if traces.shape[1] == 0 or (after > 0).sum() < 3 or np.linalg.matrix_rank(basis) < 4:
         return None

@@ -14,7 +14,6 @@ from tactilevision.press.certificate import Certificate
 from tactilevision.press.checks import rests
 from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
 from tactilevision.press.conclude import Chain, conclude
-from tactilevision.press.event import crossing
 from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
 from tactilevision.press.touch import SURE
@@ -43,9 +42,9 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     touches = find_all(watches, windows, offset.value or 0.0)
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
-        offset = estimate_offset(_seen(watches, windows, touches, offset.value), forces, start_s=offset.value)
+        offset = estimate_offset(_seen(watches, windows, touches), forces, start_s=offset.value)
         windows = _windows(recording, forces, watches, offset.value or 0.0)
-        touches = find_all(watches, windows, offset.value or 0.0)
+        touches = find_all(watches, windows, offset.value or 0.0, before=touches)
     rest_s = dict(zip(watches, rests(recording.presses), strict=True))
     return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s))
 
@@ -81,7 +80,7 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
     if recording.clock_offset_s is not None:
         known = recording.clock_offset_s
         return Estimate(known, 0.0, (known, known), "s")
-    seen = _seen(watches, {}, {}, 0.0)
+    seen = _seen(watches, {}, {})
     if not seen:
         return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
     start, sure = coarse_offset(seen, forces)
@@ -91,7 +90,7 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
 
 
 def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None],
-          touches: Mapping[str, Touched], offset_s: float) -> list[Seen]:  # fmt: skip
+          touches: Mapping[str, Touched]) -> list[Seen]:  # fmt: skip
     """The presses for the clocks; the depth that the camera read at the touch is where the force passed
     through it.
     """
@@ -100,12 +99,13 @@ def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow
         if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
             continue
         touched, window = touches.get(name), windows.get(name)
-        limit = float("nan")
-        if touched is not None and touched.onset is not None and touched.onset.gain > SURE and window is not None:
-            crossed = crossing(window, float(touched.law.force(touched.onset.at)), 0.0)
-            if crossed is not None:
-                limit = float(np.interp(crossed.time_s - offset_s, seen.time_s, seen.depth_mm))
-        found.append(Seen(seen.time_s, seen.depth_mm, seen.indenter.radius_mm, limit))
+        level = float("nan")
+        if touched is not None and window is not None:
+            level = float("inf")
+            if touched.onset is not None and touched.onset.gain > SURE:
+                zero = float(np.median(window.tare.at(window.time_s)[:, 2]))
+                level = float(touched.law.force(touched.onset.at)) + zero
+        found.append(Seen(seen.time_s, seen.depth_mm, seen.indenter.radius_mm, level))
     return found
 
 

@@ -17,7 +17,7 @@ from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.gauge import find_gauge
 from tactilevision.press.groups import Touched
 from tactilevision.press.rise import Rise, combine, computed_ratio, press_rise, seen_ratio, unknown_rise
-from tactilevision.press.touch import SURE, in_picture
+from tactilevision.press.touch import SURE
 from tactilevision.press.usual import usual_of
 from tactilevision.press.watch import Reconstructs, Watch
 from tactilevision.recording import Recording
@@ -89,11 +89,6 @@ def _time(chain: Chain, name: str, touched: Touched) -> Timed:
     onset, window, watch = touched.onset, chain.windows[name], touched.case.watch
     if onset is None or window is None:
         return Timed(touched, None, None, None)
-    channel = "height map"
-    if touched.distance_mm is not None and onset.gain > SURE:
-        picture = in_picture(touched.case, onset, touched.distance_mm)
-        if picture is not None and picture.gain > onset.gain and picture.std < onset.std:
-            onset, channel = replace(picture, amplitude=onset.amplitude, gain=picture.gain), "picture"
     level = float(touched.law.force(onset.at))
     stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
     crossed = crossing(window, level, stiffness * onset.std)
@@ -102,7 +97,7 @@ def _time(chain: Chain, name: str, touched: Touched) -> Timed:
     time_s = crossed.time_s - chain.offset_s
     seen = float(np.interp(time_s, watch.time_s, watch.depth_mm))
     std_s = float(np.hypot(crossed.std_s, chain.offset.std or 0.0))
-    touch = Touch(time_s, std_s, seen, channel, onset)
+    touch = Touch(time_s, std_s, seen, touched.channel, onset)
     event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
     return Timed(touched, crossed, touch, event)
 
@@ -129,9 +124,7 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
         if distance is None or not indenter.height_mm:
             rises[name] = unknown_rise()
             continue
-        computed = computed_ratio(chain.recording.sensor.gel, distance_mm=distance,
-        radius_mm=indenter.radius_mm,
-                                  depth_mm=indenter.height_mm)  # fmt: skip
+        computed = computed_ratio(chain.recording.sensor.gel, indenter, distance_mm=distance)
         rises[name] = combine(seen_ratio(found.get(distance, []), scale_std=scale_std), computed)
     return rises
 

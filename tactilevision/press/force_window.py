@@ -14,13 +14,19 @@ from tactilevision.press.tare import Tare, find_tare
 from tactilevision.press.watch import Watch
 from tactilevision.records import Floats, ForceSeries, Pair
 
+_RATE_S = 0.1
+_STILL = 0.2  # of the usual rate: slower than that is a pause, in which a gel may relax
+_DWELL_S = 0.15  # shorter pauses hold too few readings for a mean
 _SMOOTH = 9  # readings: 45 ms at 200 Hz, a tenth of the shortest ramp worth certifying
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceWindow:
-    """`time_s` (T,), tared `force_N` (T, 3), smoothed normal force `smooth_N` (T,), its phases (None: no
-    contact).
+    """`time_s` (T,), tared `force_N` (T, 3), smoothed normal force `smooth_N` (T,), phases (None: no contact).
+
+    `ramp_N_s` is the usual rate of loading, `dwells` the (first, last) readings between which the rig stands
+    still, on the way in and at the top. `drive_N` (T,) is the smoothed force with what it relaxes by in the
+    dwells put back: it stands still where the depth does.
     """
 
     time_s: Floats
@@ -28,10 +34,13 @@ class ForceWindow:
     smooth_N: Floats
     tare: Tare
     phases: Phases | None
+    ramp_N_s: float
+    dwells: tuple[tuple[int, int], ...]
+    drive_N: Floats
 
     def at(self, time_s: Floats) -> Floats:
-        """Smoothed normal force (N,) at times (N,), NaN outside the readings."""
-        return np.interp(time_s, self.time_s, self.smooth_N, left=np.nan, right=np.nan)
+        """Driving force (N,) at times (N,), NaN outside the readings."""
+        return np.interp(time_s, self.time_s, self.drive_N, left=np.nan, right=np.nan)
 
 
 def force_window(forces: ForceSeries, watch: Watch, *, free_s: Pair, offset_s: float) -> ForceWindow | None:
@@ -51,7 +60,33 @@ def force_window(forces: ForceSeries, watch: Watch, *, free_s: Pair, offset_s: f
     tare = find_tare(forces, span, free_s=(first, last))
     tared = raw - tare.at(time)
     smooth = _smooth(tared[:, 2])
-    return ForceWindow(time, tared, smooth, tare, find_phases(smooth))
+    phases = find_phases(smooth)
+    rate, dwells = _dwells(time, smooth, phases) if phases is not None else (0.0, ())
+    return ForceWindow(time, tared, smooth, tare, phases, rate, dwells, _undrained(smooth, dwells))
+
+
+def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[tuple[int, int], ...]]:
+    """Usual rate of loading, and where the force stays within a small part of it for long enough."""
+    interval = max(float(np.median(np.diff(time))), 1e-9)
+    half = max(round(0.5 * _RATE_S / interval), 1)
+    rate = np.zeros(force.size)
+    rate[half:-half] = (force[2 * half :] - force[: -2 * half]) / (2 * half * interval)
+    load = rate[phases.onset : max(phases.hold, phases.onset + 2)]
+    growing = load[load > 0.25 * load.max()] if load.size else load
+    usual = max(float(np.median(growing)) if growing.size else 0.0, 1e-9)
+    still = np.zeros(force.size, dtype=bool)
+    still[phases.onset : phases.release + 1] = rate[phases.onset : phases.release + 1] < _STILL * usual
+    edges = np.flatnonzero(np.diff(np.r_[0, still.astype(np.int8), 0]))
+    runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return usual, tuple(run for run in runs if (run[1] - run[0]) * interval >= _DWELL_S)
+
+
+def _undrained(force: Floats, dwells: tuple[tuple[int, int], ...]) -> Floats:
+    drive = force.copy()
+    for first, last in dwells:
+        drive[last:] += drive[first] - drive[last]
+        drive[first:last] = drive[first]
+    return drive
 
 
 def _floor(force: Floats) -> float:

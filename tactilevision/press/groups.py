@@ -7,27 +7,39 @@ themselves, so search and law are found in turns.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactilevision.contact.onset import Onset
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.phases import find_phases
-from tactilevision.press.touch import SURE, Case, DepthOfForce, depth_of_force, find_distance, find_touches
+from tactilevision.press.touch import (
+    SURE,
+    Case,
+    DepthOfForce,
+    depth_of_force,
+    find_distance,
+    find_in_pictures,
+    find_touches,
+)
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats
 
 _TURNS = 2
+_SHAPE = 0.1  # of the length over which the dent changes its shape: what that shape leaves open
 _RISE = 0.09  # of the depth, for the first anchors: a common factor of all, which the search does not feel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touched:
-    """What the search found for one press: the case, the onset (in driving depth), the bevel's place, the law."""
+    """What the search found for one press: the case, the onset (in driving depth) in the more certain channel, the
+    bevel's place, the law.
+    """
 
     case: Case
     onset: Onset | None
+    channel: str
     distance_mm: float | None
     distance_given: bool
     law: DepthOfForce
@@ -41,9 +53,13 @@ class _Frames:
 
 
 def find_all(
-    watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None], offset_s: float
+    watches: Mapping[str, Watch | None],
+    windows: Mapping[str, ForceWindow | None],
+    offset_s: float,
+    *,
+    before: Mapping[str, Touched] | None = None,
 ) -> dict[str, Touched]:
-    """The touches of all presses that can be searched, by press."""
+    """The touches of all presses that can be searched; `before` spares a search for the place of the bevel."""
     groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
     for name, watch in watches.items():
         window = windows[name]
@@ -54,7 +70,8 @@ def find_all(
         groups.setdefault(key, {})[name] = _frames(watch, window, offset_s)
     found: dict[str, Touched] = {}
     for group in groups.values():
-        found |= _search(group)
+        place = next((before[name].distance_mm for name in group if name in before), None) if before else None
+        found |= _search(group, place)
     return found
 
 
@@ -69,12 +86,12 @@ def _frames(watch: Watch, window: ForceWindow, offset_s: float) -> _Frames:
     return _Frames(watch, force, np.asarray((time <= release) & np.isfinite(force)))
 
 
-def _search(group: Mapping[str, _Frames]) -> dict[str, Touched]:
+def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, Touched]:
     law = _first_law(group)
     indenter = next(iter(group.values())).watch.indenter
     distance = indenter.bevel_distance_mm
     if distance is None:
-        distance = find_distance([_case(frames, law) for frames in group.values()])
+        distance = place_mm or find_distance([_case(frames, law) for frames in group.values()])
     cases = {name: _case(frames, law) for name, frames in group.items()}
     onsets: dict[str, Onset | None] = dict.fromkeys(group)
     for _ in range(_TURNS if distance is not None else 0):
@@ -90,7 +107,26 @@ def _search(group: Mapping[str, _Frames]) -> dict[str, Touched]:
     if distance is None:
         used = law
     given = indenter.bevel_distance_mm is not None
-    return {name: Touched(cases[name], onsets[name], distance, given, used) for name in group}
+    names = dict.fromkeys(group, "height map")
+    if distance is not None:
+        for name, seen in zip(
+            group, find_in_pictures(list(cases.values()), list(onsets.values()), distance), strict=True
+        ):
+            onset = onsets[name]
+            if seen is not None and onset is not None and seen.gain > SURE:
+                onsets[name], names[name] = _both(onset, seen)
+    return {name: Touched(cases[name], onsets[name], names[name], distance, given, used) for name in group}
+
+
+def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
+    """One onset from both channels by their variances; where they contradict each other, the more certain one."""
+    shape_mm = _SHAPE * height.growth.fill_mm
+    if abs(height.at - picture.at) > 3 * np.hypot(np.hypot(height.std, picture.std), shape_mm):
+        sure, name = (height, "height map") if height.std <= picture.std else (picture, "picture")
+        return replace(height, at=sure.at, std=float(np.hypot(sure.std, shape_mm))), name
+    weights = 1 / np.array([height.std, np.hypot(picture.std, shape_mm)]) ** 2
+    at = float(np.average([height.at, picture.at], weights=weights))
+    return replace(height, at=at, std=float(1 / np.sqrt(weights.sum()))), "height map and picture"
 
 
 def _case(frames: _Frames, law: DepthOfForce) -> Case:

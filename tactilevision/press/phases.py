@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +41,32 @@ def find_phases(reading: Floats) -> Phases | None:
     """Phases of one press from its depths or forces (N,), zero when free; None where there is no contact."""
     noise = noise_of(reading)
     known = np.where(np.isfinite(reading), reading, -np.inf)
-    top = float(np.sort(known)[-max(3, known.size // 20) :].mean()) if known.size >= 5 else 0.0
+    top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
     if not top > 10 * noise or top <= 0:
         return None
     contact = known > max(5 * noise, 0.03 * top)
     firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
-    high = np.flatnonzero(known >= top - max(4 * noise, 0.02 * top))
-    if not firm.any() or not high.size:
+    if not firm.any():
+        return None
+    main = _main_run(contact, np.where(contact, known, 0.0))
+    high = np.flatnonzero(main & (known >= top - max(4 * noise, 0.02 * top)))
+    if not high.size:
         return None
     hold, release = int(high[0]), int(high[-1])
     before = np.flatnonzero(~firm[:hold])
     after = np.flatnonzero(~contact[release:])
     return Phases(int(before[-1]) + 1 if before.size else 0, hold, release,
                   release + int(after[0]) if after.size else known.size, noise)  # fmt: skip
+
+
+def _main_run(contact: Bools, reading: Floats) -> Bools:
+    """The contact that matters: the run of the largest sum, not a jolt at the window's end."""
+    edges = np.flatnonzero(np.diff(np.r_[0, contact.astype(np.int8), 0]))
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    first, last = max(runs, key=lambda run: float(reading[run[0] : run[1]].sum()))
+    chosen = np.zeros(contact.size, dtype=bool)
+    chosen[first:last] = True
+    return chosen
 
 
 def noise_of(reading: Floats) -> float:

@@ -14,18 +14,19 @@ nor seen, w = H is kept with what that may be wrong. Source: docs/physics, "The 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.mechanics.profile import seen_rise
+from tactilevision.mechanics.touch import touch_depth
 from tactilevision.press.watch import Watch
-from tactilevision.records import Bools, Floats, Gel
+from tactilevision.records import Bools, Floats, Gel, Indenter
 
 _HALF_RING_MM = 0.3
 _SOFT_GEL = (0.45, 0.4999)  # silicones and the like, where nothing is said of the gel
 # What finite elements have beyond the linear profile at w/h = .13, over w: .004 (friction .3), .008 (stick)
-_BEYOND_LINEAR, _THEORY_STD = 0.005, 0.004
+_BEYOND_LINEAR = 0.005
+_STATED_STD = 0.01  # of a Poisson's ratio stated without one
 _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
 
 
@@ -92,26 +93,18 @@ def seen_ratio(found: Sequence[tuple[Floats, Floats]], *, scale_std: float) -> t
     return value, float(np.sqrt(spread**2 + 1 / total[seen].sum() + (scale_std * value) ** 2))
 
 
-def computed_ratio(
-    gel: Gel | None, *, distance_mm: float, radius_mm: float, depth_mm: float
-) -> tuple[float, float] | None:
-    """rho and its std from the linear profile and what is known of Poisson's ratio; None without a gel's
-    thickness.
-    """
-    if gel is None or not np.isfinite(radius_mm) or not 0 < depth_mm < gel.thickness_mm:
+def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> tuple[float, float] | None:
+    """rho and its std from the layer's profile and what is known of Poisson's ratio."""
+    if gel is None or indenter.height_mm is None or not distance_mm > indenter.radius_mm:
         return None
-    if gel.poisson_ratio is not None:
-        std = gel.poisson_ratio_std or 0.01
-        ratios = (gel.poisson_ratio - std, gel.poisson_ratio, gel.poisson_ratio + std)
-        width = 2.0
-    else:
-        ratios, width = (_SOFT_GEL[0], 0.5 * sum(_SOFT_GEL), _SOFT_GEL[1]), float(np.sqrt(12))
-    low, middle, high = (
-        float(seen_rise(distance_mm, depth_mm, radius_mm=radius_mm, thickness_mm=gel.thickness_mm,
-                        poisson_ratio=min(nu, 0.4999)))
-        / depth_mm for nu in ratios
-    )  # fmt: skip
-    return middle + _BEYOND_LINEAR, float(np.hypot((high - low) / width, _THEORY_STD))
+    nu, nu_std = gel.poisson_ratio, gel.poisson_ratio_std or _STATED_STD
+    if nu is None:
+        nu, nu_std = 0.5 * sum(_SOFT_GEL), (_SOFT_GEL[1] - _SOFT_GEL[0]) / float(np.sqrt(12))
+    if not 0 < indenter.height_mm < 0.25 * gel.thickness_mm:
+        return None
+    touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=gel.thickness_mm,
+                        poisson_ratio=min(nu, 0.4999), poisson_ratio_std=nu_std)  # fmt: skip
+    return touch.rise_over_depth + _BEYOND_LINEAR, touch.rise_over_depth_std
 
 
 def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> Rise:

@@ -71,6 +71,9 @@ def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
 def _mean(forces: ForceSeries, where: Bools) -> tuple[Floats | None, float, Floats | None]:
     readings = forces.force_N[where]
     readings = readings[np.isfinite(readings).all(axis=1)]
+    if len(readings) >= _FEW:  # the end of a jolt is no part of the zero
+        apart = np.abs(readings - np.median(readings, axis=0))
+        readings = readings[(apart <= 6 * np.asarray(forces.std_N) + 3 * np.median(apart, axis=0)).all(axis=1)]
     if len(readings) < _FEW:
         return None, float("nan"), None
     spread = np.maximum(readings.std(axis=0), 0.3 * np.asarray(forces.std_N))

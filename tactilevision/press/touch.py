@@ -13,13 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.contact.bevel import height_signal, picture_signal
-from tactilevision.contact.onset import Onset, find_onset
+from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
+from tactilevision.contact.onset import Growth, Onset, find_onset
+from tactilevision.press.phases import noise_of
 from tactilevision.press.watch import Watch
-from tactilevision.records import Bools, Floats, Pair
+from tactilevision.records import Bools, Floats, Indenter, Pair
 
 SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
-_SHARES = np.linspace(0.0, 1.0, 11)
+_SHARES = np.linspace(0.0, 1.0, 6)
+_TYPICAL = 0.4
+_ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
+_ANGLE_DEG = 10.0  # of a bevel of which nothing is said
 _LIKE = 0.15  # by which the amplitude may differ between presses of one bevel, one sigma: gain, sideways place
 
 
@@ -82,24 +86,30 @@ def find_touches(cases: Sequence[Case], distance_mm: float) -> list[Onset | None
     traces = [case.signal(distance_mm) for case in cases]
     known = [(case.drive[case.use], trace[case.use]) for case, trace in zip(cases, traces, strict=True)
              if trace is not None]  # fmt: skip
-    found = iter(_together(known))
+    found = iter(_together(known, max(fill_mm(case.watch.indenter) for case in cases)))
     return [None if trace is None else next(found) for trace in traces]
 
 
-def _together(traces: Sequence[tuple[Floats, Floats]]) -> list[Onset | None]:
+def fill_mm(indenter: Indenter) -> float:
+    """Depth beyond the touch at which the bevel's wedge fills the window at its edge."""
+    angle = indenter.bevel_angle_deg if indenter.bevel_angle_deg is not None else _ANGLE_DEG
+    return EDGE_MM * float(np.tan(np.radians(np.clip(angle, 1.0, 60.0))))
+
+
+def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
     """Onsets of many signals (x, y) of one shape: the mean over the shares k, each by its likelihood."""
-    first = [find_onset(x, y, share=0.7) for x, y in traces]
+    first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
     sure = [onset for onset in first if onset is not None and onset.gain > SURE]
     if not sure:
         return first
     noise = float(np.median([onset.noise for onset in sure]))
     trials, misfit = [], []
-    for share in _SHARES:
-        free = [find_onset(x, y, share=float(share), noise=noise) for x, y in traces]
+    for growth in (Growth(float(share), fill) for share in _SHARES):
+        free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
         amplitudes = [o.amplitude for o in free if o is not None and o.gain > SURE]
         middle = float(np.median(amplitudes)) if amplitudes else np.nan
         alike = (middle, _LIKE * middle) if amplitudes else None
-        trial = [find_onset(x, y, share=float(share), amplitude=alike, noise=noise)
+        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise)
                  for x, y in traces]  # fmt: skip
         trials.append(trial)
         misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if amplitudes else np.inf)
@@ -125,25 +135,46 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:
 def find_distance(cases: Sequence[Case]) -> float | None:
     """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
     near = max(case.watch.indenter.radius_mm for case in cases) + 0.8
-    places = np.arange(near, max(float(case.watch.s_mm[-1]) for case in cases), 0.2)
-    totals = []
-    for place in places:
-        gains = []
+    far = max(float(case.watch.s_mm[-1]) for case in cases)
+    coarse = _most_sure(cases, np.arange(near, far, 2 * EDGE_MM))
+    return None if coarse is None else _most_sure(cases, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
+
+
+def _most_sure(cases: Sequence[Case], places: Floats) -> float | None:
+    totals = np.zeros(places.size)
+    for k, place in enumerate(places):
         for case in cases:
             trace = case.signal(float(place))
-            onset = None if trace is None else find_onset(case.drive[case.use], trace[case.use], share=0.7)
-            gains.append(0.0 if onset is None else min(onset.gain, 400.0))
-        totals.append(float(np.mean(gains)))
-    best = int(np.argmax(totals)) if totals else 0
-    if not totals or max(totals) < SURE:
+            if trace is None:
+                continue
+            drive, trace = case.drive[case.use], trace[case.use]
+            growth = Growth(_TYPICAL, fill_mm(case.watch.indenter))
+            onset = find_onset(drive, trace, growth=growth, noise=max(noise_of(trace), 1e-6))
+            totals[k] += 0.0 if onset is None else min(onset.gain, _ENOUGH) / len(cases)
+    if not places.size or totals.max() < SURE:
         return None
-    near_best = slice(max(best - 1, 0), best + 2)
-    return float(np.average(places[near_best], weights=totals[near_best]))
+    best = int(totals.argmax())
+    around = slice(max(best - 1, 0), best + 2)
+    return float(np.average(places[around], weights=totals[around]))
 
 
-def in_picture(case: Case, onset: Onset, distance_mm: float) -> Onset | None:
-    """The same touch from the change of the picture's colours."""
-    watch = case.watch
-    trace = picture_signal(watch.colours[case.use], watch.s_mm, case.drive[case.use], distance_mm=distance_mm,
-                           onset=onset)  # fmt: skip
-    return None if trace is None else find_onset(case.drive[case.use], trace, share=onset.share)
+def find_in_pictures(
+    cases: Sequence[Case], onsets: Sequence[Onset | None], distance_mm: float
+) -> list[Onset | None]:
+    """The same touches from the change of the pictures' colours; None where they do not show there."""
+    known: list[int] = []
+    traces = []
+    for k, (case, onset) in enumerate(zip(cases, onsets, strict=True)):
+        if onset is None or onset.gain <= SURE:
+            continue
+        colours, drive = case.watch.colours[case.use], case.drive[case.use]
+        trace = picture_signal(colours, case.watch.s_mm, drive, distance_mm=distance_mm, onset=onset)
+        if trace is not None:
+            known.append(k)
+            traces.append((drive, trace))
+    found: list[Onset | None] = [None] * len(cases)
+    if traces:
+        fill = max(fill_mm(case.watch.indenter) for case in cases)
+        for k, onset in zip(known, _together(traces, fill), strict=True):
+            found[k] = onset
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.contact.onset import find_onset, growth
+from tactilevision.contact.onset import Growth, find_onset
 from tactilevision.records import Floats
 
 
@@ -15,7 +15,7 @@ def trace(
     """Depth and signal of a press that touches at .15 mm, 30 frames a second at .2 mm/s and a hold."""
     time = np.arange(0, (0.15 + over_mm) / 0.2 + 0.5, 1 / 30) + rng.uniform(0, 1 / 30)
     x = np.minimum(0.2 * time, 0.15 + over_mm)
-    y = 0.002 + 0.03 * x + 0.8 * growth(x - 0.15, share) + noise_mm * rng.standard_normal(x.size)
+    y = 0.002 + 0.03 * x + 0.8 * Growth(share, 0.025)(x - 0.15) + noise_mm * rng.standard_normal(x.size)
     return x, y
 
 
@@ -23,7 +23,9 @@ def trace(
 def test_onset_within_a_frame_and_within_its_std(share: float, over_mm: float) -> None:
     errors, sigmas = [], []
     for seed in range(40):
-        found = find_onset(*trace(np.random.default_rng(seed), share=share, over_mm=over_mm), share=share)
+        found = find_onset(
+            *trace(np.random.default_rng(seed), share=share, over_mm=over_mm), growth=Growth(share, 0.025)
+        )
         assert found is not None
         assert found.gain > 25
         errors.append(found.at - 0.15)
