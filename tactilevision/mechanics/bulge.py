@@ -24,48 +24,40 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.bulge_press import Joint, Press, WhitePress, prepare, residual, unknowns, whiten
+from tactilevision.mechanics.bulge_press import (
+    Joint,
+    Press,
+    WhitePress,
+    prepare,
+    residual,
+    true_depth,
+    unknowns,
+    whiten,
+)
 from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
-from tactilevision.mechanics.profile import ProfileSource, linear_profile
+from tactilevision.mechanics.profile import LINEAR, ProfileModel
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Estimate, Floats
 
 START = 0.45
 PINNED = 1e-6  # standard deviation of what is taken as known
 FEWEST_CLUSTERS = 4
-FLAT_STD = 12**-0.5  # of a quantity that may lie anywhere in [0, 1]
+LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
 NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
-
-
-@dataclass(frozen=True, slots=True)
-class ProfileModel:
-    """Where the profile comes from and how well it is known.
-
-    `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
-    average away; `frictional` says whether the source knows friction.
-    """
-
-    source: ProfileSource
-    name: str
-    relative_error: float
-    frictional: bool = False
-
-
-LINEAR = ProfileModel(linear_profile, "linear layer theory, frictionless", 0.06)
 
 
 @dataclass(frozen=True, slots=True)
 class BulgeSettings:
     """How the maps are read. Lengths in mm.
 
-    `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach_mm` from the axis.
-    `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it (0:
-    the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain.
+    `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach` thicknesses beyond
+    it. `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it
+    (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain.
     """
 
     block_mm: float = 1.0
-    guard_mm: float = 0.4
-    reach_mm: float = 9.0
+    guard_mm: float = 0.6
+    reach: float = 2.2
     blur_mm: float = 0.0
     step_std: float = 0.0
     gain_std: float = 0.05
@@ -76,8 +68,9 @@ class BulgeFit:
     """nu from the picture, with what was fitted beside it.
 
     `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
-    friction_share (mu/(mu + .3)), gain. `press_estimates` (n,): nu as each press alone would move it;
-    `effective_samples` counts independent readings; `residual_mm` is the rms of the block means' misfit.
+    friction_share (of friction's full effect), gain. `press_estimates` (n,): nu as each press alone would move it;
+    `effective_samples` counts independent readings; `residual_mm` is the rms of the block means' misfit;
+    `left_out` names the views that were not used.
     """
 
     poisson_ratio: Estimate
@@ -89,10 +82,11 @@ class BulgeFit:
     residual_mm: float
     noise: NoiseModel
     model: str
+    left_out: tuple[str, ...]
 
 
 NAMES = ("poisson_ratio", "log_thickness", "friction_share", "gain")
-LOWER, UPPER = np.array([0.0, -0.5, 0.0, 0.5]), np.array([0.4999, 0.5, 1.0, 2.0])
+LOWER, UPPER = (-0.5, 0.0, 0.5), (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +95,12 @@ class _Task:
     thickness_mm: float
     prior: Floats
     prior_std: Floats
-    source: ProfileSource
+    model: ProfileModel
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        low, high = self.model.poisson_range
+        return np.array([low, *LOWER]), np.array([high, *UPPER])
 
 
 def fit_poisson_ratio(
@@ -114,25 +113,41 @@ def fit_poisson_ratio(
 ) -> BulgeFit:
     """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
 
-    Raises InputError where no view shows both the face and the gel beside it, or a length is not above 0.
+    Views that the model's source does not reach (too deep, too thin or thick a gel) are left out and named. Raises
+    InputError where no view is left that shows both the face and the gel beside it, or a length is not above 0.
     """
     settings = settings or BulgeSettings()
-    task = _task(_presses(views, settings), (thickness_mm, thickness_std_mm), model, settings)
+    if not (thickness_mm > 0 and thickness_std_mm >= 0):
+        raise InputError("the gel's thickness lies above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
+    if settings.guard_mm < 3 * settings.blur_mm:
+        raise InputError("the guard band spans three times the blur", where="fit_poisson_ratio",
+                         value=settings.guard_mm)  # fmt: skip
+    task = _task(views, (thickness_mm, thickness_std_mm), model, settings)
     rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
-    task = replace(task, presses=_presses(_centred(task, rough), settings))
+    task = replace(task, presses=_presses(_centred(task, rough), thickness_mm, model, settings))
     white = [whiten(press, WHITE) for press in task.presses]
-    misfits = [residual(w, _joint(task, rough), task.source)[: len(w.goal)] * WHITE.white_mm for w in white]
+    misfits = [residual(w, _joint(task, rough), model)[: len(w.goal)] * WHITE.white_mm for w in white]
     noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
     white = [whiten(press, noise) for press in task.presses]
-    return _report(task, _solve(task, rough, white), white, noise, model)
+    fit = _report(task, _solve(task, rough, white), white, noise)
+    used = {press.blocks.view.name for press in task.presses}
+    return replace(fit, left_out=tuple(view.name for view in views if view.name not in used))
 
 
-def _presses(views: Sequence[SurfaceView], settings: BulgeSettings) -> tuple[Press, ...]:
-    size = {"block_mm": settings.block_mm, "guard_mm": settings.guard_mm, "reach_mm": settings.reach_mm}
-    found = (
-        prepare(reduce_view(view, **size), blur_mm=settings.blur_mm, step_std=settings.step_std) for view in views
-    )
-    return tuple(press for press in found if press is not None)
+def _presses(
+    views: Sequence[SurfaceView], thickness_mm: float, model: ProfileModel, settings: BulgeSettings
+) -> tuple[Press, ...]:
+    found = []
+    for view in views:
+        reach = view.radius_mm + settings.reach * thickness_mm
+        blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
+        press = prepare(blocks, blur_mm=settings.blur_mm, step_std=settings.step_std)
+        low, high = model.a_over_h_range
+        if press is None or not low <= view.radius_mm / thickness_mm <= high:
+            continue
+        if true_depth(press, 1.0) <= model.deepest * thickness_mm:
+            found.append(press)
+    return tuple(found)
 
 
 def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
@@ -140,25 +155,22 @@ def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
     moved = []
     for press in task.presses:
         view = press.blocks.view
-        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), task.source)[-2:]
+        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), task.model)[-2:]
         moved.append(replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y))))
     return moved
 
 
 def _task(
-    presses: tuple[Press, ...], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
 ) -> _Task:
-    where = "fit_poisson_ratio"
-    if not (thickness[0] > 0 and thickness[1] >= 0):
-        raise InputError("the gel's thickness lies above 0 mm", where=where, value=thickness[0])
-    if settings.guard_mm < 3 * settings.blur_mm:
-        raise InputError("the guard band spans three times the blur", where=where, value=settings.guard_mm)
+    presses = _presses(views, thickness[0], model, settings)
     if not presses:
-        raise InputError("no height map shows both the punch's face and the gel beside it", where=where,
-                         remedy="Take a wider view or deeper presses.")  # fmt: skip
-    friction_std = FLAT_STD if model.frictional else PINNED
+        raise InputError("no height map within the profile's range shows both the face and the gel beside it",
+                         where="fit_poisson_ratio", value=len(views),
+                         remedy="Take a wider view, other depths, or the linear model.")  # fmt: skip
+    friction_std = SHARE_STD if model.frictional else PINNED
     std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std])
-    return _Task(presses, thickness[0], np.array([START, 0.0, 0.5, 1.0]), std, model.source)
+    return _Task(presses, thickness[0], np.array([START, 0.0, LIKELY_SHARE, 1.0]), std, model)
 
 
 def _joint(task: _Task, theta: Floats) -> Joint:
@@ -170,7 +182,7 @@ def _residuals(
     task: _Task, theta: Floats, white: Sequence[WhitePress], *, rise_factor: float = 1.0
 ) -> list[Floats]:
     joint = _joint(task, theta)
-    return [residual(press, joint, task.source, rise_factor=rise_factor) for press in white]
+    return [residual(press, joint, task.model, rise_factor=rise_factor) for press in white]
 
 
 def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
@@ -183,24 +195,20 @@ def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
     def slopes(values: Floats) -> Floats:
         return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
 
-    start = np.clip(theta, LOWER + 1e-6, UPPER - 1e-6)
+    start = np.clip(theta, task.bounds[0] + 1e-6, task.bounds[1] - 1e-6)
     scale = np.minimum(task.prior_std, 0.1)
-    found = least_squares(
-        everything, start, jac=slopes, bounds=(LOWER, UPPER), x_scale=scale, ftol=1e-5, xtol=1e-5
-    )
+    found = least_squares(everything, start, jac=slopes, bounds=task.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
     return np.asarray(found.x)
 
 
-def _report(
-    task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel, model: ProfileModel
-) -> BulgeFit:
+def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel) -> BulgeFit:
     now = _residuals(task, theta, white)
     slopes = _slopes(task, theta, white)
     information = np.diag(task.prior_std**-2.0)
     own = [slope.T @ slope for slope in slopes]
     covariance = np.linalg.inv(information + sum(own)).astype(float)
     scores = np.array([slope.T @ part for slope, part in zip(slopes, now, strict=True)])
-    other = _residuals(task, theta, white, rise_factor=1 + model.relative_error)
+    other = _residuals(task, theta, white, rise_factor=1 + task.model.relative_error)
     pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
     systematic = float((covariance @ pull)[0])
     shown = _clustered(covariance, information, scores)
@@ -213,7 +221,8 @@ def _report(
         effective_samples=sum(noise.effective_samples(press.blocks) for press in task.presses),
         residual_mm=float(np.hypot(noise.std_mm, noise.white_mm)),
         noise=noise,
-        model=model.name,
+        model=task.model.name,
+        left_out=(),
     )
 
 
@@ -223,7 +232,7 @@ def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Flo
     columns = []
     for index in range(len(theta)):
         step = np.zeros(len(theta))
-        step[index] = 1e-4 if theta[index] + 1e-4 <= UPPER[index] else -1e-4
+        step[index] = 1e-4 if theta[index] + 1e-4 <= task.bounds[1][index] else -1e-4
         moved = _residuals(task, theta + step, white)
         columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
     return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]

@@ -11,31 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.mechanics.correlated import NoiseModel
-from tactilevision.mechanics.profile import ProfileSource, PunchCase, seen_profile
+from tactilevision.mechanics.profile import ProfileModel, PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.surface_view import Blocks
 from tactilevision.records import Floats
 
 FACE_TILT_STD = 0.02
 PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
 FREE_DEPTH_STD = 10.0
-HALF_SLIP = 0.3  # the coefficient of friction half-way between frictionless and stick, on the scale that is fitted
 FEWEST_BLOCKS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """The unknowns that all presses share. `friction_share` = mu/(mu + .3): 0 frictionless, 1 stick."""
+    """The unknowns that all presses share. `friction_share`: see friction_share of profile.py."""
 
     poisson_ratio: float
     thickness_mm: float
     friction_share: float
     gain: float
-
-    @property
-    def friction(self) -> float:
-        """Coulomb's coefficient; infinity for stick."""
-        share = self.friction_share
-        return float("inf") if share >= 1 else HALF_SLIP * share / (1 - share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +58,13 @@ def true_depth(press: Press, gain: float) -> float:
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
-def profile(press: Press, joint: Joint, source: ProfileSource, *, rise_factor: float = 1.0) -> Floats:
+def profile(press: Press, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
     """Depth over the face's depth on the press's radial grid, blurred; `rise_factor` scales the gel beside it."""
     radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
-    case = PunchCase(
-        joint.poisson_ratio,
-        radius / joint.thickness_mm,
-        true_depth(press, joint.gain) / joint.thickness_mm,
-        joint.friction,
-    )
-    depth = -seen_profile(r / radius, case, source=source)
+    a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may stray
+    w_over_h = min(true_depth(press, joint.gain) / joint.thickness_mm, model.deepest)
+    case = PunchCase(joint.poisson_ratio, a_over_h, w_over_h, friction_of_share(joint.friction_share))
+    depth = -seen_profile(r / radius, case, source=model.source)
     depth = np.where(r > radius, rise_factor * depth, depth)
     if press.blur_mm == 0:
         return np.asarray(depth)
@@ -118,22 +108,22 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
     )
 
 
-def residual(white: WhitePress, joint: Joint, source: ProfileSource, *, rise_factor: float = 1.0) -> Floats:
+def residual(white: WhitePress, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
     """What is left after the press's own unknowns have been fitted, (n + 10,), in standard deviations.
 
     The last ten are what the priors of the unknowns and the certified depth add.
     """
-    matrix, goal = _system(white, joint, source, rise_factor)
+    matrix, goal = _system(white, joint, model, rise_factor)
     return np.asarray(goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0])
 
 
-def unknowns(white: WhitePress, joint: Joint, source: ProfileSource) -> Floats:
+def unknowns(white: WhitePress, joint: Joint, model: ProfileModel) -> Floats:
     """The press's own unknowns (9,), in the order given above."""
-    return np.asarray(np.linalg.lstsq(*_system(white, joint, source, 1.0), rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(*_system(white, joint, model, 1.0), rcond=None)[0])
 
 
-def _system(white: WhitePress, joint: Joint, source: ProfileSource, rise_factor: float) -> tuple[Floats, Floats]:
-    view, depth = white.press.blocks.view, profile(white.press, joint, source, rise_factor=rise_factor)
+def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: float) -> tuple[Floats, Floats]:
+    view, depth = white.press.blocks.view, profile(white.press, joint, model, rise_factor=rise_factor)
     slope = white.press.depth_mm * np.gradient(depth, white.press.blocks.r_mm[1])
     profiled = [white.mean @ depth, -(white.mean_x @ slope), -(white.mean_y @ slope)]
     columns = np.column_stack([profiled[0], white.plain, profiled[1], profiled[2]])

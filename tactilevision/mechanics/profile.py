@@ -31,6 +31,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.mechanics.material import positive
 from tactilevision.mechanics.punch_equation import (
+    A_OVER_H_RANGE,
     KERNEL_END,
     PunchSolution,
     gauss,
@@ -42,6 +43,7 @@ from tactilevision.records import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+FULL_FRICTION = 0.3
 REACH = 20.0  # the spline goes as far as r = a + 20 h, where the rise is below 1e-6 w
 SPLINE_NODES = 100
 
@@ -99,6 +101,41 @@ def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats
     values = _profile_spline(case.poisson_ratio, case.a_over_h)(np.minimum(s, np.sqrt(REACH)))
     values = np.where((s < np.sqrt(REACH))[..., None], values, 0.0)
     return values[..., 0], values[..., 1]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileModel:
+    """Where the profile comes from, how well it is known, and where it ends.
+
+    `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
+    average away; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
+    """
+
+    source: ProfileSource
+    name: str
+    relative_error: float
+    frictional: bool = False
+    poisson_range: tuple[float, float] = (0.0, 0.4999)
+    a_over_h_range: tuple[float, float] = A_OVER_H_RANGE
+    deepest: float = 0.3
+
+
+LINEAR = ProfileModel(linear_profile, "linear layer theory, frictionless", 0.06)
+
+
+def friction_share(friction: float) -> float:
+    """How much of friction's effect on the profile a coefficient mu >= 0 has: 0 at none, 1 from mu = .3 on.
+
+    With x = mu/.3 below 1: x (1.4 - .4 x), which finite elements at mu = .15 (.5 to .7) support; above, the effect
+    of more friction is below a few parts in ten thousand of the depth.
+    """
+    part = min(friction / FULL_FRICTION, 1.0)
+    return part * (1.4 - 0.4 * part)
+
+
+def friction_of_share(share: float) -> float:
+    """The least coefficient of friction that has this share, in [0, 1], of the full effect."""
+    return FULL_FRICTION * (1.4 - float(np.sqrt(1.96 - 1.6 * min(share, 1.0)))) / 0.8
 
 
 def surface_rise(

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.mechanics.bulge import LINEAR, ProfileModel
-from tactilevision.mechanics.profile import PunchCase, seen_profile
+from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
 from tactilevision.records import Indenter
 
 STEPS = 50

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.bulge import ProfileModel
-from tactilevision.mechanics.profile import PunchCase, seen_rise
+from tactilevision.mechanics.profile import ProfileModel, PunchCase, seen_rise
 from tactilevision.mechanics.touch import touch_depth
 from tactilevision.records import Floats, Indenter
 

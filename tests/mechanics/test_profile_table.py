@@ -1,0 +1,106 @@
+"""The tabulated profile against finite elements of others, at its own limits, and in the fit it was made for."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from made_surfaces import THICKNESS_MM, views
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.bulge import fit_poisson_ratio
+from tactilevision.mechanics.profile import LINEAR, PunchCase, exact_profile, friction_of_share, friction_share
+from tactilevision.mechanics.profile_table import (
+    TABLE,
+    TABULATED,
+    correction_of,
+    solve_case,
+    table_profile,
+)
+
+RADII = np.array([4.0, 5.0, 6.0, 8.0, 10.0]) / 2.5
+
+# Rise over depth at w = .4, a = 2.5, h = 3, R = 15 mm, edge .05 mm, mu = .3, material radius 4, 5, 6, 8, 10 mm:
+# neo-Hooke by NGSolve (P2/P1, real contact), two digits
+NGSOLVE = {
+    0.45: (0.048, 0.071, 0.052, 0.020, 0.008),
+    0.47: (0.077, 0.090, 0.063, 0.024, 0.011),
+    0.48: (0.094, 0.101, 0.070, 0.027, 0.012),
+    0.49: (0.114, 0.114, 0.078, 0.031, 0.014),
+    0.497: (0.129, 0.123, 0.084, 0.033, 0.015),
+}
+
+
+@pytest.mark.parametrize("nu", NGSOLVE)
+def test_table_agrees_with_another_solver(nu: float) -> None:
+    rise, _ = table_profile(RADII, PunchCase(nu, 2.5 / 3, 0.4 / 3, 0.3))
+    np.testing.assert_allclose(rise, NGSOLVE[nu], atol=0.0035)  # ours is 2 % higher throughout
+
+
+def test_camera_sees_the_profile_of_another_solver() -> None:
+    from tactilevision.mechanics.profile import seen_profile
+
+    rise = seen_profile(RADII, PunchCase(0.48, 2.5 / 3, 0.4 / 3, 0.3), source=table_profile)
+    np.testing.assert_allclose(rise, (0.088, 0.102, 0.072, 0.028, 0.012), atol=0.003)
+
+
+def test_correction_to_linear_theory_is_small_where_it_should_be() -> None:
+    # without friction and at no depth only the edge radius and the pad's radius are left: some 3 % of the rise
+    for nu in (0.42, 0.47, 0.49):
+        found, linear = table_profile(RADII, PunchCase(nu, 2.5 / 3)), exact_profile(RADII, nu, 2.5 / 3)
+        np.testing.assert_allclose(found[0], linear[0], atol=0.007)
+        np.testing.assert_allclose(found[1], linear[1], atol=0.012)
+
+
+def test_friction_saturates() -> None:
+    assert friction_share(0.0) == 0
+    assert friction_share(0.3) == friction_share(float("inf")) == pytest.approx(1)
+    for share in (0.0, 0.3, 0.9, 1.0):
+        assert friction_share(friction_of_share(share)) == pytest.approx(share, abs=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_poisson_ratio_is_found_with_friction_unknown(friction: float) -> None:
+    nu, rng = 0.477, np.random.default_rng(11)
+    made = views(nu, rng, source=table_profile, friction=friction)
+    fit = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, thickness_std_mm=0.03, model=TABULATED)
+    assert fit.poisson_ratio.value == pytest.approx(nu, abs=0.003)
+    linear = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, thickness_std_mm=0.03, model=LINEAR)
+    low, high = linear.poisson_ratio.interval95 or (1, 0)
+    assert low < nu < high  # linear theory is off, and says so
+
+
+@pytest.mark.slow
+def test_table_agrees_with_a_fresh_solution_between_its_nodes() -> None:
+    nu, alpha = 0.475, 0.75
+    fresh = solve_case(nu, alpha, 0.3)
+    r = 1 + np.array([0.3, 0.6, 1.0, 2.0]) ** 2 / alpha
+    shape = correction_of(fresh, nu, alpha)
+    assert shape.shape[0] == 3
+    for row, depth in enumerate(fresh.w_over_h):
+        rise, outward = table_profile(r, PunchCase(nu, alpha, float(depth), 0.3))
+        np.testing.assert_allclose(rise, np.interp(r * alpha * 3, fresh.r_mm, fresh.rise[row]), atol=0.002)
+        np.testing.assert_allclose(outward, np.interp(r * alpha * 3, fresh.r_mm, fresh.outward[row]), atol=0.002)
+
+
+def test_presses_out_of_range_are_left_out_and_named() -> None:
+    made = views(
+        0.477,
+        np.random.default_rng(12),
+        depths_mm=(0.3, 0.9),
+        source=lambda r, case: exact_profile(r, 0.477, 2.5 / 3),
+    )
+    fit = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=TABULATED)
+    assert fit.left_out == ("1",)
+
+
+def test_card_states_what_the_table_is() -> None:
+    card = json.loads(TABLE.with_suffix(".json").read_text())
+    assert {"source", "settings", "made_by", "licence", "sha256"} <= set(card)
+
+
+@pytest.mark.parametrize("case", [PunchCase(0.38, 0.8), PunchCase(0.48, 0.5), PunchCase(0.48, 0.8, 0.25)])
+def test_nothing_is_extrapolated(case: PunchCase) -> None:
+    with pytest.raises(InputError, match="table of profiles"):
+        table_profile(RADII, case)
