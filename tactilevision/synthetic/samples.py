@@ -25,7 +25,7 @@ def gelslim3_options() -> SimulationOptions:
     return SimulationOptions(
         name="gelslim3-sample",
         gel=GelOptions(youngs_modulus_MPa=0.1942, poisson_ratio=0.478, prior=0.48, prior_std=0.01),
-        rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=17),
+        rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),
         frames="jpeg",
         jpeg_quality=90,
         flats=2,
@@ -77,7 +77,7 @@ of a real sensor is in it. It is made again, bit by bit on the same versions, by
 Five flat cylinders (radius 2.5 mm, 0.15 to 0.6 mm over the bevel on their right) press a gel of 3 mm thickness,
 three good presses each, and eight presses in which something went wrong, one for each reason for which a press
 can be rejected. One frame is torn. The frames (JPEG, colours at full resolution) are those of a camera at 90 Hz,
-thinned to about 17 a press and dense round the bevel's touch; the force sensor's readings are complete. Its clock
+thinned to about 18 a press and dense round the bevel's touch; the force sensor's readings are complete. Its clock
 runs off the camera's by an amount that is not stated. `reference/` holds 2 pictures of the untouched gel and 16 of
 balls, each the mean of 16 frames. What is true is in `truth.toml`, which only tests and benchmarks read.
 

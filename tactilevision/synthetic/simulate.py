@@ -66,12 +66,13 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     contact = press.motion.loading_time_s(0.0)
     event = turn if np.isnan(press.touch_time_s) else press.touch_time_s
     dwell = press.protocol.dwell_s
-    onward = event + dwell + interval * np.array([1, 2, 4, 7, 10, 14, 18] if dwell > 0 else [7, 10, 14, 18])
-    near = np.concatenate([event + interval * np.arange(-4, 5), onward])
-    hold, release = press.protocol.hold_s, float(press.motion.time_s[-2])
-    rest = [press.start_s, contact - 2 * interval, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
-    ramp = np.linspace(contact, event, max(count - near.size - len(rest), 0) + 2)[1:-1]
-    wanted = np.concatenate([near, rest, ramp, [0.5 * (turn + hold + release)] if count > 30 else []])
+    onward = event + dwell + interval * np.array([1, 2, 4, 8, 16] if dwell > 0 else [8, 16])
+    near = np.concatenate([event + interval * np.arange(-3, 5), onward])
+    hold, release = press.protocol.hold_s, np.array(press.motion.time_s[-3:-1])
+    rest = [press.start_s, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
+    away = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])  # the clocks show there
+    ramp = np.linspace(contact, event, max(count - near.size - away.size - len(rest), 0) + 2)[1:-1]
+    wanted = np.concatenate([near, rest, away, ramp])
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 
