@@ -87,6 +87,8 @@ def _forces(data: Observations) -> Iterator[InputError]:
         k = int(np.flatnonzero(force <= 0)[0])
         yield InputError("the normal force of a certified point lies above 0 N", where=_press(data, k),
                          value=float(force[k]), remedy="fz_N is positive when the indenter pushes.")  # fmt: skip
+    if np.ptp(force) <= 0 and data.size > 1:
+        yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
     for radius in np.unique(data.presses.radius_mm):
         mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
         if mine.sum() > 1 and _falls(depth[mine], force[mine]):

@@ -34,6 +34,7 @@ LEFT_LEVEL = 0.025  # of saying that something unknown is left
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 5, 3
+WORTH = 0.5  # std: an action that brings less is not worth its minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,12 +201,13 @@ def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str]
             plans += measure_next(base, group[0], group[1:])
             break
     if not plans and "beta_outside_theory" in flags:
-        from calibration.effects import get_effect
-
-        found = [refit_with(base, get_effect(key)) for key in CANDIDATES if key not in base.model.keys]
+        found = [refit_with(base, EFFECTS[key]) for key in CANDIDATES if key not in base.model.keys]
         plans += measure_next(base, found[0], found[1:])
-    plans += [NextMeasurement(*BY_HAND[key], float("nan")) for key in not_testable if key in BY_HAND]
-    return tuple(plans)
+    worth = [p for p in plans if p.separation_sigma > WORTH]
+    source = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}
+    by_hand = [NextMeasurement(*BY_HAND[key], float("nan")) for key in not_testable
+               if key in BY_HAND and source.get(key) in (None, base.data.depth_source)]  # fmt: skip
+    return (*worth, *by_hand)
 
 
 def change_point(fitted: Fit) -> str | None:

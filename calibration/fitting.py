@@ -195,10 +195,9 @@ class Problem:
         force = self.model.predict(values, self.data)
         return np.concatenate([self.whitener.apply(force - self.data.normal_N), self._priors(values)])
 
-    def solve(self, starts: Floats) -> Minimum:
+    def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
         """The best minimum from `starts` (s, p) of all parameters."""
-        box = self.box
-        return minimise(self.residual, starts[:, self.free], box)
+        return minimise(self.residual, starts[:, self.free], self.box, tolerance=tolerance)
 
     def jacobian(self, values: Floats) -> Floats:
         """d force/d parameter (N, p) without whitening; 0 for what is held."""

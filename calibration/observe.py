@@ -53,6 +53,12 @@ def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
     return _gather(sets, [t for k, m in enumerate(sets) for t in _curve_touches(m, k)])
 
 
+def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
+    """The curves of these recordings, which tell more; the accepted points where no recording has curves."""
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    return observe_curves(sets) if any(m.curves for m in sets) else observe_points(sets)
+
+
 def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
     recording = measured.recording
     protocol = {p.press: p for p in recording.presses}

@@ -8,13 +8,13 @@ import numpy as np
 
 from calibration.data import Ints, Observations
 from calibration.fitting import Fit, Problem, fit
-from calibration.minimise import Minimum, minimise
+from calibration.minimise import QUICK, Minimum, minimise
 from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.stages import Effect
 from tactilevision.records import Bools, Floats
 
-STARTS = 3
+STARTS = 2
 FOLDS = 5
 
 
@@ -46,7 +46,7 @@ def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, mos
     whitener = Whitener(data, base.noise, base.about)
     problem = Problem(model, data, model.parameters(data), whitener)
     starts = _best_starts(base, problem, effect, most)
-    found = problem.solve(starts)
+    found = problem.solve(starts, tolerance=QUICK)
     values = problem.full(found.values)
     return Candidate(effect, model, values, found.chi2, model.predict(values, data))
 
@@ -116,7 +116,7 @@ def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
         rows = problem.residual(free_values)
         return np.concatenate([np.where(out, 0.0, rows[:size]), rows[size:]])
 
-    return minimise(residual, start[problem.free][None], problem.box, tolerance=1e-7)
+    return minimise(residual, start[problem.free][None], problem.box, tolerance=QUICK)
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:

@@ -91,7 +91,7 @@ def minus_two_log_likelihood(logs: Floats, grams: Grams, *, shared: bool) -> flo
     information = total[1:, 1:] + grams.precision
     sign, volume = np.linalg.slogdet(information)
     if sign <= 0:
-        return float("inf")
+        return 1e30  # finite, so that a search can step back
     explained = total[0, 1:] @ np.linalg.solve(information, total[1:, 0])
     return float(cost + volume + total[0, 0] - explained)
 

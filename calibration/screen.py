@@ -58,20 +58,19 @@ class Screen:
 
 def noise_from_repeats(fitted: Fit) -> Noise:
     """The error model free of what the law lacks; the fit's own where points leave nothing to compare."""
-    data = fitted.data
-    free = fitted.free
-    basis = group_basis(data)
-    jacobian = np.column_stack([fitted.jacobian[:, free], basis])
-    precision = np.zeros((jacobian.shape[1],) * 2)
-    known = [0.0 if p.prior is None else p.prior.std**-2 for p in fitted.parameters]
-    few = int(free.sum())
-    precision[:few, :few] = np.diag(np.array(known)[free])
-    left = data.size - np.linalg.matrix_rank(jacobian / np.linalg.norm(jacobian, axis=0).clip(1e-12))
-    if left < 3:
+    space = _explained(fitted)
+    if fitted.data.size - space.shape[1] < 3:
         return fitted.noise
-    precision[few:, few:] = np.eye(basis.shape[1]) * 1e-8
-    return estimate_noise(data, fitted.about, residual_N=fitted.residual_N, jacobian=jacobian,
-                          precision=precision, stated=fitted.noise.stated)  # fmt: skip
+    return estimate_noise(fitted.data, fitted.about, residual_N=fitted.residual_N, jacobian=space,
+                          precision=np.zeros((space.shape[1],) * 2), stated=fitted.noise.stated)  # fmt: skip
+
+
+def _explained(fitted: Fit) -> Floats:
+    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    columns = np.column_stack([fitted.jacobian[:, fitted.free], group_basis(fitted.data)])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, size > 1e-7 * size[0]])
 
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
@@ -208,15 +207,13 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     """
     if not fitted.data.is_curves:
         return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
-    free, basis = fitted.free, group_basis(fitted.data)
-    jacobian = np.column_stack([fitted.jacobian[:, free], basis])
-    precision = 1e-8 * np.eye(jacobian.shape[1])
+    space = _explained(fitted)
     centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
     step = 0.15
     stencil = [np.zeros(3), *[_unit(i) for i in range(3)], *[-_unit(i) for i in range(3)],
                *[_unit(i) + _unit(j) for i in range(3) for j in range(i + 1, 3)]]  # fmt: skip
     costs = np.array([
-        _costs(fitted, centre + step * s, errors_N, jacobian, precision) for s in stencil
+        _costs(fitted, centre + step * s, errors_N, space) for s in stencil
     ])  # fmt: skip
     prior = np.array(
         [np.sum(((centre + step * s)[1:] - np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])) ** 2) for s in stencil]
@@ -242,15 +239,14 @@ def _stepped(noise: Noise, centre: Floats, step: float, costs: Floats) -> Noise:
     return replace(noise, scale=float(sizes[0]), gain=float(sizes[1]), zero_mm=float(sizes[2]))
 
 
-def _costs(fitted: Fit, logs: Floats, errors_N: Floats, jacobian: Floats, precision: Floats) -> Floats:
+def _costs(fitted: Fit, logs: Floats, errors_N: Floats, space: Floats) -> Floats:
     """-2 log L (b,) of many residuals at one set of sizes; what does not depend on the residual is shared."""
     noise = replace(fitted.noise, scale=float(np.exp(logs[0])), gain=float(np.exp(logs[1])),
                     zero_mm=float(np.exp(logs[2])))  # fmt: skip
     whitener = Whitener(fitted.data, noise, fitted.about)
-    white = whitener.apply(np.column_stack([jacobian, errors_N]))
-    j, z = white[:, : jacobian.shape[1]], white[:, jacobian.shape[1] :]
-    q, r = np.linalg.qr(np.vstack([j, np.sqrt(np.diag(precision)) * np.eye(j.shape[1])]))
-    z = np.vstack([z, np.zeros((j.shape[1], z.shape[1]))])
+    white = whitener.apply(np.column_stack([space, errors_N]))
+    j, z = white[:, : space.shape[1]], white[:, space.shape[1] :]
+    q, r = np.linalg.qr(j)
     squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
     volume = 2 * float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
     return np.asarray(squares + volume + whitener.log_volume)
@@ -259,9 +255,7 @@ def _costs(fitted: Fit, logs: Floats, errors_N: Floats, jacobian: Floats, precis
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     """Relative size of the noise from each draw of points, weighed with what was stated."""
     base = fitted.noise.scale * fitted.about.base_N
-    basis = group_basis(fitted.data) / base[:, None]
-    q, r = np.linalg.qr(basis)
-    q = q[:, np.abs(np.diag(r)) > 1e-9]
+    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
     z = errors_N / base[:, None]
     squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
     dof = fitted.data.size - q.shape[1]

@@ -5,6 +5,8 @@ P = 2 a E kappa(nu, a/h) / (1 - nu^2) * w
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tactilevision.mechanics.kappa import fast_kappa
@@ -21,5 +23,14 @@ def punch_stiffness(modulus_MPa: float, poisson_ratio: float, radius_mm: Floats,
     """
     nu = float(np.clip(poisson_ratio, *NU_RANGE))
     ratio = np.clip(radius_mm / thickness_mm, *RATIO_RANGE)
-    kappa = fast_kappa(nu, ratio)
+    kappa = _kappa(nu, ratio.tobytes())
     return np.asarray(2 * radius_mm * modulus_MPa * kappa / (1 - nu**2))
+
+
+@lru_cache(maxsize=128)
+def _kappa(poisson_ratio: float, ratios: bytes) -> Floats:
+    """kappa of packed a/h: a derivative with respect to anything but nu, a and h asks for the same again."""
+    few, where = np.unique(np.frombuffer(ratios), return_inverse=True)
+    kappa = fast_kappa(poisson_ratio, few)[where]
+    kappa.setflags(write=False)
+    return kappa

@@ -1,0 +1,200 @@
+"""From a misfit to its cause: named where it can be, and said so where it cannot."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_calibrate import paper_points
+from test_effects import BASE, data_for, planted
+from test_screen import MODEL, TRUTH, measured, presses
+
+from calibration.compare import compare
+from calibration.data import Observations
+from calibration.diagnose import change_point, diagnose
+from calibration.effects import EFFECTS
+from calibration.fitting import fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model import Model
+from calibration.observe import observe_points
+from calibration.outside import theory_beta
+from calibration.private import load_effect, new_effect
+from calibration.steps import History, Step, load_history
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files import write_json
+from tactilevision.records import Floats
+
+DIAGNOSIS_KEYS = {
+    "verdict", "effects", "candidates", "not_testable", "rms_error_N", "material", "covariates", "measure_next",
+    "change_point", "flags",
+}  # fmt: skip
+
+
+def noisy(data: Observations, force_N: Floats, seed: int) -> Observations:
+    rng = np.random.default_rng(seed)
+    gain, zero = 0.005 * rng.standard_normal(data.count), 0.004 * rng.standard_normal(data.count)
+    slope = Model(FlatPunch()).slope(BASE, data)
+    noise = 0.004 * rng.standard_normal(data.size)
+    return data.with_force(force_N * (1 + gain[data.press]) + slope * zero[data.press] + noise)
+
+
+SLOW = [pytest.param(k, marks=pytest.mark.slow) for k in ("depth_zero", "thickness_wedge", "tilt", "ageing")]
+
+
+@pytest.mark.parametrize("key", ["viscoelasticity", *SLOW])
+def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> None:
+    effect, data = EFFECTS[key], data_for(EFFECTS[key])
+    force = planted(effect, effect.starts(data)[0], data)
+    found = diagnose(noisy(data, force, 10), np.random.default_rng(0))
+    assert found.verdict in ("IDENTIFIED", "AMBIGUOUS")
+    assert key in found.candidates
+    assert found.effects[0].key == key
+    assert found.effects[0].p_adjusted < 0.05
+    assert found.errors.held_out_after < found.errors.held_out_before
+    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+    content = found.as_json()
+    assert set(content) >= DIAGNOSIS_KEYS
+    write_json(tmp_path / "diagnosis.json", content)
+    json.loads((tmp_path / "diagnosis.json").read_text())
+
+
+def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
+    data = presses()
+    found = diagnose(
+        measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)), np.random.default_rng(0)
+    )
+    assert found.verdict == "ADEQUATE"
+    assert found.effects == ()
+    assert 0 < found.visible["depth_zero"] < 0.05
+    assert "thickness" in found.not_testable
+
+
+def test_what_no_effect_explains_is_unknown() -> None:
+    data = presses()
+    force = MODEL.predict(TRUTH, data.shifted(0.008 * np.sin(2 * np.pi * data.depth_mm / 0.15)))
+    found = diagnose(measured(data, force, np.random.default_rng(4)), np.random.default_rng(0))
+    assert found.verdict == "UNKNOWN"
+    assert found.covariates[0].p_adjusted < 0.025
+
+
+def test_the_published_points_are_not_adequate() -> None:
+    found = diagnose(observe_points(paper_points()), np.random.default_rng(0))
+    assert found.verdict == "AMBIGUOUS"
+    assert found.flags == ("beta_outside_theory",)
+    assert set(found.candidates) >= {"thickness", "edge_fillet", "depth_zero", "stiffening"}
+    needed = {w.key: w for w in found.would_have_to_be}
+    assert needed["thickness"].value == pytest.approx(2.25 / 3 - 1, abs=0.01)
+    assert needed["depth_zero"].value == pytest.approx(-0.0175, abs=0.002)
+    assert needed["depth_zero"].r_squared == pytest.approx(0.977, abs=0.008)
+    assert needed["edge_fillet"].r_squared > 0.999
+    assert any("radii" in action.action for action in found.measure_next)
+
+
+def test_theory_beta_at_the_thinner_gel_is_as_finite_elements_have_it() -> None:
+    assert theory_beta(2.5, 3.0) == pytest.approx(0.85)
+    assert theory_beta(2.5, 2.25) * 3.0 / 2.25 == pytest.approx(1.5, abs=0.02)
+
+
+def test_compare_shows_the_error_fall_to_the_floor() -> None:
+    data = presses()
+    shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
+    base, better = compare(shifted, ["depth_zero"], np.random.default_rng(0)).models
+    assert better.name == "flat_punch + depth_zero"
+    assert better.held_out_N < 0.8 * base.held_out_N
+    assert better.held_out_N == pytest.approx(better.floor_N, rel=0.25)
+    assert base.covariates[0].p_adjusted < 0.01 < better.covariates[0].p_adjusted
+    assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
+
+
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        ("raise RuntimeError('my own fault')", "my own fault"),
+        ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
+        ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
+    ],
+)  # fmt: skip
+def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Path, body: str, why: str) -> None:
+    file = tmp_path / "mine.py"
+    new_effect(file, "my_effect")
+    text = file.read_text()
+    head, tail = text.split("        share =")
+    file.write_text(head + "        if values[0] != 0:\n            " + body + "\n        share =" + tail)
+    effect = load_effect(file)
+    data = presses(8)
+    taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
+    found = diagnose(taken, np.random.default_rng(0), effects=[effect])
+    assert why in found.not_testable["my_effect"]
+    assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
+
+
+def test_the_template_is_an_effect_that_finds_its_planted_value(tmp_path: Path) -> None:
+    new_effect(tmp_path / "order_drift.py", "order_drift")
+    effect = load_effect(tmp_path / "order_drift.py")
+    data = presses()
+    model = MODEL + effect
+    force = model.predict(np.append(TRUTH, 0.08), data)
+    found = fit(model, measured(data, force, np.random.default_rng(0)))
+    assert found.estimate("order_drift.amplitude").value == pytest.approx(0.08, abs=0.02)
+    with pytest.raises(OutputError, match="exists already"):
+        new_effect(tmp_path / "order_drift.py", "order_drift")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"), [("x = 1", "one subclass"), ("1/0", "division by zero"), (None, "no such file")]
+)
+def test_files_that_are_no_effect_are_named(tmp_path: Path, text: str | None, why: str) -> None:
+    if text is not None:
+        (tmp_path / "bad.py").write_text(text)
+    with pytest.raises(InputError, match=why):
+        load_effect(tmp_path / "bad.py")
+
+
+def test_a_jump_is_dated_to_its_press() -> None:
+    data = presses()
+    force = MODEL.predict(TRUTH, data) * np.where(data.press < 14, 1.0, 1.06)
+    assert change_point(fit(MODEL, measured(data, force, np.random.default_rng(0)))) == "p14"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_presses_still_get_an_answer(count: int) -> None:
+    data = presses(count)
+    found = diagnose(
+        measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)), np.random.default_rng(0)
+    )
+    assert found.verdict in ("ADEQUATE", "AMBIGUOUS")
+
+
+def test_curves_of_one_sample_and_presses_that_overlap_in_time_are_taken() -> None:
+    data = presses(12)
+    single = data.samples(np.isin(np.arange(data.size) % 17, (3, 9, 16)) | (data.press > 2))
+    overlapping = replace(single, time_s=single.time_s % 50)
+    force = MODEL.predict(TRUTH, overlapping)
+    found = diagnose(measured(overlapping, force, np.random.default_rng(1)), np.random.default_rng(0))
+    assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
+
+
+def test_constant_force_is_refused() -> None:
+    data = presses(4)
+    with pytest.raises(InputError):
+        diagnose(data.with_force(np.full(data.size, 0.0)), np.random.default_rng(0))
+
+
+def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:
+    history = History(("a b.rec",)).add(Step("depth_zero", "", 0.02, 0.01)).add(Step("mine", "my effect.py"))
+    with pytest.raises(InputError, match="already"):
+        history.add(Step("mine"))
+    back = history.undo()
+    assert [s.key for s in back.steps] == ["depth_zero"]
+    assert back.redo() == history
+    history.save(tmp_path / "history.json")
+    assert load_history(tmp_path / "history.json").steps[0] == history.steps[0]
+    assert "tactilevision compare 'a b.rec' --with depth_zero --effect 'my effect.py'" in history.script()
+    with pytest.raises(InputError, match="undo"):
+        History(()).undo()
+    (tmp_path / "bad.json").write_text("{}")
+    with pytest.raises(InputError, match="no history"):
+        load_history(tmp_path / "bad.json")

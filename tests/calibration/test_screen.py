@@ -1,0 +1,133 @@
+"""The error model and the screen on made-up presses with known errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+
+from calibration.data import Observations
+from calibration.effects import EFFECTS
+from calibration.effects.depth_zero import DepthZero
+from calibration.fitting import Fit, fit, profile_interval
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model import Model
+from calibration.noise import Linear, Noise, Whitener
+from calibration.screen import noise_from_repeats, refit_with_pure_noise, renewed_noise, screen
+from tactilevision.records import Floats
+
+TRUTH = np.array([0.2, 0.48, 0.85])
+MODEL = Model(FlatPunch())
+
+
+def presses(count: int = 24) -> Observations:
+    depth = np.linspace(0.03, 0.6, 17)
+    rates = [(0.1, 1.0)[k % 2] for k in range(count)]
+    times = [300.0 * k + depth / rate for k, rate in enumerate(rates)]
+    return observations([depth] * count, [indenter()] * count, time_s=times)
+
+
+def measured(data: Observations, force_N: Floats, rng: np.random.Generator) -> Observations:
+    """4 mN a sample, .5 % gain and 4 um zero a press."""
+    gain, zero = 0.005 * rng.standard_normal(data.count), 0.004 * rng.standard_normal(data.count)
+    slope = MODEL.slope(TRUTH, data)
+    noise = 0.004 * rng.standard_normal(data.size)
+    return data.with_force(force_N * (1 + gain[data.press]) + slope * zero[data.press] + noise)
+
+
+def pure(data: Observations) -> Fit:
+    return refit_with_pure_noise(fit(MODEL, data))
+
+
+def test_the_error_model_is_read_from_repeats() -> None:
+    data = presses(60)
+    found = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(0))).noise
+    assert found.scale == pytest.approx(0.004, rel=0.1)
+    assert found.gain == pytest.approx(0.005, rel=0.35)
+    assert found.zero_mm == pytest.approx(0.004, rel=0.35)
+    assert found.correlation == 0.0
+
+
+def test_correlated_noise_is_recognised() -> None:
+    data, rng = presses(30), np.random.default_rng(1)
+    noise = np.zeros((30, 17))
+    for k in range(17):
+        noise[:, k] = 0.6 * (noise[:, k - 1] if k else 0) + 0.004 * rng.standard_normal(30)
+    force = MODEL.predict(TRUTH, data) + noise.ravel()
+    assert noise_from_repeats(fit(MODEL, data.with_force(force))).correlation == pytest.approx(0.6, abs=0.21)
+
+
+def test_what_the_law_lacks_does_not_count_as_noise() -> None:
+    data = presses()
+    force = (MODEL + EFFECTS["stiffening"]).predict(np.array([0.2, 0.48, 0.85, 40.0]), data)
+    wrong = fit(MODEL, measured(data, force, np.random.default_rng(2)))
+    assert wrong.noise.scale > 0.006 or wrong.noise.correlation > 0.3
+    assert noise_from_repeats(wrong).scale == pytest.approx(0.004, rel=0.15)
+
+
+def test_with_few_presses_the_press_errors_stay_near_what_is_usual() -> None:
+    data = presses(2)
+    found = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(3))).noise
+    assert 0.0015 < found.gain < 0.015
+    assert 0.001 < found.zero_mm < 0.012
+
+
+def test_whitening_and_colouring_are_inverse_and_match_the_covariance() -> None:
+    data = presses(3)
+    about = Linear(MODEL.predict(TRUTH, data), MODEL.slope(TRUTH, data), np.full(data.size, 1.0))
+    whitener = Whitener(data, Noise(0.004, 0.005, 0.004, 0.5, stated=False), about)
+    numbers = np.random.default_rng(0).standard_normal((data.size, 3))
+    np.testing.assert_allclose(whitener.apply(whitener.colour(numbers)), numbers, atol=1e-9)
+    root = whitener.colour(np.eye(data.size))
+    one = slice(0, 17)
+    lag = np.abs(np.subtract.outer(np.arange(17), np.arange(17)))
+    f, d = about.force_N[one], about.slope_N_per_mm[one]
+    by_hand = 0.004**2 * 0.5**lag + 0.005**2 * np.outer(f, f) + 0.004**2 * np.outer(d, d)
+    np.testing.assert_allclose((root @ root.T)[one, one], by_hand, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose((root @ root.T)[17:34, one], 0, atol=1e-12)
+    assert whitener.log_volume == pytest.approx(np.linalg.slogdet(root @ root.T)[1], rel=1e-9)
+
+
+def test_one_newton_step_follows_the_noise_of_a_draw() -> None:
+    data = presses(60)
+    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(4)))
+    whitener = Whitener(data, fitted.noise, fitted.about)
+    errors = whitener.colour(np.random.default_rng(5).standard_normal((data.size, 40)))
+    scales = np.array([n.scale for n in renewed_noise(fitted, errors)])
+    assert np.median(scales) == pytest.approx(fitted.noise.scale, rel=0.02)
+    assert 0.01 < np.std(scales) / fitted.noise.scale < 0.06
+
+
+def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
+    data = presses()
+    clean = MODEL.predict(TRUTH, data)
+    effects = [EFFECTS[key] for key in ("depth_zero", "viscoelasticity", "recovery", "ageing", "clock_offset")]
+    quiet = 0
+    for seed in range(6):
+        found = screen(pure(measured(data, clean, np.random.default_rng(seed))), effects,
+                       np.random.default_rng(0), draws=99)  # fmt: skip
+        quiet += min(s.p_adjusted for s in found.effects) > 0.05
+    assert quiet >= 4
+    shifted = MODEL.predict(TRUTH, data.shifted(0.012))
+    found = screen(
+        pure(measured(data, shifted, np.random.default_rng(9))), effects, np.random.default_rng(0), draws=99
+    )
+    assert found.effects[0].key == "depth_zero"
+    assert found.effects[0].p_adjusted < 1e-3
+
+
+def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
+    data = presses()
+    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(6)))
+    visible = screen(fitted, [DepthZero()], np.random.default_rng(0), draws=49).visible["depth_zero"]
+    again = fit(MODEL + DepthZero(), data.with_force(fitted.force_N), noise=fitted.noise, tolerances=False)
+    assert visible == pytest.approx(3.6 * again.std("depth_zero.offset_mm"), rel=0.1)
+
+
+def test_profile_and_covariance_agree_where_the_model_is_nearly_linear() -> None:
+    data = presses(8)
+    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(7)))
+    low, high = profile_interval(fitted, "beta")
+    interval = fitted.estimate("beta").interval95
+    assert interval is not None
+    np.testing.assert_allclose([low, high], interval, rtol=0.02)
