@@ -55,7 +55,7 @@ def find_zero_plane(
     free = untouched.ravel()
     if free.sum() < LEAST_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(untouched, (depth.shape[1] * mm_per_px[0], depth.shape[0] * mm_per_px[1]), thickness_mm)
+    terms = _terms(untouched, depth.shape, mm_per_px, thickness_mm)
     spread = np.ptp(terms[free, 1:3], axis=0)
     used = [0, *(k for k in (1, 2) if spread[k - 1] > 1.0), *((3,) if terms[free, 3].max() > 0 else ())]
     solution, std = _robust(terms[np.ix_(free, used)], blocks[free])
@@ -73,13 +73,18 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
     depth -= y.astype(depth.dtype)[:, None]
 
 
-def _terms(untouched: Bools, size_mm: Pair, thickness_mm: float | None) -> Floats:
+def _centres(blocks: int, pixels: int) -> Floats:
+    """Places (blocks,) of the middles of `blocks` that divide a line of `pixels`, whose ends are at -1 and 1."""
+    return np.asarray((2.0 * (np.arange(blocks) + 0.5) * pixels / blocks - pixels) / (pixels - 1))
+
+
+def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
     """Columns 1, X, Y, exp(-d / L) over the blocks; the last is 0 where nothing is touched."""
     rows, columns = untouched.shape
-    x, y = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
+    x, y = np.meshgrid(_centres(columns, shape[1]), _centres(rows, shape[0]))
     beside = np.zeros((rows, columns))
     if not untouched.all():
-        block_mm = 0.5 * (size_mm[0] / columns + size_mm[1] / rows)
+        block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
         distance = cv2.distanceTransform(untouched.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * block_mm
         beside = np.exp(-distance / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
     return np.stack([np.ones_like(x), x, y, beside], axis=-1).reshape(-1, 4)

@@ -77,7 +77,7 @@ def calibrate_from_balls(
     scores = [_held_out(fit, touching, still, ridge) for ridge in RIDGES]
     best = int(np.argmin([_mean_square(found, touching) for found in scores]))
     law, found = fit(touching, still, ridge=RIDGES[best]), scores[best]
-    quiet = _listen(law, change, pictures, balls, mm_per_px, rng)
+    quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
@@ -130,16 +130,19 @@ def _collect(
     return balls, warnings, contact, quiet
 
 
-def _listen(law: ColourLaw, change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None],
-            mm_per_px: Pair, rng: np.random.Generator) -> Quiet:  # fmt: skip
-    """Bias and noise of the law on the untouched part of the ball pictures, a camera's noise added once more:
-    pictures for calibration are often means of several frames."""
+def _listen(
+    law: ColourLaw,
+    change: ColourChange,
+    pictures: Sequence[BallPicture],
+    balls: Sequence[Ball | None],
+    mm_per_px: Pair,
+) -> Quiet:
+    """Bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
     sums = QuietSums(change.reference.shape)
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
             seen, _, valid = change.measure(picture.rgb)
-            seen += rng.standard_normal(seen.shape, dtype=np.float32) * change.noise
             sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 

@@ -32,6 +32,7 @@ class ColourChange:
         self.scale: Planes = 1.0 / (planes + np.float32(SOFTENING_GREY))
         self.offset: Planes = planes * self.scale
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.x, self.y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self._out: Planes = np.empty_like(planes)
         self._work = np.empty(reference.shape, np.float32)
 
@@ -42,13 +43,11 @@ class ColourChange:
         """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
-        height, width = self.reference.shape
-        x, y = np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32)
         for c, grey in enumerate(cv2.split(rgb)):
-            gain = drift.gains[c].astype(np.float32)
-            np.add((1.0 + gain[0] + gain[1] * x)[None, :], (gain[2] * y)[:, None], out=self._work)
-            self._work *= self.offset[c]
+            constant, along_x, along_y = drift.gains[c].astype(np.float32)
             np.multiply(grey, self.scale[c], out=self._out[c])
+            np.add((1.0 + constant + along_x * self.x)[None, :], (along_y * self.y)[:, None], out=self._work)
+            self._work *= self.offset[c]
             self._out[c] -= self._work
         return self._out, drift, self.reference.usable & unsaturated(rgb)
 

@@ -20,7 +20,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
-ROUNDS = 4
+ROUNDS = 3
 USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
@@ -52,7 +52,7 @@ class DriftTracker:
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)
         self.noise = np.sqrt(noise**2 / block**2 + 0.3**2)  # of a block's mean; rounding does not average out
-        x, y = np.meshgrid(np.linspace(-1, 1, self.size[0]), np.linspace(-1, 1, self.size[1]))
+        x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
         self.level = flat = self.reference.reshape(-1, 3)
         self.terms = [flat[:, c, None] * self.basis for c in range(3)]
@@ -129,3 +129,8 @@ class DriftTracker:
                 value=f"median difference {off:.0f} grey levels",
                 remedy="Use a reference of the same sensor and light.",
             )
+
+
+def _centres(blocks: int, pixels: int) -> Floats:
+    """Middles of the blocks on a line of pixels whose ends are at -1 and 1."""
+    return np.asarray((2.0 * (np.arange(blocks) + 0.5) * pixels / blocks - pixels) / (pixels - 1))

@@ -78,7 +78,7 @@ class CalibratedMethod:
         dark = self.evaluate.noise(self.change.scale * darkness(self.reference.rgb.transpose(2, 0, 1)))
         self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
         self.bias = (quiet[0] * self.calm, quiet[1] * self.calm)
-        self.noise: Picture = np.maximum(quiet[2], noise) * self.calm
+        self.noise: Picture = quiet[2] * self.calm
         self.readable = self.reference.usable & (self.calm > 0.5)
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:

@@ -89,61 +89,50 @@ def fit_polynomial(contact: Samples, quiet: Samples, *, ridge: float) -> Polynom
 
 
 class PolynomialEvaluator:
-    """The polynomial over a whole picture; coefficients per pixel are made once (38 planes)."""
+    """The polynomial over a whole picture, row by row: in one row it is a cubic of X alone.
+
+    slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
+    """
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
-        x = np.linspace(-1, 1, shape[1])[None, :] ** np.arange(4)[:, None]
-        y = np.linspace(-1, 1, shape[0])[None, :] ** np.arange(4)[:, None]
-        self.maps = np.zeros((2, len(PRODUCTS), *shape), np.float32)
+        y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(4)[None, :]
+        per_row = np.zeros((shape[0], 2, 4, len(PRODUCTS)))
         for m, (i, j) in enumerate(POWERS):
-            basis = (y[j][:, None] * x[i][None, :]).astype(np.float32)
-            for k in np.unique(TERMS[TERMS[:, 1] == m, 0]):
-                for s in (0, 1):
-                    self.maps[s, k] += np.float32(polynomial.coefficients[s, k, m]) * basis
+            per_row[:, :, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
+        self.per_row: Picture = per_row.reshape(shape[0], 8, len(PRODUCTS)).astype(np.float32)
+        self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        self._work = np.empty((3, ROWS, shape[1]), np.float32)
+        self._products = np.empty((ROWS, len(PRODUCTS), shape[1]), np.float32)
+        self._sums = np.empty((ROWS, 8, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
         for top in range(0, change.shape[1], ROWS):
             rows = slice(top, top + ROWS)
+            colours = change[:, rows]
+            products = self._products[: colours.shape[1]]
+            for k, pick in enumerate(PRODUCTS):
+                if len(pick) == 1:
+                    products[:, k] = colours[pick[0]]
+                else:
+                    np.multiply(products[:, PRODUCTS.index(pick[1:])], colours[pick[0]], out=products[:, k])
+            sums = np.matmul(self.per_row[rows], products, out=self._sums[: len(products)])
             for s in (0, 1):
-                self._nested(self.maps[s, :, rows], change[:, rows], out[s, rows])
+                found = out[s, rows]
+                np.multiply(sums[:, 4 * s + 3], self.x, out=found)
+                for i in (2, 1):
+                    found += sums[:, 4 * s + i]
+                    found *= self.x
+                found += sums[:, 4 * s]
         np.clip(out, -self.bound, self.bound, out=out)
         return out[0], out[1]
 
-    def _nested(self, c: Picture, change: Picture, out: Picture) -> None:
-        """Horner's scheme in three variables, without a new array.
-
-        r(c0 + r(c3 + c9 r + c10 g + c11 b) + g(c4 + c12 g + c13 b) + b(c5 + c14 b))
-        + g(c1 + g(c6 + c15 g + c16 b) + b(c7 + c17 b)) + b(c2 + b(c8 + c18 b))
-        """
-        red, green, blue = change
-        outer, inner, spare = self._work[:, : len(out)]
-        chains = (
-            (red, 0, ((red, 3, (9, 10, 11)), (green, 4, (12, 13)), (blue, 5, (14,)))),
-            (green, 1, ((green, 6, (15, 16)), (blue, 7, (17,)))),
-            (blue, 2, ((blue, 8, (18,)),)),
-        )
-        out.fill(0.0)
-        for channel, first, brackets in chains:
-            np.copyto(outer, c[first])
-            for factor, second, thirds in brackets:
-                np.multiply(c[thirds[-1]], blue, out=inner)
-                for third, colour in zip(thirds[:-1], (red, green)[2 - len(thirds[:-1]) :], strict=True):
-                    np.multiply(c[third], colour, out=spare)
-                    inner += spare
-                inner += c[second]
-                inner *= factor
-                outer += inner
-            outer *= channel
-            out += outer
-
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
-        variance = np.einsum("skhw,khw->hw", self.maps[:, :3] ** 2, noise**2) / 2.0
-        return np.asarray(np.sqrt(variance), dtype=np.float32)
+        x = self.x[None, :] ** np.arange(4)[:, None]
+        linear = np.einsum("hsik,iw->skhw", self.per_row.reshape(-1, 2, 4, len(PRODUCTS))[..., :3], x)
+        return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 
 def _design(change: Floats, place: Floats) -> Floats:

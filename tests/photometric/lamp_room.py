@@ -1,0 +1,64 @@
+"""A small renderer for these tests alone: three point lamps over a matt gel, analytic slopes, no gamma."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactilevision.records import Bytes, Floats
+
+MM_PER_PX = 0.08
+SHAPE = (180, 240)
+LAMPS = ((-30.0, -4.0, 18.0), (22.0, -24.0, 20.0), (10.0, 30.0, 17.0))  # mm from the centre, z towards the camera
+TINTS = np.array([[0.9, 0.15, 0.1], [0.12, 0.8, 0.2], [0.1, 0.2, 0.95]])  # lamp, channel
+
+
+def places() -> tuple[Floats, Floats]:
+    """x, y (H, W) in mm from the picture's centre."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
+    return (x - (SHAPE[1] - 1) / 2) * MM_PER_PX, (y - (SHAPE[0] - 1) / 2) * MM_PER_PX
+
+
+def picture(p: Floats, q: Floats, rng: np.random.Generator, *, gain: float = 1.0, noise: float = 0.7) -> Bytes:
+    """The frame (H, W, 3) of a gel of slopes p, q."""
+    x, y = places()
+    normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
+    light = np.zeros((*SHAPE, 3))
+    for (lx, ly, lz), tint in zip(LAMPS, TINTS, strict=True):
+        ray = np.stack([lx - x, ly - y, np.full_like(x, lz)])
+        distance = np.sqrt((ray**2).sum(axis=0))
+        shade = np.maximum((normal * ray).sum(axis=0), 0.0) / distance**3 * lz**2
+        light += shade[..., None] * tint
+    grey = 15.0 + 150.0 * gain * light + rng.normal(0.0, noise, light.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def flat(rng: np.random.Generator, *, gain: float = 1.0) -> Bytes:
+    return picture(np.zeros(SHAPE), np.zeros(SHAPE), rng, gain=gain)
+
+
+def ball(centre_mm: tuple[float, float], contact_mm: float, radius_mm: float) -> tuple[Floats, Floats, Floats]:
+    """Depth and slopes of a ball's cap that goes over into an exponential flank with the same slope."""
+    x, y = places()
+    x, y = x - centre_mm[0], y - centre_mm[1]
+    r = np.hypot(x, y)
+    root = np.sqrt(radius_mm**2 - contact_mm**2)
+    edge, length = contact_mm / root, 0.35 * contact_mm
+    cap = np.sqrt(np.maximum(radius_mm**2 - r**2, 1e-9)) - root + edge * length
+    beside = edge * length * np.exp(-(r - contact_mm) / length)
+    rate = np.where(r <= contact_mm, 1 / np.maximum(np.sqrt(np.maximum(radius_mm**2 - r**2, 1e-9)), 1e-9),
+                    edge * np.exp(-np.maximum(r - contact_mm, 0) / length) / np.maximum(r, 1e-9))  # fmt: skip
+    return np.where(r <= contact_mm, cap, beside), -rate * x, -rate * y
+
+
+def in_px(centre_mm: tuple[float, float]) -> tuple[float, float]:
+    """A place in mm as (x, y) in pixels."""
+    return centre_mm[0] / MM_PER_PX + (SHAPE[1] - 1) / 2, centre_mm[1] / MM_PER_PX + (SHAPE[0] - 1) / 2
+
+
+def presses(count: int, rng: np.random.Generator) -> list[tuple[tuple[float, float], float]]:
+    """Centres and contact radii (mm), spread over the picture."""
+    half = (7.0, 4.8)
+    return [
+        ((float(rng.uniform(-1, 1) * half[0]), float(rng.uniform(-1, 1) * half[1])), float(rng.uniform(1.2, 2.0)))
+        for _ in range(count)
+    ]

@@ -1,0 +1,170 @@
+"""Balls find themselves, slopes come back, and what cannot be used is named."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, in_px, picture, presses
+
+from tactilevision.errors import InputError
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    Calibration,
+    calibrate_from_balls,
+    load_method,
+    make_reference,
+    save_method,
+)
+
+SCALE = (MM_PER_PX, MM_PER_PX)
+RADIUS_MM = 4.0
+
+
+def pictures(count: int, seed: int = 1) -> list[BallPicture]:
+    rng = np.random.default_rng(seed)
+    return [
+        BallPicture(picture(*ball(centre, contact, RADIUS_MM)[1:], rng), RADIUS_MM)
+        for centre, contact in presses(count, rng)
+    ]
+
+
+@lru_cache
+def calibrated(name: str) -> Calibration:
+    rng = np.random.default_rng(0)
+    reference = make_reference([flat(rng) for _ in range(3)])
+    return calibrate_from_balls(reference, pictures(12), SCALE, fit=PHOTOMETRIC[name])
+
+
+def test_balls_are_found_to_a_fraction_of_a_pixel() -> None:
+    true = presses(12, np.random.default_rng(1))
+    # presses and noise share a generator: draw the places as `pictures` does
+    for (centre, contact), found in zip(true, calibrated("polynomial").balls, strict=True):
+        assert found is not None
+        assert np.hypot(*np.subtract(found.centre_px, in_px(centre))) < 0.6
+        assert found.contact_radius_px * MM_PER_PX == pytest.approx(contact, rel=0.12)
+
+
+@pytest.mark.parametrize(("name", "degrees"), [("polynomial", 6.0), ("lookup", 9.0)])
+def test_slopes_of_balls_never_seen(name: str, degrees: float) -> None:
+    calibration = calibrated(name)
+    assert calibration.direction_error_deg < degrees
+    rng = np.random.default_rng(9)
+    _, p, q = ball((1.5, -1.0), 1.7, RADIUS_MM)
+    slopes = calibration.method.slopes(picture(p, q, rng))
+    inside = np.hypot(p, q) > 0.1
+    gain = np.sum(slopes.dz_dx * p + slopes.dz_dy * q, where=inside) / np.sum(p**2 + q**2, where=inside)
+    assert gain == pytest.approx(1.0, abs=0.05)
+    assert slopes.std is not None
+    assert slopes.valid is not None
+    assert slopes.valid.mean() > 0.95
+
+
+def test_no_change_of_colour_is_no_slope() -> None:
+    for name in PHOTOMETRIC:
+        method = calibrated(name).method
+        slopes = method.slopes(np.rint(method.reference.rgb).astype(np.uint8))
+        assert abs(float(np.median(slopes.dz_dx))) < 0.01
+        assert abs(float(np.median(slopes.dz_dy))) < 0.01
+
+
+def test_the_stated_noise_is_the_noise() -> None:
+    method = calibrated("polynomial").method
+    rng = np.random.default_rng(3)
+    maps = np.stack([method.slopes(flat(rng)).dz_dx for _ in range(12)])
+    stated = method.slopes(flat(rng)).std
+    assert stated is not None
+    assert np.median(maps.std(axis=0)) == pytest.approx(float(np.median(stated)), rel=0.5)
+
+
+def test_light_that_fades_does_not_become_a_slope() -> None:
+    method = calibrated("polynomial").method
+    rng = np.random.default_rng(4)
+    _, p, q = ball((0.0, 0.0), 1.6, RADIUS_MM)
+    bright, dim = (method.slopes(picture(p, q, rng, gain=gain)) for gain in (1.0, 0.96))
+    assert np.mean(bright.dz_dx - dim.dz_dx) == pytest.approx(0.0, abs=0.004)
+    away = np.hypot(p, q) < 0.001
+    assert abs(float(np.mean(dim.dz_dx[away]))) < 0.006
+
+
+def test_a_known_centre_is_taken_as_a_start() -> None:
+    rng = np.random.default_rng(0)
+    reference = make_reference([flat(rng)])
+    stated = [
+        BallPicture(shot.rgb, RADIUS_MM, in_px(centre), contact / MM_PER_PX)
+        for shot, (centre, contact) in zip(pictures(6), presses(6, np.random.default_rng(1)), strict=True)
+    ]
+    found = calibrate_from_balls(reference, stated, SCALE, fit=PHOTOMETRIC["polynomial"]).balls
+    assert all(one is not None for one in found)
+
+
+@pytest.mark.parametrize("name", sorted(PHOTOMETRIC))
+def test_a_method_survives_the_disk(name: str, tmp_path: Path) -> None:
+    method = calibrated(name).method
+    path = save_method(method, tmp_path / "finger.npz")
+    again = load_method(path)
+    frame = flat(np.random.default_rng(6))
+    assert np.array_equal(method.slopes(frame).dz_dx, again.slopes(frame).dz_dx)
+    assert again.card["held_out_direction_error_deg"] == pytest.approx(calibrated(name).direction_error_deg)
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    with pytest.raises(InputError, match="does not match its card"):
+        load_method(path)
+
+
+def test_too_few_balls_are_refused_and_say_why() -> None:
+    rng = np.random.default_rng(0)
+    reference = make_reference([flat(rng)])
+    empty = [BallPicture(flat(rng), RADIUS_MM, name="empty.png")]
+    with pytest.raises(InputError, match=r"too few ball presses.*2 of 3.*empty\.png.*no contact"):
+        calibrate_from_balls(reference, pictures(2) + empty, SCALE, fit=PHOTOMETRIC["polynomial"])
+
+
+def test_balls_in_one_corner_are_warned_of() -> None:
+    rng = np.random.default_rng(0)
+    reference = make_reference([flat(rng)])
+    corner = [
+        BallPicture(picture(*ball((-6.0 + 0.2 * k, -4.0 + 0.1 * k), 1.4, RADIUS_MM)[1:], rng), RADIUS_MM)
+        for k in range(5)
+    ]
+    calibration = calibrate_from_balls(reference, corner, SCALE, fit=PHOTOMETRIC["polynomial"])
+    assert any("of the picture only" in warning for warning in calibration.warnings)
+
+
+def test_frames_that_cannot_be_read_are_named() -> None:
+    method = calibrated("polynomial").method
+    frame = flat(np.random.default_rng(7))
+    with pytest.raises(InputError, match="does not match the reference in size"):
+        method.slopes(frame[:-1])
+    with pytest.raises(InputError, match="does not match the reference in size or type"):
+        method.slopes(frame.astype(np.float32))
+    with pytest.raises(InputError, match="black"):
+        method.slopes(np.zeros_like(frame))
+    with pytest.raises(InputError, match="saturated"):
+        method.slopes(np.full_like(frame, 255))
+
+
+def test_swapped_colours_are_noticed() -> None:
+    rng = np.random.default_rng(0)
+    warm = np.zeros((*SHAPE, 3), np.uint8) + np.array([180, 90, 40], np.uint8)
+    warm = np.clip(warm + rng.normal(0, 1, warm.shape), 0, 255).astype(np.uint8)
+    method = calibrated("polynomial").method.with_reference(make_reference([warm]))
+    with pytest.raises(InputError, match="blue, green, red"):
+        method.slopes(np.ascontiguousarray(warm[..., ::-1]))
+
+
+def test_flats_that_cannot_be_used_are_named() -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="no picture of the untouched gel"):
+        make_reference([])
+    with pytest.raises(InputError, match="differ in size"):
+        make_reference([flat(rng), flat(rng)[:-2]])
+    with pytest.raises(InputError, match="black"):
+        make_reference([np.zeros((*SHAPE, 3), np.uint8)])
+    with pytest.raises(InputError, match="saturated"):
+        make_reference([np.full((*SHAPE, 3), 255, np.uint8)])
+    touched = picture(*ball((0.0, 0.0), 1.5, RADIUS_MM)[1:], rng)
+    with pytest.raises(InputError, match="contact"):
+        make_reference([flat(rng), flat(rng), touched])

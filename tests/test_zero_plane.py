@@ -1,0 +1,66 @@
+"""The zero plane: found on untouched gel alone, past the rise beside a contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.records import Bools, Floats
+from tactilevision.zero_plane import find_zero_plane, level
+
+SHAPE, STEP = (160, 240), 0.1
+
+
+def scene(rise_mm: float = 0.04) -> tuple[Floats, Bools]:
+    """Depth of a tilted punch with the gel's rise beside it, and the blocks (10 px) it leaves untouched."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
+    r = np.hypot(x - 12.0, y - 8.0)
+    depth = np.where(r < 2.0, 0.4 + 0.02 * (x - 12.0), -rise_mm * np.exp(-(r - 2.0) / 2.25))
+    centres = np.hypot(x - 12.0, y - 8.0)[5::10, 5::10]
+    return depth, centres > 2.6
+
+
+def test_an_added_plane_is_taken_off_and_the_punch_keeps_its_tilt() -> None:
+    depth, untouched = scene()
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
+    tilted = depth + 0.3 + 0.01 * x - 0.02 * y
+    zero = find_zero_plane(tilted, untouched, (STEP, STEP), thickness_mm=3.0)
+    level(tilted, zero)
+    assert np.abs(tilted - depth).max() < 1.5e-3
+    face = depth > 0.3
+    assert np.polyfit(x[face], tilted[face], 1)[0] == pytest.approx(0.02, abs=2e-4)
+
+
+@pytest.mark.parametrize("thickness_mm", [None, 2.0, 3.0, 4.5])
+def test_the_rise_beside_a_contact_is_not_taken_for_zero(thickness_mm: float | None) -> None:
+    depth, untouched = scene()
+    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=thickness_mm)
+    assert abs(zero.offset_mm) < 2.5e-3
+    plain = float(np.mean(depth[::10, ::10][untouched]))
+    assert abs(zero.offset_mm) < 0.4 * abs(plain)
+
+
+def test_without_contact_it_is_the_plane() -> None:
+    x = np.arange(SHAPE[1])[None, :] * STEP
+    depth = np.repeat(0.1 - 0.01 * x, SHAPE[0], axis=0)
+    zero = find_zero_plane(depth, np.ones((16, 24), np.bool_), (STEP, STEP))
+    level(depth, zero)
+    assert np.abs(depth).max() < 1e-9
+
+
+def test_its_uncertainty_covers_its_error() -> None:
+    rng = np.random.default_rng(0)
+    misses = []
+    for _ in range(60):
+        coarse = rng.normal(0.0, 0.004, (4, 6))
+        wave = np.kron(coarse, np.ones((40, 40)))
+        zero = find_zero_plane(wave, np.ones((16, 24), np.bool_), (STEP, STEP))
+        misses.append(zero.offset_mm / zero.std_mm)
+    assert 0.4 < np.std(misses) < 1.6
+
+
+def test_with_nothing_untouched_it_says_so_by_its_uncertainty() -> None:
+    depth, untouched = scene()
+    zero = find_zero_plane(depth, np.zeros_like(untouched), (STEP, STEP))
+    assert zero.share == 0.0
+    assert zero.std_mm == pytest.approx(float(np.std(depth)), rel=0.2)
