@@ -36,10 +36,12 @@ from tactilevision.mechanics.bulge_press import (
 )
 from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
 from tactilevision.mechanics.profile import LINEAR, ProfileModel
+from tactilevision.mechanics.profile_table import TABULATED
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Estimate, Floats
 
 START = 0.45
+AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
 PINNED = 1e-6  # standard deviation of what is taken as known
 FEWEST_CLUSTERS = 4
 LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
@@ -108,13 +110,15 @@ def fit_poisson_ratio(
     *,
     thickness_mm: float,
     thickness_std_mm: float = 0.0,
-    model: ProfileModel = LINEAR,
+    model: ProfileModel | None = None,
     settings: BulgeSettings | None = None,
 ) -> BulgeFit:
     """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
 
-    Views that the model's source does not reach (too deep, too thin or thick a gel) are left out and named. Raises
-    InputError where no view is left that shows both the face and the gel beside it, or a length is not above 0.
+    Where no model is given, finite elements' table is taken for gels that it holds, else linear theory. Views that
+    the model does not reach (too deep, too thin or thick a gel) are left out and named.
+    Raises InputError where no view is left that shows both the face and the gel beside it, or a length is not
+    above 0.
     """
     settings = settings or BulgeSettings()
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
@@ -122,9 +126,23 @@ def fit_poisson_ratio(
     if settings.guard_mm < 3 * settings.blur_mm:
         raise InputError("the guard band spans three times the blur", where="fit_poisson_ratio",
                          value=settings.guard_mm)  # fmt: skip
-    task = _task(views, (thickness_mm, thickness_std_mm), model, settings)
+    thickness = (thickness_mm, thickness_std_mm)
+    if model is not None:
+        return _fit(views, thickness, model, settings)
+    low, high = TABULATED.a_over_h_range
+    if all(low <= view.radius_mm / thickness_mm <= high for view in views):
+        fit = _fit(views, thickness, TABULATED, settings)
+        if fit.values[0] > TABULATED.poisson_range[0] + AT_BOUND:
+            return fit
+    return _fit(views, thickness, LINEAR, settings)
+
+
+def _fit(
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
+) -> BulgeFit:
+    task = _task(views, thickness, model, settings)
     rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
-    task = replace(task, presses=_presses(_centred(task, rough), thickness_mm, model, settings))
+    task = replace(task, presses=_presses(_centred(task, rough), thickness[0], model, settings))
     white = [whiten(press, WHITE) for press in task.presses]
     misfits = [residual(w, _joint(task, rough), model)[: len(w.goal)] * WHITE.white_mm for w in white]
     noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)

@@ -52,10 +52,12 @@ PAD_RADIUS, EDGE_RADIUS, THICKNESS_MM = 5.0, 0.02, 3.0
 
 @dataclass(frozen=True, slots=True)
 class FemProfile:
-    """Finite elements' surface: `r_mm` (n,) of its nodes; `w_over_h` (m,); rise, u_r over depth (m, n)."""
+    """Finite elements: `r_mm` (n,) of the surface's nodes; `w_over_h` (m,) and the force over Young's modulus;
+    `rise` and `outward` displacement over the depth, (m, n) each."""
 
     r_mm: Floats
     w_over_h: Floats
+    force_over_E_mm2: Floats
     rise: Floats
     outward: Floats
 
@@ -98,7 +100,7 @@ def solve_case(poisson_ratio: float, a_over_h: float, friction: float) -> FemPro
     top = top[np.argsort(r[top])]
     states = list(march(equations(model, by_force=False), [w * h for w in DEPTHS], []))
     rise, outward = (np.array([s.u[2 * top + row] / s.depth_mm for s in states]) for row in (1, 0))
-    return FemProfile(r[top], np.array(DEPTHS), rise, outward)
+    return FemProfile(r[top], np.array(DEPTHS), np.array([s.force_N for s in states]), rise, outward)
 
 
 def correction_of(solution: FemProfile, poisson_ratio: float, a_over_h: float) -> Floats:

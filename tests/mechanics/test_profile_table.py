@@ -95,6 +95,14 @@ def test_presses_out_of_range_are_left_out_and_named() -> None:
     assert fit.left_out == ("1",)
 
 
+def test_model_is_chosen_by_what_the_table_holds() -> None:
+    soft = views(0.3, np.random.default_rng(13), depths_mm=(0.3, 0.4), noise_mm=5e-4)
+    assert fit_poisson_ratio(soft, thickness_mm=THICKNESS_MM).model == LINEAR.name  # nu below the table
+    assert fit_poisson_ratio(soft, thickness_mm=6.0).model == LINEAR.name  # a/h below the table
+    usual = views(0.48, np.random.default_rng(14), depths_mm=(0.3, 0.4), source=table_profile, friction=0.3)
+    assert fit_poisson_ratio(usual, thickness_mm=THICKNESS_MM).model == TABULATED.name
+
+
 def test_card_states_what_the_table_is() -> None:
     card = json.loads(TABLE.with_suffix(".json").read_text())
     assert {"source", "settings", "made_by", "licence", "sha256"} <= set(card)
