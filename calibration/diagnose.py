@@ -23,6 +23,7 @@ from calibration.diagnosis import Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
 from calibration.fitting import Fit, fit
+from calibration.noise import Whitener
 from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.repeats import noise_floor
@@ -34,6 +35,7 @@ LEFT_LEVEL = 0.025  # of saying that something unknown is left
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 5, 3
+MOSTLY = 0.8  # of a misfit explained: the rest is then a matter of the effect's form
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
 
 
@@ -156,26 +158,41 @@ def _conclude(
     """The verdict and everything that goes with it."""
     before, after = conclude(base), conclude(current)
     flags = list(after.flags)
+    tried: tuple[str, ...] = ()
     left = last.screen.lack_of_fit
     wide = [s for s in sets if len(s) > 1]
     verdict = "IDENTIFIED" if added else "ADEQUATE"
     if wide or "beta_outside_theory" in flags:
         verdict = "AMBIGUOUS"
     if left < LEFT_LEVEL:
-        verdict = "UNKNOWN"
+        if added and explained_share(base, current) > MOSTLY:
+            flags.append("small_remainder")  # the cause is named; its form is not exact
+        else:  # what was tried does not explain it, so it is not named and repairs nothing
+            verdict, flags = "UNKNOWN", [*before.flags]
+            tried, added, sets, after = tuple(c.effect.key for c, _, _ in added), (), (), before
     first = rounds[0].screen
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
-    explained = would_have_to_be(current) if "beta_outside_theory" in flags else ()
+    explained = would_have_to_be(base) if "beta_outside_theory" in flags else ()
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
     return Diagnosis(
         verdict=verdict, effects=tuple(_added(current, c, s, k) for c, s, k in added), candidates=candidates,
         not_testable=dict(first.not_testable), visible=dict(first.visible),
-        errors=_errors(base, current), before=before, after=after, covariates=last.screen.covariates,
+        errors=_errors(base, current if added else base), before=before, after=after,
+        covariates=last.screen.covariates,
         screen=first.effects, measure_next=_next(base, sets, flags, first.not_testable),
         change_point=change_point(current) if left < LEFT_LEVEL else None, flags=tuple(flags),
-        would_have_to_be=explained, lack_of_fit_p=left, base=base, fitted=current,
+        would_have_to_be=explained, lack_of_fit_p=left, tried=tried, base=base,
+        fitted=current if added else base,
     )  # fmt: skip
+
+
+def explained_share(base: Fit, current: Fit) -> float:
+    """How much of what repeats cannot account for the added effects do; whitened by the last model's noise."""
+    whitener = Whitener(current.data, current.noise, current.about)
+    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
+    excess = before - base.data.size
+    return (before - after) / excess if excess > 0 else 0.0
 
 
 def _added(current: Fit, candidate: Candidate, scored: Scored, skill: float) -> Added:
