@@ -292,11 +292,41 @@ class Material:
 
 
 @dataclass(frozen=True, slots=True)
+class ShearMap:
+    """Tangential displacement of the gel's surface since it was untouched, at places of the untouched frame.
+
+    `u_x_mm`, `u_y_mm` (H, W): right and down; `valid` (H, W): where False it is not known. `std_mm` is the standard
+    deviation of either component, one number or (H, W); neighbouring pixels within `correlation_px` share their error.
+    `flags` name what limits the map (markers lost, ...).
+    """
+
+    u_x_mm: npt.NDArray[np.floating[Any]]
+    u_y_mm: npt.NDArray[np.floating[Any]]
+    valid: Bools
+    mm_per_px: Pair
+    std_mm: float | npt.NDArray[np.floating[Any]] = 0.0
+    correlation_px: float = 1.0
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.u_x_mm.ndim != 2 or not self.u_x_mm.shape == self.u_y_mm.shape == self.valid.shape:
+            raise InputError(
+                "u_x_mm, u_y_mm and valid are (H, W) alike",
+                where="ShearMap",
+                value=(self.u_x_mm.shape, self.u_y_mm.shape, self.valid.shape),
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class TractionMap:
     """Traction of the indenter on the gel, MPa, (H, W) each; t_z > 0 presses into it.
 
-    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own;
-    `flags` name what limits the map (contact cut by the view's border, markers lost, ...).
+    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the place
+    of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border, ...).
+    `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the pad's centre,
+    r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the force found without it minus
+    the measured one, and `mismatch_sigma` its largest component over the standard deviation expected of it.
+    What was not measured is NaN.
     """
 
     t_x: Floats
@@ -306,3 +336,11 @@ class TractionMap:
     resultant_N: tuple[float, float, float]
     resultant_std_N: tuple[float, float, float]
     flags: tuple[str, ...] = ()
+    first_mm: Pair = (float("nan"), float("nan"))
+    std_MPa: Floats | None = None
+    moment_Nmm: tuple[float, float, float] | None = None
+    moment_std_Nmm: tuple[float, float, float] | None = None
+    mismatch_N: tuple[float, float, float] | None = None
+    mismatch_sigma: float | None = None
+    time_s: float = float("nan")
+    name: str = ""

@@ -1,0 +1,114 @@
+"""The material out of calibration.json, with its covariance, and what a wrong one would do to a force."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
+
+MOST_POISSON = 0.4999
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """Resultants (N) at the ends of one parameter's range; `force_N` (2, 3) by `values` (2,)."""
+
+    parameter: str
+    unit: str
+    values: tuple[float, float]
+    force_N: Floats
+
+
+def read_material(path: Path | str) -> Material:
+    """E, nu and their covariance from calibration.json; where no covariance stands there, from the two std.
+
+    A value that the calibration could not fix (null) is taken at the middle of its interval, its std from the
+    interval's width. Raises InputError for a file that is not a calibration, or holds no number for E or nu.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as fault:
+        raise InputError("is not a calibration that can be read", where=path, value=str(fault),
+                         remedy="Make one with `tactilevision calibrate`.") from fault  # fmt: skip
+    if not isinstance(content, dict):
+        raise InputError("is not a calibration", where=path, value=type(content).__name__)
+    modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", path)
+    poisson, poisson_std = _estimate(content, "poisson_ratio", path)
+    covariance = _covariance(content)
+    if covariance is None:
+        covariance = np.diag([modulus_std**2, poisson_std**2])
+    return Material(modulus, min(poisson, MOST_POISSON), covariance)
+
+
+def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear: ShearMap | None = None, *,
+                         settings: ForceSettings | None = None) -> tuple[Sensitivity, Sensitivity]:  # fmt: skip
+    """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance.
+
+    The other of the two is held. Raises InputError where the material has no covariance.
+    """
+    if material.covariance is None:
+        raise InputError("the material says nothing of its own uncertainty", where="material_sensitivity",
+                         remedy="Take it from calibration.json, or give Material a covariance.")  # fmt: skip
+    half = 1.96 * np.sqrt(np.diag(material.covariance))
+    moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], 1e-9) for s in (-1, 1))
+    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MOST_POISSON)) for s in (-1, 1))
+
+    def found(changed: Material) -> tuple[float, float, float]:
+        field = ForceField(gel, changed, height.mm_per_px, settings=settings)
+        return field(height, shear).resultant_N
+
+    by_modulus = np.array([found(replace(material, youngs_modulus_MPa=value)) for value in moduli])
+    by_ratio = np.array([found(replace(material, poisson_ratio=value)) for value in ratios])
+    return (
+        Sensitivity("youngs_modulus", "MPa", (moduli[0], moduli[1]), by_modulus),
+        Sensitivity("poisson_ratio", "", (ratios[0], ratios[1]), by_ratio),
+    )
+
+
+def check_sensor(found: TractionMap, measured_N: Floats) -> str:
+    """A sentence where force and F/T reading disagree by a factor that no calibration of this gel explains, or
+    "".
+    """
+    size, theirs = np.linalg.norm(found.resultant_N), np.linalg.norm(measured_N)
+    if not (size > 0 and theirs > 0) or 0.5 < size / theirs < 2:
+        return ""
+    return f"force is {size / theirs:.2g} of the F/T reading: is this the calibration of another sensor?"
+
+
+def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, float]:
+    entry = content.get(key)
+    if isinstance(entry, int | float):
+        return float(entry), 0.0
+    if isinstance(entry, dict):
+        if isinstance(entry.get("value"), int | float):
+            return float(entry["value"]), float(entry.get("std") or 0.0)
+        interval = entry.get("interval95")
+        if isinstance(interval, list) and len(interval) == 2 and all(isinstance(v, int | float) for v in interval):
+            return (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 3.92
+    raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
+
+
+def _covariance(content: dict[str, Any]) -> Floats | None:
+    """(2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
+    entry = content.get("covariance")
+    names = ["youngs_modulus_MPa", "poisson_ratio"]
+    if isinstance(entry, dict):
+        of, entry = entry.get("of"), entry.get("matrix")
+        if not isinstance(of, list) or not set(names) <= set(of):
+            return None
+        places = [of.index(name) for name in names]
+    else:
+        places = [0, 1]
+    try:
+        matrix = np.asarray(entry, dtype=float)[np.ix_(places, places)]
+    except (TypeError, ValueError, IndexError):
+        return None
+    return matrix if np.isfinite(matrix).all() else None

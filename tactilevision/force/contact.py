@@ -1,0 +1,64 @@
+"""Which cells may carry force: an outer guess from the depth, narrowed by the force itself.
+
+Outer guess: cells deeper than three standard deviations and than `SHALLOWEST` of the deepest. The edge of a
+contact is at least a third as deep as its middle (Hertz: a half; flat punch: all), so this loses no contact
+down to a tenth of the depth of the deepest one. Narrowed: no cell pulls, so cells of negative pressure are left
+out until none is. A cell that carries less than `FAINTEST` of the greatest pressure is left out as well: it is
+the ringing of the contact's edge, which a square cell cannot follow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import uniform_filter
+
+from tactilevision.records import Bools, Floats
+
+SHALLOWEST = 0.03
+FAINTEST = 0.02
+SIGMAS = 3.0
+COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
+
+
+def candidate_cells(depth_mm: Floats, std_mm: float, known: Bools) -> npt.NDArray[np.intp]:
+    """Flat indices of the cells that may touch; empty where nothing does."""
+    seen = depth_mm[known]
+    if seen.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    deep = known & (depth_mm > max(SIGMAS * std_mm, SHALLOWEST * float(seen.max())))
+    neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
+    return np.flatnonzero(deep & (neighbours > COMPANY - 0.5))
+
+
+def pulling(pressure: Floats, std: float = 0.0) -> Bools:
+    """Which of the pressures of an active set are to be left out."""
+    return np.asarray(pressure < max(FAINTEST * float(np.max(pressure, initial=0.0)), std))
+
+
+def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
+    """A quarter of the graph Laplacian of the cells (C, C): x R x is the squared step to the neighbours.
+
+    The edge of the set is free, so a constant traction is not rough and its sum is not pulled down.
+    """
+    rows, columns = shape
+    order = np.full((rows + 1) * (columns + 1), -1, dtype=np.intp)
+    row, column = np.divmod(cells, columns)
+    place = row * (columns + 1) + column
+    order[place] = np.arange(len(cells))
+    matrix = np.zeros((len(cells), len(cells)))
+    for step in (1, columns + 1):
+        other = order[place + step]
+        first, second = np.flatnonzero(other >= 0), other[other >= 0]
+        matrix[first, second] = matrix[second, first] = -0.25
+        matrix[first, first] += 0.25
+        matrix[second, second] += 0.25
+    return matrix
+
+
+def cut_by_border(cells: npt.NDArray[np.intp], usable: Bools) -> bool:
+    """Whether the contact reaches a cell beyond which nothing is known: the border of the view, gel or map."""
+    inside = np.pad(usable, 1)
+    row, column = np.divmod(cells, usable.shape[1])
+    beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+    return bool(not np.logical_and.reduce(beyond).all()) if len(cells) else False

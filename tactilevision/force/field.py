@@ -1,0 +1,196 @@
+"""Height map (and shear) -> map of traction with its resultant: the step that live code calls for every frame.
+
+Set up once for a gel, a material and a view; each call narrows the contact, solves for the tractions, corrects for
+large depth and propagates what is not known. A call changes nothing but the first, which learns the view's size.
+
+Standard deviation of the resultant: noise of the depth and shear through the linear map; the material's own
+covariance; MODEL_STD of the resultant for cells and mask (rms error over random contacts without noise,
+benchmarks); STICK_STD of the normal force where no shear is measured, since sticking stiffens a punch by up to
+4.7 %; and, where the contact is cut by a border, the force that would lie there if the border's pressure went
+on for half its width.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.force.compliance import GelCompliance, gel_compliance
+from tactilevision.force.contact import SIGMAS, candidate_cells, cut_by_border
+from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
+from tactilevision.force.large_depth import depth_factors
+from tactilevision.force.nodes import NodeGrid, lay_grid
+from tactilevision.force.observe import Observation, observe
+from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
+from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
+
+MODEL_STD = np.array([0.003, 0.003, 0.008])
+STICK_STD = 0.03
+NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
+CUT = "contact cut by the border of the view or the gel"
+SMALL_GEL = "gel smaller than the view"
+
+
+@dataclass(frozen=True, slots=True)
+class ForceSettings:
+    """How forces are found. None of these is set by case.
+
+    `spacing_mm` of the cells; `depth_std_mm` of one pixel where the height map does not state it (None: from the
+    map itself); `depth_correlation_px` over which pixels share their error; `adhesive` lets the gel be pulled;
+    `sides` accounts for the gel's free sides; `large_depth` for its large strain (False: linear elasticity
+    throughout); `cell_std` also works out the deviation of every single traction.
+    """
+
+    spacing_mm: float = 0.5
+    depth_std_mm: float | None = None
+    depth_correlation_px: float = 1.0
+    adhesive: bool = False
+    sides: bool = True
+    large_depth: bool = True
+    cell_std: bool = True
+
+
+class ForceField:
+    """`ForceField(gel, material, mm_per_px)(height, shear)`; shear None leaves fx and fy unknown (NaN)."""
+
+    def __init__(self, gel: Gel, material: Material, mm_per_px: Pair, *, view_px: tuple[int, int] | None = None,
+                 settings: ForceSettings | None = None) -> None:  # fmt: skip
+        self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
+        self.settings = ForceSettings() if settings is None else settings
+        self.compliance: GelCompliance | None = None if view_px is None else self._set_up(view_px)
+
+    def __call__(self, height: HeightMap, shear: ShearMap | None = None, *,
+                 measured: MeasuredForce | None = None) -> TractionMap:  # fmt: skip
+        """Traction on the gel at the moment of `height`.
+
+        Raises InputError where the maps do not fit the field (another sensor's scale or size).
+        """
+        if self.compliance is None:
+            self.compliance = self._set_up(height.depth_mm.shape)
+        found = self._free(self.compliance, height, shear)
+        return found if measured is None else constrain(found, measured)
+
+    def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
+        grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, self.settings.spacing_mm)
+        return gel_compliance(self.gel, grid, poisson_ratio=self.material.poisson_ratio, sides=self.settings.sides)
+
+    def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
+        grid, settings = compliance.grid, self.settings
+        seen = observe(grid, height, shear, std_mm=settings.depth_std_mm,
+                       correlation_px=settings.depth_correlation_px, inside=compliance.inside)  # fmt: skip
+        flags = list(seen.flags) + ([] if len(seen.displacement_mm) == 3 else [NO_SHEAR])
+        flags += [] if compliance.inside.all() else [SMALL_GEL]
+        cells = candidate_cells(seen.displacement_mm[-1], float(seen.std_mm[-1]), seen.known)
+        if len(cells) == 0:
+            reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
+            unseen = 2 * grid.spacing_mm * reduced * SIGMAS * float(seen.std_mm[-1])
+            return _nothing(grid, height, (*flags, NO_CONTACT), len(seen.displacement_mm), unseen)
+        found = self._solve(compliance, seen, cells)
+        if cut_by_border(found.cells, seen.known):
+            flags.append(CUT)
+        return self._report(compliance, seen, found, height, tuple(flags))
+
+    def _solve(self, compliance: GelCompliance, seen: Observation, cells: Cells) -> Solution:
+        u = seen.displacement_mm.reshape(len(seen.displacement_mm), -1)[:, cells]
+        nu, adhesive = self.material.poisson_ratio, self.settings.adhesive
+        if len(u) == 1:
+            return solve_normal(
+                compliance, cells, u[0], float(seen.std_mm[0]), poisson_ratio=nu, adhesive=adhesive
+            )
+        return solve_all(compliance, cells, u, seen.std_mm, poisson_ratio=nu, adhesive=adhesive)
+
+    def _report(self, compliance: GelCompliance, seen: Observation, found: Solution, height: HeightMap,
+                flags: tuple[str, ...]) -> TractionMap:  # fmt: skip
+        grid, modulus, parts = compliance.grid, self.material.youngs_modulus_MPa, len(found.traction)
+        stiffer, stiffer_std = self._stiffening(grid, seen, found)
+        scale = modulus * stiffer
+        weights = wrench_weights(grid, found.cells, parts) * np.tile(scale, parts)
+        total = weights @ found.traction.ravel()
+        noise = np.repeat(seen.std_mm, len(found.cells))
+        variance = np.diag(found.propagate(weights, noise)).copy()
+        variance += self._material_variance(compliance, found, weights, total)
+        variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
+        if parts == 1:
+            variance[2] += (STICK_STD * total[2]) ** 2 + (
+                weights[2] / stiffer * stiffer_std @ found.traction[0]
+            ) ** 2
+        if CUT in flags:
+            variance[:3] += _beyond(grid, found, seen, scale)
+        std, fields = np.sqrt(variance), np.zeros((3, grid.shape[0] * grid.shape[1]))
+        fields[3 - parts :, found.cells] = found.traction * scale
+        errors = np.full_like(fields, np.nan)
+        if self.settings.cell_std:
+            errors[3 - parts :, found.cells] = found.cell_std(noise) * scale
+        if parts == 1:
+            fields[:2], total[[0, 1, 5]], std[[0, 1, 5]] = np.nan, np.nan, np.nan
+        return _as_map(grid, fields, errors, total, std, flags, height)
+
+    def _stiffening(self, grid: NodeGrid, seen: Observation, found: Solution) -> tuple[Floats, Floats]:
+        if not self.settings.large_depth:
+            return np.ones(len(found.cells)), np.zeros(len(found.cells))
+        return depth_factors(
+            grid,
+            found.cells,
+            found.traction[-1],
+            seen.displacement_mm,
+            gel=self.gel,
+            poisson_ratio=self.material.poisson_ratio,
+        )
+
+    def _material_variance(self, compliance: GelCompliance, found: Solution, weights: Floats,
+                           total: Floats) -> Floats:  # fmt: skip
+        """Variance (6,) of force and moment that the calibration's own covariance of (E, nu) implies."""
+        covariance = self.material.covariance
+        if covariance is None:
+            return np.zeros(6)
+        by_modulus = total / self.material.youngs_modulus_MPa
+        by_poisson = -found.gain(weights) @ (
+            compliance.by_poisson(found.cells, len(found.traction)) @ found.traction.ravel()
+        )
+        slope = np.stack([by_modulus, by_poisson], axis=1)
+        return np.asarray(np.einsum("ki,ij,kj->k", slope, covariance, slope))
+
+
+def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats) -> Floats:
+    """Squared force that may lie outside the border: its cells' traction, carried on for half the contact's
+    width.
+    """
+    row, column = np.divmod(found.cells, grid.shape[1])
+    inside = np.pad(seen.known, 1)
+    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    edge = ~np.logical_and.reduce([inside[row + 1 + dy, column + 1 + dx] for dy, dx in steps])
+    half_width = np.sqrt(len(found.cells) / np.pi)
+    force = grid.cell_mm2 * (found.traction * scale)[:, edge].sum(axis=1) * half_width
+    return np.asarray(np.concatenate([np.zeros(3 - len(force)), force]) ** 2)
+
+
+def _nothing(
+    grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], parts: int, unseen_N: float
+) -> TractionMap:
+    """No contact: zero force, to within a punch of one cell's radius pressed in by what a candidate needs."""
+    fields = np.zeros((3, grid.shape[0] * grid.shape[1]))
+    total, std = np.zeros(6), np.array([unseen_N] * 3 + [np.nan] * 3)
+    if parts == 1:
+        fields[:2], total[[0, 1, 5]] = np.nan, np.nan
+    return _as_map(grid, fields, np.full_like(fields, np.nan), total, std, flags, height)
+
+
+def _as_map(grid: NodeGrid, fields: Floats, errors: Floats, total: Floats, std: Floats, flags: tuple[str, ...],
+            height: HeightMap) -> TractionMap:  # fmt: skip
+    maps = fields.reshape(3, *grid.shape)
+    return TractionMap(
+        t_x=maps[0],
+        t_y=maps[1],
+        t_z=maps[2],
+        mm_per_px=(grid.spacing_mm, grid.spacing_mm),
+        resultant_N=triple(total[:3]),
+        resultant_std_N=triple(std[:3]),
+        flags=flags,
+        first_mm=(float(grid.x_mm[0]), float(grid.y_mm[0])),
+        std_MPa=errors.reshape(3, *grid.shape),
+        moment_Nmm=triple(total[3:]),
+        moment_std_Nmm=triple(std[3:]),
+        time_s=height.time_s,
+        name=height.name,
+    )

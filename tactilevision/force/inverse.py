@@ -1,0 +1,159 @@
+"""Surface displacement -> traction on the cells that touch.
+
+    (C + a I + R) x = u,        t = x + a (C + a I + R)^-1 x            (iterated Tikhonov, order 2)
+
+C the compliance between the touching cells, R = r_c L per component c with L their roughness. C is the energy's
+own matrix, so the unknown shape of the traction inside a cell costs little force; the second step gives back
+what a takes from the slow components, so that the resultant is not pulled down.
+
+Weights, from the cell and from the noise alone:
+    a   = SUBCELL d/E*                              a traction that is not constant over a cell of width d
+    r_c = SUBCELL_STEP d/E* + sigma_c/tau_c         the same between cells, and where noise meets signal: the
+    filter
+                                                    lambda/(lambda + sigma/tau) halves a wave just where the noise
+                                                    sigma of u equals the displacement lambda tau of the
+                                                    traction's rms
+SUBCELL and SUBCELL_STEP have no unit and hold for every gel, cell and force, since d/E* is the only compliance of
+a cell that is small against the thickness. They are where Hertz's pressure on a half-space, cut into cells at
+random places, comes back best.
+No cell pulls (contact.py). Standard deviations are of the linear map t = F u with the contact's cells held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+from tactilevision.errors import ConvergenceError
+from tactilevision.force.contact import pulling, roughness
+from tactilevision.force.nodes import NodeGrid
+from tactilevision.records import Floats
+
+SUBCELL = 0.42
+SUBCELL_STEP = 0.10
+ROUNDS = 12
+Cells = npt.NDArray[np.intp]
+
+
+class Compliance(Protocol):
+    """Displacement by traction between cells of a grid, at modulus 1 MPa."""
+
+    @property
+    def grid(self) -> NodeGrid:
+        """The cells."""
+        ...
+
+    def block(self, receivers: Cells, sources: Cells) -> Floats:
+        """(3 R, 3 S), x of all, y of all, z of all."""
+        ...
+
+    def normal_block(self, cells: Cells) -> Floats:
+        """(C, C), depth by pressure."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """`traction` (n, C) in units of E, n = 3 for (x, y, z) or 1 for z alone; `factor` Cholesky's of M;
+    `subcell` is a.
+    """
+
+    cells: Cells
+    traction: Floats
+    factor: Floats
+    subcell: float
+
+    def gain(self, weights: Floats) -> Floats:
+        """weights (K, nC) @ M^-1."""
+        return np.asarray(lapack.dpotrs(self.factor, weights.T, lower=1)[0].T)
+
+    def propagate(self, weights: Floats, std_mm: Floats) -> Floats:
+        """Covariance (K, K) of weights (K, nC) @ traction, for displacements with `std_mm` (nC,)."""
+        once = self.gain(weights)
+        full = (once + self.subcell * self.gain(once)) * std_mm
+        return np.asarray(full @ full.T)
+
+    def cell_std(self, std_mm: Floats) -> Floats:
+        """Standard deviation (n, C) of each traction; that the components are coupled is left out (2 % of it)."""
+        count, found = len(self.cells), np.empty_like(self.traction)
+        lower = np.tril(self.factor)
+        for k in range(len(found)):
+            rows = lower[k * count : (k + 1) * count]
+            own, _ = lapack.dpotrf(rows @ rows.T, lower=1, overwrite_a=1)
+            inverse = np.tril(lapack.dpotri(own, lower=1, overwrite_c=1)[0])
+            inverse = inverse + np.tril(inverse, -1).T
+            full = inverse + self.subcell * (inverse @ inverse)
+            found[k] = np.sqrt((full**2) @ std_mm[k * count : (k + 1) * count] ** 2)
+        return found
+
+
+def solve_normal(compliance: Compliance, cells: Cells, depth_mm: Floats, std_mm: float, *, poisson_ratio: float,
+                 adhesive: bool = False) -> Solution:  # fmt: skip
+    """Pressure alone, as of a contact without friction, from the depth of `cells`."""
+    whole = compliance.normal_block(cells)
+    return _narrow(whole, compliance.grid, cells, depth_mm[None], np.array([std_mm]), poisson_ratio, adhesive)
+
+
+def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std_mm: Floats, *,
+              poisson_ratio: float, adhesive: bool = False) -> Solution:  # fmt: skip
+    """Tractions along x, y, z from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
+
+    The contact is narrowed by the pressure alone first: that system is a ninth as large.
+    """
+    if not adhesive:
+        first = solve_normal(compliance, cells, displacement_mm[2], float(std_mm[2]), poisson_ratio=poisson_ratio)
+        kept = np.isin(cells, first.cells, assume_unique=True)
+        cells, displacement_mm = cells[kept], displacement_mm[:, kept]
+    whole = compliance.block(cells, cells)
+    return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, poisson_ratio, adhesive)
+
+
+def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float,
+            adhesive: bool) -> Solution:  # fmt: skip
+    """Solve, leave out the cells that pull, again, until none does."""
+    unit = grid.spacing_mm * (1 - poisson_ratio**2)
+    active = np.arange(len(cells))
+    rms = _rms_guess(u, unit)
+    for _ in range(ROUNDS):
+        factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
+        drop = np.zeros(len(active), dtype=bool) if adhesive else pulling(x[-1])
+        rms = _rms(x, std_mm / unit)
+        if not drop.any():
+            return Solution(cells[active], x, factor, SUBCELL * unit)
+        active = active[~drop]
+    raise ConvergenceError(f"the contact did not settle in {ROUNDS} rounds")
+
+
+def _solved(whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float,
+            noise: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+    count, parts = len(active), len(u)
+    every = np.concatenate([active + k * len(cells) for k in range(parts)])
+    matrix = whole.copy() if count == len(cells) else whole[np.ix_(every, every)]
+    rough = roughness(cells[active], grid.shape)
+    for k in range(parts):
+        matrix[k * count : (k + 1) * count, k * count : (k + 1) * count] += (
+            SUBCELL_STEP * unit + noise[k]
+        ) * rough
+    matrix.flat[:: len(matrix) + 1] += SUBCELL * unit
+    factor, fault = lapack.dpotrf(matrix.T, lower=1, overwrite_a=1)
+    if fault:
+        raise ConvergenceError("the compliance of the touching cells is not positive definite")
+    once, _ = lapack.dpotrs(factor, u.ravel(), lower=1)
+    again, _ = lapack.dpotrs(factor, once, lower=1)
+    return factor, (once + SUBCELL * unit * again).reshape(parts, count)
+
+
+def _rms_guess(u: Floats, unit: float) -> Floats:
+    """Rms of the traction before it is known: a displacement that changes over some cells, tied to the largest."""
+    size = np.sqrt(np.mean(u**2, axis=1)) / (4 * unit)
+    return np.asarray(np.maximum(size, 1e-2 * size.max()) + np.finfo(float).tiny)
+
+
+def _rms(x: Floats, noise: Floats) -> Floats:
+    """Rms of the traction, with what the noise adds taken out, but not below a third of the noise."""
+    square = np.mean(x**2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(square - noise**2, noise**2 / 10)) + np.finfo(float).tiny)

@@ -1,0 +1,75 @@
+"""What a linear layer misses at large depth: the gel under a contact is thinner, and the contact has stretched.
+
+    factor = [a' kappa(nu, a'/h')] / [a kappa(nu, a/h)],    a' = a (1 + e/2),    h' = h - w a^2/(a^2 + h^2)
+
+per patch of touching cells: a = sqrt(area/pi), w the mean depth weighted by the pressure, e the patch's mean
+surface stretch du_x/dx + du_y/dy. A wide patch presses on the whole thickness, so all its depth is taken off; a
+narrow one strains the gel only near by, so little is; the weight joins the two limits. Nothing in it is fitted.
+It is 1 at w = 0.
+
+Without shear e is not known: a gel that sticks keeps e near 0, one that slides stretches and the camera, which
+sees the moved surface, already shows it. Half of the correction is then applied, and the other half is its
+deviation.
+
+Checked against nonlinear finite elements (neo-Hooke, flat punches a/h .5 to 1.33, nu .45 to .495, friction 0, .3
+and none slipping): the linear resultant is 5 % low at w/h = .1 and 3 to 21 % at .2; after it all lie within 2.5 %,
+rms 1.2 %. Flat punches only; other shapes rest on the same argument.
+Source of kappa: Hayes et al. (1972), as in tactilevision.mechanics.kappa.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import label
+
+from tactilevision.force.nodes import NodeGrid
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.records import Floats, Gel
+
+WIDEST = 3.0  # of the thickness: a wider patch is all thickness, and kappa's table ends
+THINNEST = 0.5
+
+
+def depth_factors(
+    grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], pressure: Floats, displacement_mm: Floats, *,
+    gel: Gel, poisson_ratio: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Factor (C,) on the tractions of `cells` and its standard deviation (C,).
+
+    `displacement_mm` (3 or 1, rows, columns): x, y, z, or z alone where there is no shear.
+    """
+    touching = np.zeros(grid.shape, dtype=bool)
+    touching.flat[cells] = True
+    patches, count = label(touching)
+    which = patches.ravel()[cells] - 1
+    weight = np.maximum(pressure, 0) + 1e-12
+    depth = np.bincount(which, weight * displacement_mm[-1].ravel()[cells], count) / np.bincount(
+        which, weight, count
+    )
+    size = np.bincount(which, minlength=count)
+    stretch = np.zeros(count)
+    if len(displacement_mm) == 3:
+        stretch = np.bincount(which, surface_stretch(grid, displacement_mm).ravel()[cells], count) / size
+    factor = patch_factor(np.sqrt(size * grid.cell_mm2 / np.pi), depth, stretch,
+                          thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio)  # fmt: skip
+    if len(displacement_mm) == 3:
+        return factor[which], np.zeros(len(cells))
+    return 1 + (factor[which] - 1) / 2, np.abs(factor[which] - 1) / 2
+
+
+def patch_factor(radius_mm: Floats, depth_mm: Floats, stretch: Floats, *, thickness_mm: float,
+                 poisson_ratio: float) -> Floats:  # fmt: skip
+    """The factor of each patch; arrays alike."""
+    depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
+    thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)
+    wider = radius_mm * (1 + np.clip(stretch, -0.5, 0.5) / 2)
+    now, before = (np.minimum(a / h, WIDEST) for a, h in ((wider, thinner), (radius_mm, thickness_mm)))
+    return np.asarray(
+        wider * fast_kappa(poisson_ratio, now) / (radius_mm * fast_kappa(poisson_ratio, before)), dtype=np.float64
+    )
+
+
+def surface_stretch(grid: NodeGrid, displacement_mm: Floats) -> Floats:
+    """du_x/dx + du_y/dy (rows, columns)."""
+    along = np.gradient(displacement_mm[0], grid.spacing_mm, axis=1)
+    return np.asarray(along + np.gradient(displacement_mm[1], grid.spacing_mm, axis=0))

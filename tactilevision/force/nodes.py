@@ -1,0 +1,101 @@
+"""The square cells that tractions live on, and the mean of a picture over each of them.
+
+A cell is `spacing_mm` wide and carries one constant traction; its displacement is the mean over the same cell.
+Cells lie wholly inside the view and are centred on it. Means use the part of each pixel that a cell covers:
+
+    u_cell = sum_px overlap * valid * u_px / sum_px overlap * valid,      separable: rows @ picture @ columns.T
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.records import Bools, Floats, Pair
+
+Array = npt.NDArray[np.floating[Any]]
+Singles = npt.NDArray[np.float32]
+KNOWN_SHARE = 0.5  # a cell of which less is known than this counts as unknown
+
+
+@dataclass(frozen=True, slots=True)
+class NodeGrid:
+    """`shape` (rows, columns) of cells `spacing_mm` wide over a view of `view_px` (H, W) at `mm_per_px` (x, y)."""
+
+    shape: tuple[int, int]
+    spacing_mm: float
+    view_px: tuple[int, int]
+    mm_per_px: Pair
+
+    @property
+    def x_mm(self) -> Floats:
+        """Places of the columns on the pad."""
+        return np.asarray((np.arange(self.shape[1]) - (self.shape[1] - 1) / 2) * self.spacing_mm, dtype=np.float64)
+
+    @property
+    def y_mm(self) -> Floats:
+        """Places of the rows on the pad."""
+        return np.asarray((np.arange(self.shape[0]) - (self.shape[0] - 1) / 2) * self.spacing_mm, dtype=np.float64)
+
+    @property
+    def cell_mm2(self) -> float:
+        """Area of one cell."""
+        return self.spacing_mm**2
+
+
+def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, spacing_mm: float) -> NodeGrid:
+    """As many whole cells as fit into the view. Raises InputError on a scale or spacing that makes no grid."""
+    if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
+        raise InputError("forces need the scale in mm per pixel, x and y, above 0", where="lay_grid",
+                         value=mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
+    if not spacing_mm >= max(mm_per_px):
+        raise InputError("the spacing of the forces lies at or above a pixel", where="lay_grid", value=spacing_mm)
+    shape = (
+        int(view_px[0] * mm_per_px[1] / spacing_mm + 1e-9),
+        int(view_px[1] * mm_per_px[0] / spacing_mm + 1e-9),
+    )
+    if min(shape) < 4:
+        raise InputError("the view is less than 4 cells wide", where="lay_grid", value=shape,
+                         remedy="Check mm_per_px, or choose a finer spacing.")  # fmt: skip
+    return NodeGrid(shape, float(spacing_mm), view_px, mm_per_px)
+
+
+def cell_means(grid: NodeGrid, picture: Array, valid: Bools | None) -> tuple[Floats, Bools]:
+    """Mean of `picture` (H, W) over each cell, and whether enough of the cell is known. Unknown cells are 0."""
+    if picture.shape != grid.view_px:
+        raise InputError("the picture has the size that the force field was made for", where="cell_means",
+                         value=(picture.shape, grid.view_px))  # fmt: skip
+    down, along = _overlaps(grid)
+    single = np.asarray(picture, dtype=np.float32)  # a mean over a cell rounds at 1e-7 of it
+    if valid is None or valid.all():
+        return np.asarray(down @ single @ along, dtype=np.float64), np.ones(grid.shape, dtype=bool)
+    share = np.asarray(down @ valid.astype(np.float32) @ along, dtype=np.float64)
+    total = np.asarray(down @ np.where(valid, single, np.float32(0)) @ along, dtype=np.float64)
+    known = share >= KNOWN_SHARE
+    return np.divide(total, share, out=np.zeros(grid.shape), where=known), known
+
+
+def mean_std(grid: NodeGrid, std_mm: float, correlation_px: float) -> float:
+    """Standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px` pixels."""
+    pixels = grid.cell_mm2 / (grid.mm_per_px[0] * grid.mm_per_px[1])
+    return float(std_mm) / float(np.sqrt(max(1.0, pixels / max(1.0, correlation_px) ** 2)))
+
+
+@lru_cache(maxsize=8)
+def _overlaps(grid: NodeGrid) -> tuple[Singles, Singles]:
+    """(rows, H) and (W, columns): the share of each pixel in each cell, summing to 1 over a cell."""
+    down = _overlap(grid.view_px[0], grid.mm_per_px[1], grid.shape[0], grid.spacing_mm)
+    along = _overlap(grid.view_px[1], grid.mm_per_px[0], grid.shape[1], grid.spacing_mm)
+    return down.astype(np.float32), np.ascontiguousarray(along.T, dtype=np.float32)
+
+
+def _overlap(pixels: int, pixel_mm: float, cells: int, cell_mm: float) -> Floats:
+    start = (pixels * pixel_mm - cells * cell_mm) / 2 + np.arange(cells)[:, None] * cell_mm
+    pixel = np.arange(pixels)[None, :] * pixel_mm
+    covered = np.minimum(start + cell_mm, pixel + pixel_mm) - np.maximum(start, pixel)
+    return np.asarray(np.clip(covered, 0, None) / cell_mm)

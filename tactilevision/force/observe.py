@@ -1,0 +1,124 @@
+"""What a frame says about each cell: displacement, its standard deviation, and where nothing is known.
+
+A height map shows the depth at the place where the surface now is; the compliance speaks of material places X.
+Where the shear u(X) is known, the depth of the material is read at X + u(X).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from tactilevision.errors import InputError
+from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
+from tactilevision.records import Bools, Floats, HeightMap, ShearMap
+
+MAD_TO_STD = 1.4826
+SAME_SCALE = 1e-3
+SPARSE = 4  # every fourth pixel of a map of standard deviations says enough
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each; `known` cells; `flags`."""
+
+    displacement_mm: Floats
+    std_mm: Floats
+    known: Bools
+    flags: tuple[str, ...]
+
+
+def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, std_mm: float | None,
+            correlation_px: float, inside: Bools) -> Observation:  # fmt: skip
+    """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
+
+    Raises InputError where the maps do not belong to the grid or carry no number at all.
+    """
+    _check(grid, height, shear)
+    finite = np.isfinite(height.depth_mm) & height.valid
+    depth_px = np.asarray(height.depth_mm, dtype=np.float32)
+    if not finite.all():
+        depth_px = np.where(finite, depth_px, np.float32(0))
+    flags: list[str] = []
+    if shear is not None and _share_known(shear) < 0.5:
+        shear, flags = None, ["shear not used: markers lost over more than half of the view"]
+    if shear is not None:
+        depth_px, finite = material_depth(depth_px, finite, shear)
+    depth, known = cell_means(grid, depth_px, finite)
+    known &= inside
+    std = _depth_std(grid, height, std_mm, correlation_px, depth, known)
+    if shear is None:
+        return Observation(depth[None], np.array([std]), known, tuple(flags))
+    fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
+    side = mean_std(grid, float(np.median(np.atleast_2d(shear.std_mm)[::SPARSE, ::SPARSE])), shear.correlation_px)
+    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known,
+                       tuple(dict.fromkeys([*shear.flags, *flags])))  # fmt: skip
+
+
+def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
+    """Depth (H, W) of the material that was at each pixel of the untouched frame, and where it is known."""
+    rows, columns = depth.shape
+    u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
+    if not shear.valid.all():
+        u_x, u_y = (np.where(shear.valid, u, np.float32(0)) for u in (u_x, u_y))
+    map_x = u_x * np.float32(1 / shear.mm_per_px[0]) + np.arange(columns, dtype=np.float32)[None, :]
+    map_y = u_y * np.float32(1 / shear.mm_per_px[1]) + np.arange(rows, dtype=np.float32)[:, None]
+    moved = cv2.remap(np.asarray(depth, dtype=np.float32), map_x, map_y, cv2.INTER_LINEAR,
+                      borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+    if known.all():
+        return moved, known
+    there = cv2.remap(known.astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    return moved, there.astype(bool)
+
+
+def noise_of_cells(depth: Floats, known: Bools) -> float:
+    """Standard deviation of the cells' depths, from second differences along rows: robust to the few that
+    touch.
+    """
+    step = depth[:, :-2] - 2 * depth[:, 1:-1] + depth[:, 2:]
+    usable = step[known[:, :-2] & known[:, 1:-1] & known[:, 2:]]
+    return float(MAD_TO_STD * np.median(np.abs(usable)) / np.sqrt(6)) if usable.size else 0.0
+
+
+def _depth_std(grid: NodeGrid, height: HeightMap, std_mm: float | None, correlation_px: float, depth: Floats,
+               known: Bools) -> float:  # fmt: skip
+    if height.std_mm is not None:
+        stated = height.std_mm[::SPARSE, ::SPARSE]
+        stated = stated[height.valid[::SPARSE, ::SPARSE] & np.isfinite(stated)]
+        if stated.size:
+            return mean_std(grid, float(np.median(stated)), correlation_px)
+    if std_mm is not None:
+        return mean_std(grid, std_mm, correlation_px)
+    return noise_of_cells(depth, known)
+
+
+def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
+    """Cell means; a cell without shear takes that of the nearest cell that has it, and the map is flagged."""
+    means, known = cell_means(grid, field, valid)
+    if known.all():
+        return means
+    flags.append("shear bridged where markers are lost")
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(means[tuple(nearest)])
+
+
+def _share_known(shear: ShearMap) -> float:
+    return float(np.mean(shear.valid))
+
+
+def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
+    if any(abs(a / b - 1) > SAME_SCALE for a, b in zip(height.mm_per_px, grid.mm_per_px, strict=True)):
+        raise InputError(
+            "the height map has another scale than the force field was made for",
+            where=height.name,
+            value=(height.mm_per_px, grid.mm_per_px),
+            remedy="Make a ForceField for this sensor; a calibration holds for its own alone.",
+        )
+    if height.depth_mm.shape != grid.view_px:
+        raise InputError("the height map has another size than the force field was made for", where=height.name,
+                         value=(height.depth_mm.shape, grid.view_px))  # fmt: skip
+    if shear is not None and shear.u_x_mm.shape != grid.view_px:
+        raise InputError("shear and height map have one size", where=height.name, value=shear.u_x_mm.shape)

@@ -1,0 +1,187 @@
+"""Markers: dark spots on the gel, found in a frame, followed into another, and bridged where they are lost.
+
+Found: the darkness -log(I / local mean) of the darkest channel, split from the background by Otsu's threshold; one
+connected spot is one marker, its place the mean weighted by darkness, so that a change of light by a factor,
+the same over a spot, moves nothing.
+Followed: each is predicted to move as its neighbours do, starting from those that stayed; a pair counts when
+each is the other's nearest and nearer than `REACH` of the markers' spacing to the prediction. So a motion of many
+spacings is followed so long as it changes by less than `REACH` of a spacing from one marker to the next.
+Between markers: a thin-plate spline, smoothed by the markers' own scatter. What it gets wrong at each marker when
+that one is left out is the standard deviation of the map: it holds localisation and interpolation alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import KDTree
+
+from tactilevision.records import Bools, Bytes, Floats
+
+REACH = 0.4
+ROUNDS = 12
+FEWEST = 12
+NEIGHBOURS = 6
+MAD_TO_STD = 1.4826
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerMotion:
+    """`place_px` (N, 2) of the markers in the first frame, `motion_px` (N, 2), and which were `found` again
+    (N,).
+    """
+
+    place_px: Floats
+    motion_px: Floats
+    found: Bools
+
+
+def find_markers(rgb: Bytes) -> Floats:
+    """Places (N, 2) in pixels of the markers in a frame (H, W, 3); none where the frame has no spots alike."""
+    dark = darkness(rgb)
+    level, _ = cv2.threshold(_as_bytes(dark), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    spots = (_as_bytes(dark) > level).astype(np.uint8)
+    count, label, stats, _ = cv2.connectedComponentsWithStats(spots, connectivity=8)
+    area = stats[1:, cv2.CC_STAT_AREA].astype(float)
+    if count < 2:
+        return np.zeros((0, 2))
+    usual = float(np.median(area[area >= 4])) if (area >= 4).any() else 0.0
+    kept = (area >= max(4.0, usual / 3)) & (area <= 3 * usual)
+    weight = np.where(label > 0, np.maximum(dark, 0), 0.0)
+    y, x = np.indices(dark.shape)
+    total = np.bincount(label.ravel(), weight.ravel(), count)[1:]
+    sums = [np.bincount(label.ravel(), (weight * p).ravel(), count)[1:] for p in (x, y)]
+    places = np.stack([s / np.maximum(total, 1e-12) for s in sums], axis=1)
+    left, top = stats[1:, cv2.CC_STAT_LEFT], stats[1:, cv2.CC_STAT_TOP]
+    right, low = left + stats[1:, cv2.CC_STAT_WIDTH], top + stats[1:, cv2.CC_STAT_HEIGHT]
+    kept &= (left > 0) & (top > 0) & (right < dark.shape[1]) & (low < dark.shape[0])  # a cut spot has no middle
+    return np.asarray(places[kept])
+
+
+def are_markers(places_px: Floats) -> bool:
+    """Whether spots lie as markers do: enough of them, and spaced alike (coefficient of variation below a
+    third).
+    """
+    if len(places_px) < FEWEST:
+        return False
+    nearest = np.asarray(KDTree(places_px).query(places_px, 2)[0])[:, 1]
+    return bool(np.std(nearest) < np.mean(nearest) / 3)
+
+
+def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None = None) -> MarkerMotion:
+    """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known from
+    earlier.
+    """
+    motion = np.zeros_like(before_px) if guess_px is None else guess_px.astype(float).copy()
+    found = np.zeros(len(before_px), dtype=bool)
+    if len(before_px) < NEIGHBOURS + 1 or len(after_px) == 0:
+        return MarkerMotion(before_px, motion, found)
+    tree, spacing = KDTree(before_px), _spacing(before_px)
+    near = np.asarray(tree.query(before_px, NEIGHBOURS + 1)[1])[:, 1:]
+    after = KDTree(after_px)
+    for _ in range(ROUNDS):
+        expected = before_px + motion
+        distance, partner = (np.asarray(part) for part in after.query(expected))
+        back = np.asarray(KDTree(expected).query(after_px)[1])
+        pairs = (distance < REACH * spacing) & (back[partner] == np.arange(len(before_px)))
+        seen = np.where(pairs[:, None], after_px[partner] - before_px, 0.0)
+        pairs &= _like_neighbours(seen, pairs, near, spacing)
+        moved = np.where(pairs[:, None], seen, _from_neighbours(seen, pairs, near, motion))
+        settled = np.array_equal(pairs, found) and np.allclose(moved, motion, atol=1e-3)
+        motion, found = moved, pairs
+        if settled:
+            break
+    return MarkerMotion(before_px, motion, found)
+
+
+def spread_motion(motion: MarkerMotion, shape: tuple[int, int], step_px: int) -> tuple[Floats, float]:
+    """Motion (H, W, 2) in pixels at every pixel, and its standard deviation by leaving out each marker in turn."""
+    place, moved = motion.place_px[motion.found], motion.motion_px[motion.found]
+    scale = float(max(shape))
+    kernel = _thin_plate(place / scale, place / scale)
+    ones = np.column_stack([np.ones(len(place)), place / scale])
+    smoothing = _smoothing(place, moved, scale)
+    system = np.block([[kernel + smoothing * np.eye(len(place)), ones], [ones.T, np.zeros((3, 3))]])
+    inverse = np.linalg.inv(system)
+    weights = inverse @ np.concatenate([moved, np.zeros((3, 2))])
+    left_out = weights[: len(place)] / np.diag(inverse)[: len(place), None]
+    rows, columns = (np.arange(0, n + step_px, step_px) for n in shape)
+    nodes = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2) / scale
+    coarse = (
+        _thin_plate(nodes, place / scale) @ weights[:-3]
+        + np.column_stack([np.ones(len(nodes)), nodes]) @ weights[-3:]
+    )
+    field = coarse.reshape(len(rows), len(columns), 2).astype(np.float32)
+    x, y = np.meshgrid(np.arange(shape[1], dtype=np.float32), np.arange(shape[0], dtype=np.float32))
+    dense = cv2.remap(field, x / step_px, y / step_px, cv2.INTER_LINEAR)
+    std = float(np.sqrt(np.mean(left_out**2)))
+    return np.asarray(dense, dtype=np.float64), std
+
+
+def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
+    """Pixels (H, W) between the markers; beyond them nothing is known."""
+    mask = np.zeros(shape, dtype=np.uint8)
+    points = cv2.convexHull(np.round(places_px).astype(np.int32)).reshape(-1, 2)
+    cv2.fillConvexPoly(mask, points, 1)
+    return mask.astype(bool)
+
+
+def darkness(rgb: Bytes) -> Floats:
+    """-log of the lightest channel over its mean round about (H, W): dark in all colours is a mark, not a
+    shade.
+    """
+    light = np.log1p(rgb.max(axis=2).astype(np.float32))
+    wide = max(3.0, rgb.shape[0] / 20)
+    around = cv2.GaussianBlur(light, (0, 0), wide)
+    return np.asarray(cv2.GaussianBlur(around - light, (0, 0), 0.8), dtype=np.float64)
+
+
+def _as_bytes(dark: Floats) -> Bytes:
+    top = max(float(np.percentile(dark, 99.8)), 1e-6)
+    return np.asarray(np.clip(dark / top * 255, 0, 255), dtype=np.uint8)
+
+
+def _spacing(places: Floats) -> float:
+    return float(np.median(np.asarray(KDTree(places).query(places, 2)[0])[:, 1]))
+
+
+def _like_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, spacing: float) -> Bools:
+    """Whether each pair moved as its matched neighbours did, to `REACH` of a spacing; a lone pair is let be."""
+    around = np.where(pairs[near][:, :, None], seen[near], np.nan)
+    count = pairs[near].sum(axis=1)
+    middle = np.zeros_like(seen)
+    some = count > 0
+    middle[some] = np.nanmedian(around[some], axis=1)
+    return np.asarray((count < 2) | (np.hypot(*(seen - middle).T) < REACH * spacing))
+
+
+def _from_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, motion: Floats) -> Floats:
+    """What matched neighbours say of each marker; where none is matched, what was thought before."""
+    weight = pairs[near].astype(float)
+    total = weight.sum(axis=1, keepdims=True)
+    mean = (weight[:, :, None] * seen[near]).sum(axis=1) / np.maximum(total, 1)
+    return np.where(total > 0, mean, motion)
+
+
+def _thin_plate(a: Floats, b: Floats) -> Floats:
+    square = ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=-1)
+    return np.asarray(0.5 * square * np.log(np.maximum(square, 1e-300)))
+
+
+def _smoothing(place: Floats, moved: Floats, scale: float) -> float:
+    """Weight against bending by generalised cross-validation over powers of four."""
+    kernel = _thin_plate(place / scale, place / scale)
+    ones = np.column_stack([np.ones(len(place)), place / scale])
+    q = np.linalg.qr(ones, mode="complete")[0][:, 3:]
+    values, vectors = np.linalg.eigh(q.T @ kernel @ q)
+    part = vectors.T @ (q.T @ moved)
+    values = np.maximum(values, 0)
+    best, least = 0.0, np.inf
+    for weight in 4.0 ** np.arange(-18, -4):
+        share = weight / (values + weight)
+        score = float((share[:, None] * part).ravel() @ (share[:, None] * part).ravel()) / float(share.sum()) ** 2
+        if score < least:
+            best, least = float(weight), score
+    return best
