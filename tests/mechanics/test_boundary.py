@@ -1,0 +1,57 @@
+"""The pad's free side softens the gel, the less the farther; against a fresh solution and in its limits."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.boundary import TABLE, off_centre_softening, softening
+
+GEL = {"radius_mm": 2.5, "thickness_mm": 3.0, "poisson_ratio": 0.48}
+
+
+def test_far_side_does_nothing_and_a_near_one_much() -> None:
+    s = softening(np.array([1.0, 3.0, 6.0, 12.5, 40.0]), **GEL)
+    assert (np.diff(s) < 0).all()
+    np.testing.assert_allclose(s[:4], [0.32, 0.088, 0.020, 7e-4], rtol=0.15)
+    assert s[4] < 1e-6
+
+
+def test_incompressible_gel_feels_the_side_more() -> None:
+    by_nu = [float(softening(3.0, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=nu)) for nu in (0.3, 0.45, 0.499)]
+    assert by_nu[0] < by_nu[1] < by_nu[2]
+
+
+def test_off_centre_tends_to_the_centre_and_grows_outwards() -> None:
+    centre = off_centre_softening((0.0, 0.0), pad_radius_mm=10.0, **GEL)
+    assert centre == pytest.approx(float(softening(7.5, **GEL)), rel=1e-12)
+    assert centre < off_centre_softening((3.0, 0.0), pad_radius_mm=10.0, **GEL)
+    turned = off_centre_softening((0.0, -3.0), pad_radius_mm=10.0, **GEL)
+    assert turned == pytest.approx(off_centre_softening((3.0, 0.0), pad_radius_mm=10.0, **GEL), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_table_agrees_with_fresh_solutions_between_its_nodes() -> None:
+    from tactilevision.mechanics.boundary import FAR, _stiffness
+
+    for nu, alpha, d in ((0.48, 1.0, 1.2), (0.465, 0.6, 0.6), (0.4, 2.5 / 3, 2.5)):
+        fresh = 1 - _stiffness(nu, alpha, d) / _stiffness(nu, alpha, FAR)
+        ours = softening(3 * d, radius_mm=3 * alpha, thickness_mm=3.0, poisson_ratio=nu)
+        assert float(ours) == pytest.approx(fresh, rel=0.15)
+
+
+def test_card_states_what_the_table_is() -> None:
+    card = json.loads(TABLE.with_suffix(".json").read_text())
+    assert {"source", "made_by", "licence", "sha256"} <= set(card)
+
+
+def test_nothing_is_extrapolated() -> None:
+    with pytest.raises(InputError, match="rim"):
+        softening(0.5, **GEL)
+    with pytest.raises(InputError, match="Poisson"):
+        softening(5.0, radius_mm=2.5, thickness_mm=3.0, poisson_ratio=0.2)
+    with pytest.raises(InputError, match="on the pad"):
+        off_centre_softening((9.0, 0.0), pad_radius_mm=10.0, **GEL)
