@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @style.house_look
 def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> Figure:
     """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
-    figure, (frame, depth, bevel, force) = style.new_figure(13, 2.9, columns=4)
+    figure, (frame, depth, bevel, force) = style.new_strip(12, 2.7, (1.25, 1.4, 1, 1))
     verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
     height = evidence.height_map
     if height is None:
@@ -30,9 +30,12 @@ def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> 
         if rgb is not None:
             overlay(frame, rgb, height, evidence.footprint)
         image = depth_image(depth, height)
-        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.8)
+        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.8, pad=0.02)
         for axes in (frame, depth):
             _bevel_window(axes, evidence)
+            axes.set(
+                xticks=[], yticks=[], xlabel="", ylabel=""
+            )  # the scale bar says it, and ticks take their time
     frame.set_title(f"press {point.press} ({point.indenter}): {verdict}")
     _bevel_signal(bevel, evidence)
     _force(force, evidence, point)
