@@ -5,15 +5,21 @@ rectify -> slopes (photometric) -> surface (Poisson) -> zero plane of the untouc
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
+from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
 from tactilevision.sensors import rectify
 from tactilevision.surface import integrate
@@ -23,6 +29,9 @@ if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 SLOPE_BLOCKS = 600
+FREE_SHARE = 0.985  # of the blocks that follow the light's drift: the rest is noise
+LEAST_FREE, MOST_FREE = 4, 16
+MOST_WAVES = 8
 
 
 class Reconstructor:
@@ -37,6 +46,7 @@ class Reconstructor:
         self.sensor, self.method, self.calibration = sensor, method, calibration
         self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
         self.zero: ZeroPlane | None = None
+        self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -44,15 +54,21 @@ class Reconstructor:
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them.
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        slopes, untouched = self._read(rectify(self.sensor, frame.rgb))
+        height = self.rectified_map(rectify(self.sensor, frame.rgb))
+        return dataclasses.replace(height, time_s=frame.time_s, name=frame.name)
+
+    def rectified_map(self, rgb: Bytes) -> HeightMap:
+        """The height map of a picture that is rectified already."""
+        slopes, untouched = self._read(rgb)
         surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         gel = self.sensor.gel
         self.zero = find_zero_plane(
             surface, untouched, self.sensor.mm_per_px, thickness_mm=gel.thickness_mm if gel else None
         )
         level(surface, self.zero)
+        std = self.error.std_mm(surface, slopes, self.zero) if self.error else None
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return HeightMap(surface, valid, self.sensor.mm_per_px, time_s=frame.time_s, name=frame.name)
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std)
 
     def _read(self, rgb: Bytes) -> tuple[SlopeMap, Bools]:
         if isinstance(self.method, CalibratedMethod):
@@ -109,7 +125,58 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod = 
         for ball in recording.balls
     ]
     calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=PHOTOMETRIC[method])
-    return Reconstructor(sensor, calibration.method, calibration=calibration)
+    waves_mm = untouched_rms_mm(Reconstructor(sensor, calibration.method), pictures, calibration.balls)
+    reference = tare(calibration.method, free_frames(recording))
+    card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm}
+    method_now = dataclasses.replace(calibration.method, reference=reference, card=card)
+    return Reconstructor(sensor, method_now, calibration=calibration)
+
+
+def untouched_rms_mm(
+    reconstructor: Reconstructor, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]
+) -> float:
+    """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
+    found = []
+    for picture, ball in list(zip(pictures, balls, strict=True))[:MOST_WAVES]:
+        if ball is not None:
+            height = reconstructor.rectified_map(picture.rgb)
+            away = far_from(ball, height.depth_mm.shape, reconstructor.sensor.mm_per_px) & height.valid
+            if away.any():
+                found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
+    return float(np.median(found)) if found else 0.0
+
+
+def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
+    """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
+
+    Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
+    cut off at black then makes the two differ. Fewer than LEAST_FREE untouched frames leave it as it was.
+    """
+    free = []
+    for rgb in frames:
+        drift = method.change.tracker.measure(rgb)
+        if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
+            free.append(rgb)
+    if len(free) < LEAST_FREE:
+        return method.reference
+    renewed = make_reference(free)
+    return Reference(renewed.rgb, renewed.noise_grey, renewed.usable & method.reference.usable)
+
+
+def free_frames(recording: Recording) -> list[Bytes]:
+    """At most MOST_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
+    from tactilevision.recording import read_frame
+
+    times = recording.frame_times_s
+    if recording.frames_path is None or not len(times) or not recording.presses:
+        return []
+    starts = np.array([press.start_s for press in recording.presses])
+    chosen = np.linspace(0, len(starts) - 1, min(MOST_FREE, len(starts))).astype(int)
+    found = []
+    for index in np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)):
+        with suppress(InputError):  # a torn frame is reported where the press is read
+            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
+    return found
 
 
 def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]) -> Reconstructor:

@@ -88,6 +88,7 @@ def calibrate_from_balls(
         "balls_left_out": len(pictures) - len(contact),
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
+        "held_out_gain_std": _gain_std(found, touching),
         "ridge": RIDGES[best],
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
@@ -169,6 +170,15 @@ def _held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> Fl
         law = fit(contact.where(~apart), quiet.where(~np.isin(quiet.press, numbers[fold::FOLDS])), ridge=ridge)
         found[apart] = law.at(contact.change[apart], contact.place[apart])
     return found
+
+
+def _gain_std(found: Floats, samples: Samples) -> float:
+    """Scatter of the depth scale over balls held out: 1.48 times the median distance from 1."""
+    gains = []
+    for number in np.unique(samples.press):
+        true, seen = samples.slopes[samples.press == number], found[samples.press == number]
+        gains.append(float(np.sum(seen * true) / np.sum(true**2)))
+    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
 
 
 def _mean_square(found: Floats, samples: Samples) -> float:

@@ -1,0 +1,71 @@
+"""How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
+
+    std^2 = noise^2 + waves^2 + zero^2 + (gain depth)^2 + wall^2
+
+noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
+the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures, as
+errors of the light's colour over wide areas make it; zero: the zero plane's; gain: how far the depth scale of
+balls that were held out of the calibration scattered; wall: where slopes are steeper than any ball showed, as
+much again as such a slope drops over the wall's width may be missing, and all behind the wall stands on it.
+Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.records import Pair, SlopeMap
+from tactilevision.surface import integrate
+from tactilevision.zero_plane import ZeroPlane
+
+Picture = npt.NDArray[np.float32]
+DRAWS = 6
+STEEP = 0.95  # of the steepest slope that was calibrated
+LEAST_STEEP = 12  # pixels; fewer are noise
+
+
+class DepthError:
+    """Standard deviation of the depths that one method gives; what depends on the place alone is made once."""
+
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+        self.mm_per_px = mm_per_px
+        self.gain = float(method.card.get("held_out_gain_std", method.relative_error))
+        self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
+        waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
+        self.variance = _noise_variance(method.noise, mm_per_px) + np.float32(waves_mm**2)
+
+    def std_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane) -> Picture:
+        """Standard deviation (H, W) of `depth` (H, W), mm."""
+        total = np.square(depth, dtype=np.float32)
+        total *= np.float32(self.gain**2)
+        total += self.variance
+        total += np.float32(zero.std_mm**2)
+        wall = self.wall_mm(depth, slopes)
+        if wall > 0:
+            total += np.float32(wall**2) * (depth > 0.5 * depth.max())
+        return np.asarray(np.sqrt(total, out=total))
+
+    def wall_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap) -> float:
+        """What may be missing of the depth behind walls steeper than the calibration knows."""
+        steep = np.count_nonzero(np.maximum(np.abs(slopes.dz_dx), np.abs(slopes.dz_dy)) > self.steep)
+        if steep < LEAST_STEEP:
+            return 0.0
+        area = max(float(np.count_nonzero(depth > 0.5 * depth.max())), 1.0)
+        width_px = steep / np.sqrt(4.0 * np.pi * area)
+        return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
+
+
+def _noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
+    rng = np.random.default_rng(0)  # a fixed draw: the certificate of a method does not change between runs
+    total = np.zeros(noise.shape, np.float32)
+    for _ in range(DRAWS):
+        fields = rng.standard_normal((2, *noise.shape), dtype=np.float32) * noise
+        surface = integrate(SlopeMap(fields[0], fields[1]), mm_per_px)
+        total += (surface - np.median(surface)) ** 2
+    spread = max(noise.shape) / 12.0
+    return np.asarray(cv2.GaussianBlur(total / DRAWS, (0, 0), spread), np.float32)
