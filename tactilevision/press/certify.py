@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.checks import rests
@@ -18,10 +19,11 @@ from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch, watch
-from tactilevision.recording import Recording, iter_frames, require
-from tactilevision.records import Estimate, ForceSeries, Press
+from tactilevision.recording import BadFrame, Recording, iter_frames, require
+from tactilevision.records import Estimate, Footprint, ForceSeries, Indenter, Press
 
 Progress = Callable[[int, int], None]
+_LONG, _LOOKS = 400, 12  # frames of a press beyond which their maps are not kept, and those looked at first
 _MARGIN_S = 0.5  # of frames before and after the press that the table names: the free gel, where there are any
 
 
@@ -62,10 +64,28 @@ def _watch_all(recording: Recording, reconstructor: Reconstructs, progress: Prog
             )
         first, last = free_span(recording.presses, k)
         first, last = max(first, press.start_s - _MARGIN_S), min(last, press.end_s + _MARGIN_S)
+        near = _look_ahead(recording, reconstructor, (first, last), indenter)
         frames = iter_frames(recording, first, last)
-        found[press.press] = watch(frames, reconstructor, press=press, indenter=indenter)
+        found[press.press] = watch(frames, reconstructor, press=press, indenter=indenter, near=near)
         progress(k + 1, len(recording.presses))
     return found
+
+
+def _look_ahead(
+    recording: Recording, reconstructor: Reconstructs, span_s: tuple[float, float], indenter: Indenter
+) -> Footprint | None:
+    """Where the face is in the deepest of a few frames of a long press; None for a short one."""
+    times = recording.frame_times_s
+    rows = np.flatnonzero((times >= span_s[0]) & (times <= span_s[1]))
+    if rows.size <= _LONG:
+        return None
+    best, top = None, 0.0
+    for row in rows[np.linspace(0, rows.size - 1, _LOOKS).astype(int)]:
+        frame = next(iter_frames(recording, float(times[row]), float(times[row])))
+        face = None if isinstance(frame, BadFrame) else find_footprint(reconstructor.height_map(frame), indenter)
+        if face is not None and face.depth_mm > top:
+            best, top = face, face.depth_mm
+    return best
 
 
 def free_span(presses: Sequence[Press], k: int) -> tuple[float, float]:

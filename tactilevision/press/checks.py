@@ -176,6 +176,8 @@ def interval_at(time_s: Floats, event_s: float) -> float:
 
 
 def _dropped(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
+    if look.force is None:
+        return Finding("dropped_frames", "there are no force readings to go with the frames of this press")
     if not np.isfinite(look.event_s):
         return None
     gap = interval_at(look.watch.time_s, look.event_s)

@@ -1,6 +1,6 @@
 """The joint fit behind the clocks: the depth that the camera reads as one function of the force, at an offset.
 
-    w(t) = o + g [G(Q) + s min(Q/Qc, 1)] + sum_k M_k m_k(t + tau)      Q = P(t + tau) - b1 e - b2 e²
+    w(t) = o + g [G(Q) + s min(Q/Qc, 1)]      Q = P(t + tau) - b1 e - b2 e² + sum_k M_k m_k(t + tau)
 
 o and g are a press' zero and gain; G(0) = 0 is a polynomial that presses of one punch share; s is the shift of
 the height map's zero plane once there is a contact; e is the force beyond that at the bevel's touch, of which
@@ -24,6 +24,7 @@ POWERS = 4
 GAIN_STD = 0.1
 SHIFT_STD = 0.01  # of the largest depth: how far a zero plane may move when a contact comes into view
 BEVEL_STD = 0.3  # of the force beyond the touch
+MEMORY_STD = 0.5  # of the force, for gels that relax by a half
 CONTACT = 0.03  # of the largest force: where the contact is there
 _JOLT, _JOLT_S = 12.0, 0.1  # times the usual rate: releases are several times faster than loading
 Ints = npt.NDArray[np.int_]
@@ -63,7 +64,7 @@ class ClockProblem:
         start[offset], start[gains] = start_s, 1.0
         start[shapes] = np.tile(np.r_[float(np.ptp(self.depth_mm)), np.zeros(POWERS - 1)], self.kinds)
         std[gains], std[shift] = GAIN_STD, SHIFT_STD * float(np.ptp(self.depth_mm))
-        std[parts], std[memories] = BEVEL_STD, float(np.ptp(self.depth_mm))
+        std[parts], std[memories] = BEVEL_STD, MEMORY_STD
         return start, std
 
     def model(self, parameters: Floats) -> Floats:
@@ -71,11 +72,11 @@ class ClockProblem:
         offset, shapes, zeros, gains, shift, parts, memories = (parameters[block] for block in self.blocks())
         now = np.array([np.interp(self.time_s + offset[0], self.force_time_s, row) for row in self.series])
         beyond = np.where(np.isfinite(self.touch), np.maximum(now[0] - self.touch, 0), 0.0)
-        force = now[0] - parts[0] * beyond - parts[1] * beyond**2
+        force = now[0] - parts[0] * beyond - parts[1] * beyond**2 + memories @ now[1:]
         powers = force[:, None] ** np.arange(1, POWERS + 1)
         curve = (powers * shapes.reshape(-1, POWERS)[self.kind]).sum(axis=1)
         contact = shift[0] * np.clip(force / CONTACT, 0, 1)
-        value = zeros[self.press] + gains[self.press] * (curve + contact) + memories @ now[1:]
+        value = zeros[self.press] + gains[self.press] * (curve + contact)
         return np.asarray(value, dtype=np.float64)
 
     def calm(self, offset_s: float) -> Bools:

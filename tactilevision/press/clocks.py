@@ -15,10 +15,11 @@ import numpy as np
 from tactilevision.press.clock_fit import ClockProblem, fit_clock, memory, number_of
 from tactilevision.records import Estimate, Floats, ForceSeries
 
-_MEMORIES_S = (0.3, 3.0)
+_MEMORIES_S = (0.2, 1.0, 5.0)
 _NEAR_S, _STEP_S = 2.0, 0.01
 _WIDE = 20000  # offsets tried at most where the clocks have different origins
 _AROUND_S = 0.6
+_COVERED = 0.3  # of the frames must have force readings
 _SMOOTH_S = 0.045
 _SURE = 10.0  # by which the likelihood must favour a relaxing gel beyond the criterion of Schwarz
 _CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known yet
@@ -70,20 +71,19 @@ def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, 
 
 def _best_correlation(offsets: Floats, time: Floats, depth: Floats, force_time: Floats,
                       force: Floats) -> tuple[float, float]:  # fmt: skip
-    depth = depth - depth.mean()
-    best, top = float(offsets[0]), -np.inf
+    best, top, sure = float(offsets[0]), -np.inf, 0.0
     for offset in offsets:
         moved = time + offset
         seen = (moved >= force_time[0]) & (moved <= force_time[-1])
-        if seen.mean() < 0.7:
+        if seen.mean() < _COVERED:
             continue
-        there = np.interp(moved, force_time, force)
-        there = there - there.mean()
-        size = float(np.sqrt((there**2).sum() * (depth**2).sum()))
-        score = float((there * depth).sum()) / size if size > 0 else -1.0
-        if score > top:
-            best, top = float(offset), score
-    return best, top
+        there = np.interp(moved[seen], force_time, force)
+        there, here = there - there.mean(), depth[seen] - depth[seen].mean()
+        size = float(np.sqrt((there**2).sum() * (here**2).sum()))
+        score = float((there * here).sum()) / size if size > 0 else -1.0
+        if score * np.sqrt(seen.mean()) > top:  # the better covered of two that fit alike
+            best, top, sure = float(offset), score * float(np.sqrt(seen.mean())), score
+    return best, sure
 
 
 def near_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> float:

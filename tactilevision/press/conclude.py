@@ -16,7 +16,15 @@ from tactilevision.press.evidence import evidence_of
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.gauge import find_gauge
 from tactilevision.press.groups import Touched
-from tactilevision.press.rise import Rise, combine, computed_ratio, press_rise, seen_ratio, unknown_rise
+from tactilevision.press.rise import (
+    Rise,
+    blur_place,
+    combine,
+    computed_ratio,
+    press_rise,
+    seen_ratio,
+    unknown_rise,
+)
 from tactilevision.press.touch import SURE
 from tactilevision.press.usual import usual_of
 from tactilevision.press.watch import Reconstructs, Watch
@@ -118,14 +126,15 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
         if single is not None:
             found.setdefault(distance, []).append(single)
     scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else 0.25
-    rises = {}
+    rises, gel = {}, chain.recording.sensor.gel
     for name, one in timed.items():
         distance, indenter = one.touched.distance_mm, one.touched.case.watch.indenter
         if distance is None or not indenter.height_mm:
             rises[name] = unknown_rise()
             continue
-        computed = computed_ratio(chain.recording.sensor.gel, indenter, distance_mm=distance)
-        rises[name] = combine(seen_ratio(found.get(distance, []), scale_std=scale_std), computed)
+        computed = computed_ratio(gel, indenter, distance_mm=distance)
+        rise = combine(seen_ratio(found.get(distance, []), scale_std=scale_std), computed)
+        rises[name] = rise if one.touched.distance_given else blur_place(rise, gel, indenter, distance_mm=distance)
     return rises
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilevision.contact.bevel import EDGE_MM
 from tactilevision.mechanics.touch import touch_depth
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Gel, Indenter
@@ -105,6 +106,14 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=gel.thickness_mm,
                         poisson_ratio=min(nu, 0.4999), poisson_ratio_std=nu_std)  # fmt: skip
     return touch.rise_over_depth + _BEYOND_LINEAR, touch.rise_over_depth_std
+
+
+def blur_place(rise: Rise, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> Rise:
+    """The rise with what it may be off by where the bevel's place was found, to about its window."""
+    near, far = (computed_ratio(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
+    if near is None or far is None:
+        return rise
+    return replace(rise, std=float(np.hypot(rise.std, 0.5 * (near[0] - far[0]))))
 
 
 def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> Rise:

@@ -24,6 +24,7 @@ from tactilevision.sensors import rectify
 
 GRID_MM = 0.1
 Coarse = npt.NDArray[np.float32]
+Half = npt.NDArray[np.float16]
 
 
 class Reconstructs(Protocol):
@@ -68,47 +69,103 @@ class Watch:
         return self.indenter.bevel or "right"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where a press is read in its coarse maps: centre, pixels per mm (x, y), radius of the face, strip, rings."""
+
+    centre_px: Pair
+    scale: Pair
+    radius_mm: float
+    side: str
+    s_mm: Floats
+    r_mm: Floats
+
+    def read(self, depth: Coarse, picture: Half) -> tuple[Floats, Floats, Floats, Floats]:
+        """Face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
+        reach = float(self.s_mm[-1])
+
+        def along(field_: npt.NDArray[Any]) -> Floats:
+            return strip(field_, self.centre_px, self.scale, side=self.side, reach_mm=reach + 1e-9)
+
+        return (
+            _face(depth, self.centre_px, self.scale, 0.7 * self.radius_mm),
+            along(depth),
+            np.stack([along(picture[..., colour]) for colour in range(3)], axis=-1),
+            _rings(depth, self.centre_px, self.scale, self.r_mm, self.side),
+        )
+
+
 @dataclass(slots=True)
 class _Tape:
-    """Grows while the frames of a press go by."""
+    """Grows while the frames of a press go by; maps are kept only until it is known where to read them."""
 
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    maps: list[Coarse] = field(default_factory=list)
-    pictures: list[npt.NDArray[np.float16]] = field(default_factory=list)
+    maps: list[tuple[Coarse, Half]] = field(default_factory=list)
+    readings: list[tuple[Floats, Floats, Floats, Floats]] = field(default_factory=list)
     missing: list[BadFrame] = field(default_factory=list)
     top: float = -np.inf
     deepest: int = -1
+    deepest_mm: Pair = (0.0, 0.0)
     face_map: HeightMap | None = None
 
 
 def watch(
-    frames: Iterable[Frame | BadFrame], reconstructor: Reconstructs, *, press: Press, indenter: Indenter
+    frames: Iterable[Frame | BadFrame],
+    reconstructor: Reconstructs,
+    *,
+    press: Press,
+    indenter: Indenter,
+    near: Footprint | None = None,
 ) -> Watch | None:
-    """Reconstruct the frames of one press; None where there are fewer than two sound ones."""
+    """Reconstruct the frames of one press; None where there are fewer than two sound ones.
+
+    `near`, where the face was found in a few frames beforehand, keeps the memory of a long press small.
+    """
     tape = _Tape()
     for frame in frames:
         if isinstance(frame, BadFrame):
             tape.missing.append(frame)
-        else:
-            _take(tape, frame, reconstructor)
+            continue
+        height = _take(tape, frame, reconstructor)
+        if near is not None:
+            place = _place(height, near.centre_mm, near.radius_mm, indenter)
+            tape.readings.append(place.read(*tape.maps.pop()))
     if tape.face_map is None or len(tape.times) < 2:
         return None
-    footprint = find_footprint(tape.face_map, indenter)
-    return _measure(tape, tape.face_map, footprint, press=press, indenter=indenter)
+    return _measure(tape, tape.face_map, press=press, indenter=indenter, near=near)
 
 
-def _take(tape: _Tape, frame: Frame, reconstructor: Reconstructs) -> None:
+def _take(tape: _Tape, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
     height = reconstructor.height_map(frame)
     coarse = _shrink(np.where(height.valid, height.depth_mm, np.nan), height.mm_per_px)
     tape.names.append(frame.name)
     tape.times.append(frame.time_s)
-    tape.maps.append(coarse)
-    picture = rectify(reconstructor.sensor, frame.rgb)
-    tape.pictures.append(_shrink(picture, height.mm_per_px).astype(np.float16))
-    top = float(cv2.blur(np.nan_to_num(coarse), (9, 9)).max())
+    picture = _shrink(rectify(reconstructor.sensor, frame.rgb), height.mm_per_px)
+    tape.maps.append((coarse, picture.astype(np.float16)))
+    smooth = cv2.blur(np.nan_to_num(coarse), (9, 9))
+    top = float(smooth.max())
     if top > tape.top:
-        tape.top, tape.deepest, tape.face_map = top, len(tape.maps) - 1, height
+        row, column = np.unravel_index(int(smooth.argmax()), smooth.shape)
+        middle = ((smooth.shape[1] - 1) / 2, (smooth.shape[0] - 1) / 2)
+        scale = _scale(height)
+        tape.deepest_mm = (float(column) - middle[0]) / scale[0], (float(row) - middle[1]) / scale[1]
+        tape.top, tape.deepest, tape.face_map = top, len(tape.times) - 1, height
+    return height
+
+
+def _coarse_size(height: HeightMap) -> tuple[int, int]:
+    rows, columns = height.depth_mm.shape
+    return (
+        max(round(columns * height.mm_per_px[0] / GRID_MM), 8),
+        max(round(rows * height.mm_per_px[1] / GRID_MM), 8),
+    )
+
+
+def _scale(height: HeightMap) -> Pair:
+    """Coarse pixels per mm."""
+    (columns, rows), shape = _coarse_size(height), height.depth_mm.shape
+    return columns / (shape[1] * height.mm_per_px[0]), rows / (shape[0] * height.mm_per_px[1])
 
 
 def _shrink(field_: npt.NDArray[Any], mm_per_px: Pair) -> Coarse:
@@ -118,41 +175,44 @@ def _shrink(field_: npt.NDArray[Any], mm_per_px: Pair) -> Coarse:
     return np.asarray(small, dtype=np.float32)
 
 
-def _measure(tape: _Tape, face_map: HeightMap, footprint: Footprint | None, *, press: Press,
-             indenter: Indenter) -> Watch:  # fmt: skip
-    rows, columns = tape.maps[0].shape
-    view = face_map.depth_mm.shape[::-1]
-    wide = (view[0] * face_map.mm_per_px[0], view[1] * face_map.mm_per_px[1])
-    scale = (columns / wide[0], rows / wide[1])
-    if footprint is not None:
-        centre, radius = footprint.centre_mm, footprint.radius_mm
-    else:
-        centre, radius = _deepest_place(tape.maps[tape.deepest], scale), indenter.radius_mm
-    radius = radius if np.isfinite(radius) else 1.0
-    centre_px = (centre[0] * scale[0] + (columns - 1) / 2, centre[1] * scale[1] + (rows - 1) / 2)
+def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Indenter) -> _Place:
+    (columns, rows), scale = _coarse_size(height), _scale(height)
+    radius = radius_mm if np.isfinite(radius_mm) else 1.0
+    reach = 0.55 * float(np.hypot(columns / scale[0], rows / scale[1]))
+    centre_px = (centre_mm[0] * scale[0] + (columns - 1) / 2, centre_mm[1] * scale[1] + (rows - 1) / 2)
+    rings = np.arange(radius, reach, GRID_MM)
+    return _Place(centre_px, scale, radius, indenter.bevel or "right", strip_places(reach), rings)
+
+
+def _measure(
+    tape: _Tape, face_map: HeightMap, *, press: Press, indenter: Indenter, near: Footprint | None
+) -> Watch:
+    footprint = find_footprint(face_map, indenter)
+    known = near or footprint
+    centre, radius = (known.centre_mm, known.radius_mm) if known else (tape.deepest_mm, indenter.radius_mm)
+    place = _place(face_map, centre, radius, indenter)
+    readings = tape.readings or [place.read(*maps) for maps in tape.maps]
     order = np.argsort(tape.times, kind="stable")
-    faces = np.array([_face(tape.maps[k], centre_px, scale, 0.7 * radius) for k in order])
-    side, reach = indenter.bevel or "right", 0.55 * float(np.hypot(*wide))
-    s, r = strip_places(reach), np.arange(radius, reach, GRID_MM)
-    zero = _zero(faces[:, 0])
+    face, strips, colours, rings = (np.array([readings[k][part] for k in order]) for part in range(4))
+    zero = _zero(face[:, 0])
     return Watch(
-        press=press, indenter=indenter, names=tuple(tape.names[k] for k in order),
-        time_s=np.array(tape.times)[order], depth_mm=faces[:, 0] - zero, zero_mm=zero, tilts=faces[:, 1:],
-        s_mm=s, strips=np.array([strip(tape.maps[k], centre_px, scale, side=side, reach_mm=reach) for k in
-        order]), colours=np.stack([
-            [strip(tape.pictures[k][..., c], centre_px, scale, side=side, reach_mm=reach) for k in order]
-            for c in range(3)], axis=-1),
-        r_mm=r, rings=np.array([_rings(tape.maps[k], centre_px, scale, r, side) for k in order]),
-        deepest=int(np.flatnonzero(order == tape.deepest)[0]), face_map=face_map, footprint=footprint,
+        press=press,
+        indenter=indenter,
+        names=tuple(tape.names[k] for k in order),
+        time_s=np.array(tape.times)[order],
+        depth_mm=face[:, 0] - zero,
+        zero_mm=zero,
+        tilts=face[:, 1:],
+        s_mm=place.s_mm,
+        strips=strips,
+        colours=colours,
+        r_mm=place.r_mm,
+        rings=rings,
+        deepest=int(np.flatnonzero(order == tape.deepest)[0]),
+        face_map=face_map,
+        footprint=footprint,
         missing=tuple(tape.missing),
-    )  # fmt: skip
-
-
-def _deepest_place(depth: Coarse, scale: Pair) -> Pair:
-    blurred = cv2.blur(np.nan_to_num(depth), (9, 9))
-    row, column = np.unravel_index(int(blurred.argmax()), blurred.shape)
-    rows, columns = blurred.shape
-    return (float(column) - (columns - 1) / 2) / scale[0], (float(row) - (rows - 1) / 2) / scale[1]
+    )
 
 
 def _face(depth: Coarse, centre_px: Pair, scale: Pair, radius_mm: float) -> Floats:

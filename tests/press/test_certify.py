@@ -1,0 +1,138 @@
+"""The whole chain on drawn height maps: touch, force, clocks, depth, and the reason of every bad press."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from press_scenes import OFFSET_S, RISE, C, Made, line_up, recording
+
+from tactilevision.errors import RecordingError
+from tactilevision.press import certify
+from tactilevision.records import REASONS
+
+FAULTS = list(REASONS)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    """Six good presses with one of every fault in between."""
+    heights = (0.2, 0.35, 0.5)
+    order = [Made(heights[k % 3]) for k in range(6)]
+    for k, fault in enumerate(FAULTS):
+        order.insert(
+            min(2 + 2 * k, len(order)),
+            Made(0.5 if fault in ("saturated", "bevel_not_touched") else 0.35, fault=fault),
+        )
+    made = line_up(order)
+    folder = tmp_path_factory.mktemp("whole")
+    return made, certify(*recording(folder, made, seed=3))
+
+
+def test_every_press_is_judged_for_its_true_reason(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    assert [p.reason for p in certificate.points] == [m.fault for m in made]
+    assert [p.accepted for p in certificate.points] == [not m.fault for m in made]
+    for point in certificate.points:
+        assert point.accepted or point.reason in point.extra["findings"]
+
+
+def test_touch_within_a_frame_and_force_within_its_std(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    late, sigmas = [], []
+    for press, point in zip(made, certificate.points, strict=True):
+        if press.fault:
+            continue
+        true = C * press.touch_mm * (1 + 0.28 * press.touch_mm)
+        late.append(point.time_s - press.touch_s)
+        sigmas.append((point.fz_N - true) / point.fz_std_N)
+        assert point.fz_N == pytest.approx(true, rel=0.07)
+    assert np.sqrt(np.mean(np.square(late))) < 1 / 30
+    assert np.sqrt(np.mean(np.square(sigmas))) < 2
+
+
+def test_depth_is_corrected_for_the_rise(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    for press, point in zip(made, certificate.points, strict=True):
+        assert point.depth_uncorrected_mm == press.height_mm
+        assert point.depth_mm == pytest.approx(press.touch_mm, abs=2 * point.depth_std_mm)
+        assert point.depth_mm == pytest.approx(press.touch_mm, rel=0.012)
+    assert certificate.rise.seen[0] == pytest.approx(RISE, abs=0.012)
+
+
+def test_clocks_are_aligned(whole) -> None:  # type: ignore[no-untyped-def]
+    offset = whole[1].clock_offset
+    assert offset.value == pytest.approx(OFFSET_S, abs=0.003)
+    assert abs(offset.value - OFFSET_S) < 4 * offset.std
+
+
+def test_curves_follow_the_press_and_meet_the_certificate(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    presses = {str(k + 1): press for k, press in enumerate(made)}
+    points = {point.press: point for point in certificate.points}
+    for curve in certificate.curves:
+        if not points[curve.press].accepted:
+            continue
+        true = presses[curve.press].depth(curve.time_s)
+        assert np.abs(curve.depth_mm - true).max() < 0.02 + 0.02 * true.max()
+        at_event = np.interp(points[curve.press].time_s, curve.time_s, curve.depth_mm)
+        assert at_event == pytest.approx(points[curve.press].depth_mm, rel=1e-3)
+        assert set(curve.phase.tolist()) == {"free", "load", "hold", "unload"}
+        hold = curve.phase == "hold"
+        assert true[hold].min() > 0.95 * true.max()
+
+
+def test_evidence_shows_the_event(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    for press, point in zip(made, certificate.points, strict=True):
+        evidence = certificate.evidence[point.press]
+        assert evidence.footprint is not None
+        if press.fault:
+            continue
+        assert evidence.height_map.depth_mm.dtype == np.float32
+        assert abs(evidence.height_map.time_s - point.time_s) < 1 / 30
+        (x0, y0), (x1, y1) = evidence.bevel_window_mm
+        assert x0 < 5.3 < x1
+        assert y0 < -0.2 < y1
+
+
+@pytest.mark.parametrize("side", ["left", "top", "bottom"])
+def test_any_side_and_a_bevel_whose_place_is_not_stated(side: str, tmp_path: Path) -> None:
+    made = line_up([Made(h, side=side) for h in (0.2, 0.35, 0.5)])
+    certificate = certify(*recording(tmp_path, made, seed=5, rate_Hz=20.0, state_place=False))
+    assert certificate.bevel_distance_mm == pytest.approx(5.0, abs=0.3)
+    assert any("5.0 mm" in warning or "found at" in warning for warning in certificate.warnings)
+    for press, point in zip(made, certificate.points, strict=True):
+        assert point.accepted
+        assert abs(point.time_s - press.touch_s) < 2 / 20
+        assert point.depth_mm == pytest.approx(press.touch_mm, abs=3 * point.depth_std_mm)
+
+
+def test_a_stated_offset_is_used(tmp_path: Path) -> None:
+    made = line_up([Made(0.3), Made(0.3)])
+    read, drawn = recording(tmp_path, made)
+    certificate = certify(replace(read, clock_offset_s=OFFSET_S), drawn)
+    assert certificate.clock_offset.value == OFFSET_S
+    assert all(point.accepted for point in certificate.points)
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    read, drawn = recording(tmp_path, line_up([Made()]))
+    with pytest.raises(RecordingError, match="force readings"):
+        certify(replace(read, forces=None), drawn)
+    with pytest.raises(RecordingError, match="not described"):
+        certify(replace(read, indenters={"other": next(iter(read.indenters.values()))}), drawn)
+
+
+def test_a_long_press_is_read_the_same_without_keeping_its_maps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.35)]))
+    short = certify(read, drawn)
+    monkeypatch.setattr(sys.modules["tactilevision.press.certify"], "_LONG", 20)
+    for once, again in zip(short.points, certify(read, drawn).points, strict=True):
+        assert again.time_s == pytest.approx(once.time_s, abs=0.01)
+        assert again.accepted
