@@ -54,7 +54,7 @@ def test_balls_are_as_deep_as_they_are(contact_mm: float) -> None:
     x, y = places()
     r = np.hypot(x - 0.8, y + 0.6)
     error = height.depth_mm - depth
-    assert abs(error[r < 0.3].mean()) < max(0.04 * depth.max(), 0.006)
+    assert abs(error[r < 0.3].mean()) < max(0.04 * depth.max(), 0.010)
     assert np.sqrt(np.mean(error[r > 4.0] ** 2)) < 0.012
 
 
@@ -93,7 +93,8 @@ def test_steep_walls_are_confessed() -> None:
     depth = np.zeros(SHAPE)
     depth[60:120, 80:160] = 0.5
     gentle = SlopeMap(np.zeros(SHAPE), np.zeros(SHAPE))
-    steep = SlopeMap(*(np.asarray(np.gradient(depth, MM_PER_PX, axis=axis)) for axis in (1, 0)))
+    along_x, along_y = (np.asarray(np.gradient(depth, MM_PER_PX, axis=axis)) for axis in (1, 0))
+    steep = SlopeMap(along_x, along_y)
     assert error.wall_mm(depth, gentle) == 0.0
     assert error.wall_mm(depth, steep) > 0.02
 
