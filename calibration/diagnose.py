@@ -11,10 +11,11 @@ explains).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.bias import possible_bias
 from calibration.calibrate import conclude
 from calibration.checks import check
 from calibration.compare import base_model
@@ -79,7 +80,9 @@ def diagnose(
         added.append((best, turn.scored[best.effect.key], _skill(current, best)))
         current = adopt(current, best)
     last = rounds[-1] if len(rounds) > len(added) else _look(current, (), rng)
-    return _conclude(base, current, rounds, added=added, sets=sets, last=last)
+    found = _conclude(base, current, rounds, added=added, sets=sets, last=last)
+    hidden = [effect for effect in catalogue if effect.key in found.not_testable]
+    return replace(found, possible_bias=possible_bias(found.fitted, hidden))
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator) -> _Round:
@@ -182,7 +185,7 @@ def _conclude(
         covariates=last.screen.covariates,
         screen=first.effects, measure_next=_next(base, sets, flags, first.not_testable),
         change_point=change_point(current) if left < LEFT_LEVEL else None, flags=tuple(flags),
-        would_have_to_be=explained, lack_of_fit_p=left, tried=tried, base=base,
+        would_have_to_be=explained, lack_of_fit_p=left, tried=tried, possible_bias={}, base=base,
         fitted=current if added else base,
     )  # fmt: skip
 

@@ -56,7 +56,8 @@ class Diagnosis:
     `candidates` the keys that these data cannot tell apart (one where the effect is identified); `screen` every
     testable effect's score on the base model; `visible` the amplitude of each that would have been seen;
     `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
-    theory does not allow; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
+    theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
+    bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
     before and after.
     """
 
@@ -76,6 +77,7 @@ class Diagnosis:
     would_have_to_be: tuple[WouldHaveToBe, ...]
     lack_of_fit_p: float
     tried: tuple[str, ...]
+    possible_bias: Mapping[str, float]
     base: Fit
     fitted: Fit
 
@@ -94,6 +96,7 @@ class Diagnosis:
             "flags": list(self.flags),
             "lack_of_fit_p": self.lack_of_fit_p,
             "tried": list(self.tried),
+            "possible_bias_of_E": dict(self.possible_bias),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_calibrate import paper_points
-from test_effects import BASE, data_for, planted
+from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.compare import compare
@@ -71,6 +71,8 @@ def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None
     assert found.effects == ()
     assert 0 < found.visible["depth_zero"] < 0.05
     assert "thickness" in found.not_testable
+    assert found.possible_bias["force_gain"] == pytest.approx(0.02, rel=0.02), "2 % of gain is 2 % of E"
+    assert -0.12 < found.possible_bias["thickness"] < -0.05, "a gel thicker than stated reads too soft"
 
 
 def test_what_no_effect_explains_is_unknown() -> None:
