@@ -7,8 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.conditions import covariates
+from calibration.diagnosis import Diagnosis
+from calibration.effects import EFFECTS, get_effect
 from calibration.fitting import Fit
 from calibration.minimise import Box, differentiate
+from calibration.refit import refit_with, separation
+from calibration.screen import Scored
+from tactilevision.plots.diagnosis import Panel
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
@@ -70,3 +76,26 @@ def _box(fitted: Fit) -> Box:
         np.where(fixed, np.inf, high),
         np.array([p.scale for p in fitted.parameters]),
     )
+
+
+def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
+    """The covariates that tell most, with the residual in its own std."""
+    seen = {c.name: c for c in covariates(fitted.data)}
+    residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
+    return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
+            for s in scored[:most] if s.key in seen]  # fmt: skip
+
+
+def confusability(found: Diagnosis, most: int = 6) -> tuple[list[str], Floats] | None:
+    """Separation (k, k) of the added and best-scoring effects; None where there are fewer than two."""
+    keys = list(
+        dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.screen)])
+    )
+    keys = [key for key in keys if key in EFFECTS and key not in found.not_testable][:most]
+    if len(keys) < 2:
+        return None
+    fits = [refit_with(found.base, get_effect(key)) for key in keys]
+    table = [
+        [0.0 if one is other else separation(found.base, one, other.effect) for other in fits] for one in fits
+    ]
+    return keys, np.array(table)

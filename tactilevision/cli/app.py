@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tactilevision.cli import calibrate, depth, simulate, view
+from tactilevision.cli import calibrate, depth, diagnose, simulate, view
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -19,6 +19,9 @@ app = typer.Typer(
 app.command("calibrate")(calibrate.calibrate)
 app.command("depth")(depth.depth)
 app.command("view")(view.view)
+app.command("diagnose")(diagnose.diagnose)
+app.command("compare")(diagnose.compare)
+app.command("new-effect")(diagnose.new_effect)
 app.command("simulate")(simulate.simulate)
 
 

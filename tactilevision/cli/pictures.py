@@ -29,10 +29,8 @@ def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: 
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
     material = indentation.draw_material(result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
     return [
-        _keep(
-            drawn, folder / "fit.png", "Certified points and the fitted law; bars and bands are 95 % intervals."
-        ),
-        _keep(
+        keep(drawn, folder / "fit.png", "Certified points and the fitted law; bars and bands are 95 % intervals."),
+        keep(
             material,
             folder / "material.png",
             "One punch fixes the curve; what is known of ν picks the part of it.",
@@ -59,7 +57,7 @@ def of_presses(recording: Recording, certificate: Certificate, folder: Path, pro
             figure = draw_press(evidence, point, rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             pictures.append(
-                _keep(figure, folder / "presses" / f"{point.press}.png", words or f"press {point.press}")
+                keep(figure, folder / "presses" / f"{point.press}.png", words or f"press {point.press}")
             )
         progress(number, len(certificate.points))
     return pictures
@@ -74,6 +72,7 @@ def of_history(rows: Sequence[HistoryRow], folder: Path) -> None:
     style.save_png(drawn, folder / "history.png")
 
 
-def _keep(figure: Figure, path: Path, caption: str) -> Picture:
+def keep(figure: Figure, path: Path, caption: str) -> Picture:
+    """Write a figure and give it to the report."""
     style.save_png(figure, path)
     return Picture(style.data_uri(path), caption)

@@ -75,11 +75,11 @@ def new_strip(width_in: float, height_in: float, shares: Sequence[float]) -> tup
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in))
-    grid = figure.add_gridspec(
-        1, len(shares), width_ratios=shares, left=0.6 / width_in, right=1 - 0.15 / width_in, bottom=0.5 / height_in,
-        top=1 - 0.3 / height_in, wspace=0.3,
-    )  # fmt: skip
-    return figure, [figure.add_subplot(cell) for cell in grid]
+    figure.subplots_adjust(
+        left=0.6 / width_in, right=1 - 0.15 / width_in, bottom=0.5 / height_in, top=1 - 0.3 / height_in, wspace=0.3
+    )
+    grid = figure.subplots(1, len(shares), squeeze=False, width_ratios=shares)
+    return figure, list(grid.ravel())
 
 
 def save_png(figure: Figure, path: Path | str) -> None:

@@ -1,0 +1,59 @@
+"""What several commands begin with: recordings turned into points or curves, by the vision side where needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactilevision.cli import console
+
+if TYPE_CHECKING:
+    from calibration.data import Measured
+    from tactilevision.press.certificate import Certificate
+    from tactilevision.recording import Recording
+    from tactilevision.records import CertifiedPoint
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A recording, and its certificate where it has frames."""
+
+    recording: Recording
+    certificate: Certificate | None
+
+    @property
+    def points(self) -> tuple[CertifiedPoint, ...]:
+        """Certified just now, or as the recording brought them."""
+        return self.recording.points if self.certificate is None else self.certificate.points
+
+    @property
+    def measured(self) -> Measured:
+        """What a fit gets."""
+        from calibration.data import Measured
+
+        curves = self.recording.curves if self.certificate is None else ()
+        return Measured(self.recording, self.points, curves)
+
+
+def take(paths: Sequence[Path]) -> list[Taken]:
+    """Read recordings, the oldest first, and certify those that have frames."""
+    from tactilevision.recording import read_recording
+
+    opened = sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
+    for recording in opened:
+        console.warn(recording.warnings)
+    return [Taken(one, _certify(one) if one.frame_names else None) for one in opened]
+
+
+def _certify(recording: Recording) -> Certificate:
+    from tactilevision.press.certify import certify
+    from tactilevision.reconstruct import build_reconstructor
+
+    with console.progress_bar("calibrating the light"):
+        reconstructor = build_reconstructor(recording)
+    with console.progress_bar("certifying presses") as progress:
+        certificate = certify(recording, reconstructor, progress=progress)
+    console.warn([*reconstructor.warnings, *certificate.warnings])
+    return certificate

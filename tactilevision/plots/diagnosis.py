@@ -1,0 +1,108 @@
+"""Pictures of a diagnosis: what is left against everything recorded, how the error falls, what looks like what."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.records import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BINS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One covariate: its values and the residual in its own std, (N,) each, and p adjusted for all panels."""
+
+    name: str
+    unit: str
+    values: Floats
+    residual: Floats
+    p_adjusted: float
+
+
+@style.house_look
+def draw_residuals(panels: Sequence[Panel]) -> Figure:
+    """What the model leaves against each covariate, the most telling first; bins with 95 % bands of their mean."""
+    columns = min(4, max(len(panels), 1))
+    rows = max(1, -(-len(panels) // columns))
+    figure, axes = style.new_figure(3.1 * columns, 2.4 * rows, rows=rows, columns=columns)
+    for place, panel in zip(axes, panels, strict=False):
+        _panel(place, panel)
+    for place in axes[len(panels) :]:
+        place.set_axis_off()
+    return figure
+
+
+def _panel(axes: Axes, panel: Panel) -> None:
+    telling = panel.p_adjusted < 0.05
+    axes.plot(panel.values, panel.residual, ".", ms=2, color=style.GREY, alpha=0.35)
+    for low, high in _bins(panel.values):
+        inside = (panel.values >= low) & (panel.values <= high)
+        count = np.count_nonzero(inside)
+        if count < 2:
+            continue
+        mean, spread = panel.residual[inside].mean(), panel.residual[inside].std(ddof=1)
+        axes.errorbar(
+            panel.values[inside].mean(), mean, yerr=1.96 * spread / np.sqrt(count), fmt="o", ms=5,
+            color=style.RED if telling else style.BLUE,
+        )  # fmt: skip
+    axes.axhline(0, color=style.GREY, lw=0.8)
+    verdict = f"p = {panel.p_adjusted:.2g}" + (" *" if telling else "")
+    axes.set_title(f"{panel.name}: {verdict}", color=style.RED if telling else "black")
+    axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
+
+
+def _bins(values: Floats) -> list[tuple[float, float]]:
+    levels = np.unique(values)
+    if levels.size <= BINS:
+        return [(float(v), float(v)) for v in levels]
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
+    return [(float(a), float(b)) for a, b in pairwise(edges)]
+
+
+@style.house_look
+def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], floor_N: float) -> Figure:
+    """The held-out error from the base model to the last effect added, and the floor that the repeats set."""
+    figure, (axes,) = style.new_figure(1.8 + 1.5 * len(names), 3.2)
+    bars = axes.bar(range(len(names)), 1e3 * np.array(held_out_N), color=style.BLUE, width=0.6)
+    bars[0].set_color(style.GREY)
+    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=8)
+    if np.isfinite(floor_N):
+        axes.axhline(1e3 * floor_N, color=style.RED, ls="--", lw=1.2, label="floor: the repeats' own scatter")
+        axes.legend(loc="upper right")
+    axes.set_xticks(
+        range(len(names)), [f"+ {n}" if k else n for k, n in enumerate(names)], rotation=15, ha="right"
+    )
+    axes.set(ylabel="rms error on presses left out (mN)", title="How the error falls")
+    axes.margins(y=0.2)
+    return figure
+
+
+@style.house_look
+def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
+    """How many std part the row's effect from the best the column's can do instead; below 3 they look alike."""
+    size = 1.6 + 0.75 * len(keys)
+    figure, (axes,) = style.new_figure(size + 1.2, size)
+    image = axes.imshow(np.minimum(separation, 9), cmap="cividis_r", vmin=0, vmax=9)
+    for (row, column), value in np.ndenumerate(separation):
+        text = "–" if row == column else f"{value:.1f}"
+        axes.text(
+            column, row, text, ha="center", va="center", fontsize=8, color="white" if value > 4.5 else "black"
+        )
+    names = [key.replace("_", " ") for key in keys]
+    axes.set_xticks(range(len(keys)), names, rotation=35, ha="right")
+    axes.set_yticks(range(len(keys)), names)
+    axes.grid(False)
+    figure.colorbar(image, ax=axes, label="separation (std), capped at 9", shrink=0.8)
+    axes.set_title("Can these data tell them apart?")
+    return figure
