@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, simulate, view
+from tactilevision.cli import calibrate, depth, diagnose, force, simulate, train, view
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -22,6 +22,8 @@ app.command("view")(view.view)
 app.command("diagnose")(diagnose.diagnose)
 app.command("compare")(diagnose.compare)
 app.command("new-effect")(diagnose.new_effect)
+app.command("force")(force.force)
+app.command("train")(train.train)
 app.command("simulate")(simulate.simulate)
 
 

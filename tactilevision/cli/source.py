@@ -37,7 +37,13 @@ def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recor
 
 
 def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
-    """Calibrate the light from the recording's own references, or load the method that was named."""
+    """Calibrate the light from the recording's own references, or use the method file that was named."""
     from tactilevision.reconstruct import build_reconstructor
 
-    return build_reconstructor(recording) if method is None else build_reconstructor(recording, method=method)
+    if method is None:
+        return build_reconstructor(recording)
+    if method.endswith(".npz"):
+        from tactilevision.photometric.storage import load_method
+
+        return build_reconstructor(recording, load_method(method))
+    return build_reconstructor(recording, method)
