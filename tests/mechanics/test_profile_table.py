@@ -75,7 +75,7 @@ def test_poisson_ratio_is_found_with_friction_unknown(friction: float) -> None:
 def test_table_agrees_with_a_fresh_solution_between_its_nodes() -> None:
     nu, alpha = 0.475, 0.75
     fresh = solve_case(nu, alpha, 0.3)
-    r = 1 + np.array([0.3, 0.6, 1.0, 2.0]) ** 2 / alpha
+    r = 1 + np.array([0.5, 0.7, 1.0, 1.7]) ** 2 / alpha  # from .75 mm beside the edge on
     shape = correction_of(fresh, nu, alpha)
     assert shape.shape[0] == 3
     for row, depth in enumerate(fresh.w_over_h):
