@@ -7,12 +7,13 @@ in true contact, pad of radius 5 h with a free side), minus the exact linear pro
 is small and smooth: polynomials in nu and a/h, and between no friction and mu = .3, beyond which friction changes
 no more than a few parts in ten thousand of the depth.
 
-Range: nu in [.40, .4985], a/h in [.6, 1.1], w/h up to .2, InputError beyond. From r = a + 3.6 h outward, where a
-correction of some .003 is left, it fades with exp(-r/h), as the profile itself does. Between w/h = .125 and .2 the
-quadratic is continued: where finite elements converged there, it is within .002 of the depth with friction, and
-within .007 without, half a millimetre from the edge. A fresh solution between the nodes (nu .475, a/h .75) is met
-within .002 from h/4 beside the edge on, and .005 nearer. A sharp edge raises the profile by some 2 %, a pad of
-another radius moves it by less than 2 % (R > 4 h): this is the model's relative error.
+Range: nu in [.40, .4999] (solved to .497), a/h in [.6, 1.1], w/h up to .21; InputError beyond. From r = a + 3.6 h
+outward, where a correction of some .003 is left, it fades with exp(-r/h), as the profile itself does. Solved to
+w/h = .125 and continued by the quadratic from there: where finite elements went on to .2, it is met within .002 of
+the depth with friction, from .6 mm beside the edge on; without friction within .006, and .014 at w/h = .2. A fresh
+solution between the nodes (nu .475, a/h .75, friction .3) is met within .002 from h/4 beside the edge on, and .005
+nearer. A sharp edge raises the profile by some 2 %, another solver lies 2 % below, a pad of another radius moves
+it by less than 2 % (R > 4 h): this is the model's relative error.
 """
 
 from __future__ import annotations
