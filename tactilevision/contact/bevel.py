@@ -33,7 +33,7 @@ def strip_places(reach_mm: float) -> Floats:
 
 
 def strip(field: npt.NDArray[Any], centre_px: Pair, px_per_mm: Pair, *, side: str, reach_mm: float) -> Floats:
-    """Mean of `field` (H, W) over the strip's width at strip_places(reach_mm); NaN out of view."""
+    """Mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out of view."""
     s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])
     x = centre_px[0] + (along[0] * s + across[0] * t) * px_per_mm[0]

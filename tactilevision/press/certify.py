@@ -23,7 +23,7 @@ from tactilevision.recording import BadFrame, Recording, iter_frames, require
 from tactilevision.records import Estimate, Footprint, ForceSeries, Indenter, Press
 
 Progress = Callable[[int, int], None]
-_LONG, _LOOKS = 400, 12  # frames of a press beyond which their maps are not kept, and those looked at first
+_LONG, _LOOKS = 250, 12  # frames of a press beyond which their maps are not kept, and those looked at first
 _MARGIN_S = 0.5  # of frames before and after the press that the table names: the free gel, where there are any
 
 

@@ -8,7 +8,7 @@ frame alone. Lengths in mm, places on the pad; times on the camera's clock.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import cv2
@@ -19,10 +19,12 @@ from tactilevision.contact.bevel import SIDES, strip, strip_places
 from tactilevision.contact.edge import sample
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.recording.model import BadFrame
-from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter, Pair, Press, Sensor
+from tactilevision.records import Bools, Floats, Footprint, Frame, HeightMap, Indenter, Pair, Press, Sensor
 from tactilevision.sensors import rectify
 
 GRID_MM = 0.1
+_WALL_MM = 0.15  # a depth that stands well out of the noise and whose walls a picture still shows
+_SAME = 0.1  # of the radius, within which the shallow circle is the deep one
 Coarse = npt.NDArray[np.float32]
 Half = npt.NDArray[np.float16]
 
@@ -79,6 +81,19 @@ class _Place:
     side: str
     s_mm: Floats
     r_mm: Floats
+    face: Bools
+    basis: Floats
+    inverse: Floats
+
+    def _face(self, depth: Coarse) -> Floats:
+        """Plane through the face: depth at the centre, d/dx, d/dy."""
+        here = depth[self.face].astype(np.float64)
+        known = np.isfinite(here)
+        if known.all() and known.size >= 6:
+            return np.asarray(self.inverse @ here, dtype=np.float64)
+        if known.sum() < 6:
+            return np.full(3, np.nan)
+        return np.asarray(np.linalg.lstsq(self.basis[known], here[known], rcond=None)[0], dtype=np.float64)
 
     def read(self, depth: Coarse, picture: Half) -> tuple[Floats, Floats, Floats, Floats]:
         """Face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
@@ -88,9 +103,9 @@ class _Place:
             return strip(field_, self.centre_px, self.scale, side=self.side, reach_mm=reach + 1e-9)
 
         return (
-            _face(depth, self.centre_px, self.scale, 0.7 * self.radius_mm),
+            self._face(depth),
             along(depth),
-            np.stack([along(picture[..., colour]) for colour in range(3)], axis=-1),
+            along(picture.astype(np.float32)),
             _rings(depth, self.centre_px, self.scale, self.r_mm, self.side),
         )
 
@@ -108,6 +123,8 @@ class _Tape:
     deepest: int = -1
     deepest_mm: Pair = (0.0, 0.0)
     face_map: HeightMap | None = None
+    wall_off: float = np.inf
+    wall_map: HeightMap | None = None
 
 
 def watch(
@@ -122,14 +139,14 @@ def watch(
 
     `near`, where the face was found in a few frames beforehand, keeps the memory of a long press small.
     """
-    tape = _Tape()
+    tape, place = _Tape(), None
     for frame in frames:
         if isinstance(frame, BadFrame):
             tape.missing.append(frame)
             continue
         height = _take(tape, frame, reconstructor)
         if near is not None:
-            place = _place(height, near.centre_mm, near.radius_mm, indenter)
+            place = place or _place(height, near.centre_mm, near.radius_mm, indenter)
             tape.readings.append(place.read(*tape.maps.pop()))
     if tape.face_map is None or len(tape.times) < 2:
         return None
@@ -151,6 +168,8 @@ def _take(tape: _Tape, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
         scale = _scale(height)
         tape.deepest_mm = (float(column) - middle[0]) / scale[0], (float(row) - middle[1]) / scale[1]
         tape.top, tape.deepest, tape.face_map = top, len(tape.times) - 1, height
+    if top > 0.5 * _WALL_MM and abs(top - _WALL_MM) < tape.wall_off:
+        tape.wall_off, tape.wall_map = abs(top - _WALL_MM), height
     return height
 
 
@@ -181,13 +200,31 @@ def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Inden
     reach = 0.55 * float(np.hypot(columns / scale[0], rows / scale[1]))
     centre_px = (centre_mm[0] * scale[0] + (columns - 1) / 2, centre_mm[1] * scale[1] + (rows - 1) / 2)
     rings = np.arange(radius, reach, GRID_MM)
-    return _Place(centre_px, scale, radius, indenter.bevel or "right", strip_places(reach), rings)
+    face, basis = _face_basis((rows, columns), centre_px, scale, 0.7 * radius)
+    return _Place(
+        centre_px, scale, radius, indenter.bevel or "right", strip_places(reach), rings, face, basis,
+        np.asarray(np.linalg.pinv(basis), dtype=np.float64),
+    )  # fmt: skip
+
+
+def _footprint(tape: _Tape, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
+    """The face where it is deepest, its circle from where it is shallow: steep walls blur it outwards."""
+    deep = find_footprint(face_map, indenter)
+    if deep is None or tape.wall_map is None or tape.wall_map is face_map:
+        return deep
+    shallow = find_footprint(tape.wall_map, indenter)
+    if shallow is None or abs(shallow.radius_mm - deep.radius_mm) > _SAME * deep.radius_mm:
+        return deep
+    return replace(
+        deep, mask=shallow.mask, centre_mm=shallow.centre_mm, centre_std_mm=shallow.centre_std_mm,
+        radius_mm=shallow.radius_mm, radius_std_mm=shallow.radius_std_mm, residual_mm=shallow.residual_mm,
+    )  # fmt: skip
 
 
 def _measure(
     tape: _Tape, face_map: HeightMap, *, press: Press, indenter: Indenter, near: Footprint | None
 ) -> Watch:
-    footprint = find_footprint(face_map, indenter)
+    footprint = _footprint(tape, face_map, indenter)
     known = near or footprint
     centre, radius = (known.centre_mm, known.radius_mm) if known else (tape.deepest_mm, indenter.radius_mm)
     place = _place(face_map, centre, radius, indenter)
@@ -215,17 +252,13 @@ def _measure(
     )
 
 
-def _face(depth: Coarse, centre_px: Pair, scale: Pair, radius_mm: float) -> Floats:
-    """Plane through the face: depth at the centre, d/dx, d/dy."""
-    rows, columns = depth.shape
-    x = ((np.arange(columns) - centre_px[0]) / scale[0])[None, :]
-    y = ((np.arange(rows) - centre_px[1]) / scale[1])[:, None]
-    face = (np.hypot(x, y) < radius_mm) & np.isfinite(depth)
-    if face.sum() < 6:
-        return np.full(3, np.nan)
+def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm: float) -> tuple[Bools, Floats]:
+    """Pixels (H, W) of the face, and 1, x, y (K, 3) there in mm from its centre."""
+    x = ((np.arange(shape[1]) - centre_px[0]) / scale[0])[None, :]
+    y = ((np.arange(shape[0]) - centre_px[1]) / scale[1])[:, None]
+    face = np.hypot(x, y) < radius_mm
     x, y = np.broadcast_to(x, face.shape)[face], np.broadcast_to(y, face.shape)[face]
-    plane, *_ = np.linalg.lstsq(np.c_[np.ones_like(x), x, y], depth[face].astype(np.float64), rcond=None)
-    return np.asarray(plane, dtype=np.float64)
+    return face, np.c_[np.ones_like(x), x, y]
 
 
 def _rings(depth: Coarse, centre_px: Pair, scale: Pair, r: Floats, side: str) -> Floats:
