@@ -104,22 +104,11 @@ def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator) -
 def _confirmed(current: Fit, turn: _Round) -> Candidate | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
     for best in turn.candidates:
-        gain = current.chi2 - best.chi2
-        if min(turn.scored[best.effect.key].p_adjusted, _p_of_refit(turn, best, gain)) > LEVEL:
+        if turn.scored[best.effect.key].p_adjusted > LEVEL:
             continue
         if _inside(best) and _skill(current, best) > 0:
             return best
     return None
-
-
-def _p_of_refit(turn: _Round, candidate: Candidate, gain: float) -> float:
-    """Of the likelihood ratio after the refit, for as many looks as the screen's own adjustment amounts to."""
-    from scipy.stats import chi2
-
-    p = float(chi2.sf(max(gain, 0.0), len(candidate.effect.parameters)))
-    one = turn.scored[candidate.effect.key]
-    looks = np.log1p(-min(one.p_adjusted, 0.999999)) / np.log1p(-min(max(one.p, 1e-300), 0.999999))
-    return float(-np.expm1(max(looks, 1.0) * np.log1p(-min(p, 0.999999))))
 
 
 def _inside(candidate: Candidate) -> bool:
