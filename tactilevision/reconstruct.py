@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -15,7 +16,14 @@ import numpy as np
 
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
-from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    Calibration,
+    calibrate_from_balls,
+    load_method,
+    make_reference,
+)
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.reference import Reference
@@ -23,11 +31,13 @@ from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
 from tactilevision.sensors import rectify
 from tactilevision.surface import integrate
+from tactilevision.weights import find_model
 from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
+DEFAULT = "polynomial"
 SLOPE_BLOCKS = 600
 FREE_SHARE = 0.985  # of the blocks that follow the light's drift: the rest is noise
 LEAST_FREE, MOST_FREE = 4, 16
@@ -54,8 +64,12 @@ class Reconstructor:
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them.
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        height = self.rectified_map(rectify(self.sensor, frame.rgb))
+        height = self.rectified_map(self.rectified(frame))
         return dataclasses.replace(height, time_s=frame.time_s, name=frame.name)
+
+    def rectified(self, frame: Frame) -> Bytes:
+        """The rectified picture of a raw frame."""
+        return rectify(self.sensor, frame.rgb)
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
@@ -93,26 +107,25 @@ def _flat_blocks(slopes: SlopeMap) -> Bools:
     return np.asarray(steep < 4.0 * np.median(steep) + 1e-3)
 
 
-def build_reconstructor(recording: Recording, method: str | PhotometricMethod = "polynomial") -> Reconstructor:
+def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
     """A reconstructor calibrated on the recording's own flats and ball presses.
 
-    `method` is a name in PHOTOMETRIC, or a ready method (for instance of `photometric.load_method`), which then is
-    used against the recording's flats where it can be. Raises InputError or RecordingError where the
-    reference is missing or cannot be used.
+    `method` is a name in PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the
+    recording's flats where there are some. None: DEFAULT on the recording's balls or, without any, the method
+    trained beforehand for this kind of sensor, which its warnings then say. Raises InputError or
+    RecordingError where the reference is missing or cannot be used.
     """
     from tactilevision.recording import read_image
 
     sensor = recording.sensor
     flats = [rectify(sensor, read_image(path, white_level=recording.white_level)) for path in recording.flats]
-    if not isinstance(method, str):
+    if isinstance(method, str) and method not in PHOTOMETRIC:
+        method = _saved(method)
+    if method is None and not recording.balls:
+        return _uncalibrated(sensor, flats)
+    if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
-    if method not in PHOTOMETRIC:
-        raise InputError(
-            "no photometric method of that name",
-            where="build_reconstructor",
-            value=method,
-            remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
-        )
+    fit = PHOTOMETRIC[method or DEFAULT]
     reference = make_reference(flats)
     pictures = [
         BallPicture(
@@ -124,12 +137,32 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod = 
         )
         for ball in recording.balls
     ]
-    calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=PHOTOMETRIC[method])
+    calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=fit)
     waves_mm = untouched_rms_mm(Reconstructor(sensor, calibration.method), pictures, calibration.balls)
     reference = tare(calibration.method, free_frames(recording))
     card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm}
     method_now = dataclasses.replace(calibration.method, reference=reference, card=card)
     return Reconstructor(sensor, method_now, calibration=calibration)
+
+
+def _saved(name: str) -> CalibratedMethod:
+    if not Path(name).with_suffix(".npz").is_file():
+        raise InputError("no photometric method of that name, nor a saved one there", where="method", value=name,
+                         remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
+    return load_method(name)
+
+
+def _uncalibrated(sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
+    path = find_model(sensor.kind.removesuffix("_markers"))
+    if path is None or not flats:
+        missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
+        raise InputError(
+            f"no {missing}", where="reference/ball" if flats else "reference/flat", value=f"sensor {sensor.kind}",
+            remedy="Add them to the recording, or name a saved method.",
+        )  # fmt: skip
+    found = with_flats(sensor, load_method(path), flats)
+    found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    return found
 
 
 def untouched_rms_mm(

@@ -48,7 +48,7 @@ def ball_slopes(x_mm: Floats, y_mm: Floats, contact_mm: float, radius_mm: float)
     r = np.hypot(x_mm, y_mm)
     inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
     ratio = np.minimum(contact_mm / np.maximum(r, 1e-12), 1.0)
-    edge = inside.min() if r.size == 0 else 1.0 / np.sqrt(radius_mm**2 - contact_mm**2)
+    edge = 1.0 / np.sqrt(radius_mm**2 - contact_mm**2)
     beside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
     per_r = -np.where(r <= contact_mm, inside, beside)
     return per_r * x_mm, per_r * y_mm

@@ -28,12 +28,13 @@ class ColourChange:
     def __init__(self, reference: Reference) -> None:
         self.reference = reference
         self.tracker = DriftTracker(reference)
-        planes = np.ascontiguousarray(reference.rgb.transpose(2, 0, 1))
-        self.scale: Planes = 1.0 / (planes + np.float32(SOFTENING_GREY))
-        self.offset: Planes = planes * self.scale
+        self._mean: Planes = np.ascontiguousarray(reference.rgb.transpose(2, 0, 1))
+        self.scale: Planes = np.empty_like(self._mean)
+        self.offset: Planes = np.empty_like(self._mean)
+        self._settle()
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.x, self.y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
-        self._out: Planes = np.empty_like(planes)
+        self._out: Planes = np.empty_like(self._mean)
         self._work = np.empty(reference.shape, np.float32)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
@@ -50,6 +51,19 @@ class ColourChange:
             self._work *= self.offset[c]
             self._out[c] -= self._work
         return self._out, drift, self.reference.usable & unsaturated(rgb)
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        for c, grey in enumerate(cv2.split(rgb)):
+            np.subtract(grey, self._mean[c], out=self._work)
+            self._work *= np.float32(share)
+            self._mean[c] += self._work
+        self._settle()
+
+    def _settle(self) -> None:
+        np.add(self._mean, np.float32(SOFTENING_GREY), out=self.scale)
+        np.reciprocal(self.scale, out=self.scale)
+        np.multiply(self._mean, self.scale, out=self.offset)
 
     def _check(self, rgb: Bytes) -> None:
         if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:

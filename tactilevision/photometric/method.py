@@ -97,6 +97,10 @@ class CalibratedMethod:
             slope -= bias
         return Reading(SlopeMap(dz_dx, dz_dy, valid & self.readable, self._std(dz_dx, dz_dy)), drift)
 
+    def follow(self, rgb_rectified: Bytes, share: float) -> None:
+        """Move the reference towards a picture of the untouched gel by `share` of their difference."""
+        self.change.follow(rgb_rectified, share)
+
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""
         return CalibratedMethod(self.law, reference, self.relative_error, self.quiet, self.card)

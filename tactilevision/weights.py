@@ -1,0 +1,26 @@
+"""Finds what was trained beforehand: `_models` in an installed wheel, `models` beside the package in a checkout.
+
+A user's own folder of that name is never looked into. Each file is checked against its card when it is loaded.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactilevision.errors import InputError
+
+HERE = Path(__file__).parent
+
+
+def models_folder() -> Path:
+    """The folder of trained methods. Raises InputError where the installation has none."""
+    for folder in (HERE / "_models", HERE.parent / "models"):
+        if folder.is_dir():
+            return folder
+    raise InputError("the trained methods are missing", where=HERE, remedy="Install tactilevision again.")
+
+
+def find_model(name: str, suffix: str = ".npz") -> Path | None:
+    """The file of the trained method of that name, or None where there is none."""
+    path = models_folder() / f"{name}{suffix}"
+    return path if path.is_file() else None

@@ -1,0 +1,89 @@
+"""The stream: contact seen, light followed, nothing kept."""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactilevision.errors import InputError
+from tactilevision.live import Stream
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    CalibratedMethod,
+    calibrate_from_balls,
+    make_reference,
+)
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Frame, Indenter
+from tactilevision.sensors import get_sensor
+
+sys.path.insert(0, str(Path(__file__).parent / "photometric"))
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+
+SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
+
+
+@lru_cache
+def calibrated() -> CalibratedMethod:
+    rng = np.random.default_rng(1)
+    shots = [BallPicture(picture(*ball(c, a, 4.0)[1:], rng), 4.0) for c, a in presses(8, rng)]
+    reference = make_reference([flat(rng) for _ in range(3)])
+    return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
+
+
+def stream(renew: float = 0.0) -> Stream:
+    fresh = calibrated().with_reference(calibrated().reference)
+    return Stream(Reconstructor(SENSOR, fresh), Indenter("ball", "sphere", 4.0), renew)
+
+
+def test_contact_is_seen_when_there_is_one() -> None:
+    rng = np.random.default_rng(2)
+    live = stream()
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    free = [live.take(Frame(flat(rng))) for _ in range(5)]
+    pressed = live.take(Frame(picture(p, q, rng)))
+    assert not any(moment.contact for moment in free)
+    assert all(moment.peak_mm == 0.0 and moment.footprint is None for moment in free)
+    assert pressed.contact
+    assert pressed.peak_mm == pytest.approx(depth.max(), rel=0.08)
+    assert live.frames == 6
+    assert sum(count for _, count in live.histogram()) == 6
+
+
+def test_uneven_light_that_creeps_in_is_followed() -> None:
+    still, following = stream(0.0), stream(0.3)
+    rng = np.random.default_rng(3)
+    x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
+    for step in range(30):
+        warm = 1.0 + 0.05 * step / 30 * x**2 * np.array([1.0, -1.0, 0.5])
+        frame = Frame(np.clip(np.rint(flat(rng) * warm), 0, 255).astype(np.uint8))
+        depths = [np.sqrt(np.mean(s.take(frame).height.depth_mm ** 2)) for s in (still, following)]
+    assert depths[1] < 0.5 * depths[0]
+
+
+def test_a_bad_frame_does_not_stop_the_stream() -> None:
+    live = stream()
+    rng = np.random.default_rng(4)
+    with pytest.raises(InputError, match="black"):
+        live.take(Frame(np.zeros((*SHAPE, 3), np.uint8)))
+    assert not live.take(Frame(flat(rng))).contact
+
+
+def test_memory_does_not_grow() -> None:
+    live = stream(0.01)
+    frame = Frame(flat(np.random.default_rng(5)))
+    for _ in range(3):
+        live.take(frame)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(25):
+        live.take(frame)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 20_000
