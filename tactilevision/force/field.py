@@ -111,6 +111,7 @@ class ForceField:
         variance = np.diag(found.propagate(weights, noise)).copy()
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
+        variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
         if parts == 1:
             variance[2] += (STICK_STD * total[2]) ** 2 + (
                 weights[2] / stiffer * stiffer_std @ found.traction[0]
@@ -150,6 +151,13 @@ class ForceField:
         )
         slope = np.stack([by_modulus, by_poisson], axis=1)
         return np.asarray(np.einsum("ki,ij,kj->k", slope, covariance, slope))
+
+
+def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poisson_ratio: float) -> float:
+    """Force of the cells whose pressure is within two deviations of none: noise that may not pull can only push."""
+    pressure = found.traction[-1]
+    noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
+    return float(grid.cell_mm2 * (pressure * scale)[pressure < 2 * noise].sum())
 
 
 def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats) -> Floats:

@@ -22,23 +22,22 @@ TEXTURE_OVER_NOISE = 1.5
 CORRELATION_PX = 8.0  # the flow's own patch
 
 
-def grain(rgb: Bytes) -> tuple[Floats, Bools]:
-    """The frame's texture (H, W) of unit contrast, and where there is more of it than noise."""
+def grain(rgb: Bytes) -> tuple[Floats, Floats]:
+    """The frame's texture (H, W) of unit contrast, and the standard deviation (H, W) of the noise in it."""
     light = np.log1p(rgb.astype(np.float32))
     fine = light - cv2.GaussianBlur(light, (0, 0), GRAIN_PX)
     fine = cv2.GaussianBlur(fine.mean(axis=2), (0, 0), 0.7)
     contrast = np.sqrt(cv2.GaussianBlur(fine**2, (0, 0), CONTRAST_PX))
     noise = _noise(light.mean(axis=2))
-    return np.asarray(fine / np.maximum(contrast, noise), dtype=np.float64), np.asarray(
-        contrast > TEXTURE_OVER_NOISE * noise
-    )
+    scale = np.maximum(contrast, noise)
+    return np.asarray(fine / scale, dtype=np.float64), np.asarray(noise / scale, dtype=np.float64)
 
 
 def follow_texture(before: Bytes, after: Bytes) -> tuple[Floats, Floats, Bools]:
     """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where
     valid.
     """
-    (first, textured), (second, _) = grain(before), grain(after)
+    (first, noise), (second, _) = grain(before), grain(after)
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)
     flow.setUseSpatialPropagation(True)
@@ -53,7 +52,11 @@ def follow_texture(before: Bytes, after: Bytes) -> tuple[Floats, Floats, Bools]:
     variance = cv2.GaussianBlur(miss, (0, 0), CORRELATION_PX)
     inside = (x + forth[..., 0] >= 0) & (x + forth[..., 0] <= first.shape[1] - 1)
     inside &= (y + forth[..., 1] >= 0) & (y + forth[..., 1] <= first.shape[0] - 1)
-    std = np.sqrt(variance).astype(np.float64)
+    slope = cv2.GaussianBlur((np.gradient(first, axis=1) ** 2 + np.gradient(first, axis=0) ** 2) / 2, (0, 0),
+                             CORRELATION_PX)  # fmt: skip
+    least = 2 * noise**2 / (CORRELATION_PX**2 * np.maximum(slope, 1e-12))
+    std = np.asarray(np.sqrt(variance + least), dtype=np.float64)
+    textured = noise * TEXTURE_OVER_NOISE < 1
     return forth.astype(np.float64), std, textured & inside & (std < ROUND_TRIP_PX)
 
 

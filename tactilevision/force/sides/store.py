@@ -49,7 +49,7 @@ def kept(name: str, key: object, make: Callable[[], npt.NDArray[Any]]) -> npt.ND
 
 def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             return np.asarray(file["table"]) if str(file["key"]) == key else None
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         return None

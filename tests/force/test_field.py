@@ -1,0 +1,179 @@
+"""Planted forces come back; what limits a map is said; a wrong material does what it should."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_forces import GEL, MATERIAL, SCALE, VIEW, hertz, measured
+
+from tactilevision.errors import InputError
+from tactilevision.force.calibrated import material_sensitivity
+from tactilevision.force.field import CUT, NO_CONTACT, NO_SHEAR, SMALL_GEL, ForceField, ForceSettings
+from tactilevision.force.wrench import MeasuredForce
+from tactilevision.records import Gel, HeightMap, Material, ShearMap
+
+LINEAR = ForceSettings(large_depth=False)
+FORCE = (0.12, -0.08, 0.6)
+
+
+@pytest.fixture(scope="module")
+def field() -> ForceField:
+    return ForceField(GEL, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)
+
+
+@pytest.fixture(scope="module")
+def press() -> tuple[HeightMap, ShearMap]:
+    return measured(hertz(2.0, (0.4, -0.3), FORCE))
+
+
+def test_a_planted_force_and_its_moment_come_back_within_their_deviations(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    found = field(*press)
+    off = np.subtract(found.resultant_N, FORCE)
+    assert np.abs(off).max() < 0.02 * np.linalg.norm(FORCE)
+    assert (np.abs(off) < 3 * np.asarray(found.resultant_std_N)).all()
+    moment = (-0.3 * FORCE[2], -0.4 * FORCE[2], 0.4 * FORCE[1] + 0.3 * FORCE[0])
+    assert found.moment_Nmm == pytest.approx(moment, abs=0.012)
+    assert found.flags == ()
+
+
+def test_two_contacts_keep_their_own_forces(field: ForceField) -> None:
+    left, right = hertz(1.6, (-4.5, 1.0), (0.1, 0.0, 0.4)), hertz(1.8, (4.5, -1.0), (-0.1, 0.05, 0.5))
+    found = field(*measured(left + right))
+    middle = found.t_z.shape[1] // 2
+    cell = found.mm_per_px[0] ** 2
+    assert cell * found.t_z[:, :middle].sum() == pytest.approx(0.4, rel=0.03)
+    assert cell * found.t_z[:, middle:].sum() == pytest.approx(0.5, rel=0.03)
+    assert cell * found.t_x[:, :middle].sum() == pytest.approx(0.1, abs=0.012)
+
+
+def test_scatter_over_noise_is_what_propagation_says(field: ForceField) -> None:
+    truth = hertz(1.8, (0.0, 0.0), FORCE)
+    forces = np.array([field(*measured(truth, std_mm=0.02, seed=seed)).resultant_N for seed in range(12)])
+    alone = ForceField(GEL, MATERIAL, SCALE, view_px=VIEW.shape, settings=LINEAR)(*measured(truth, std_mm=0.02))
+    scatter = forces.std(axis=0, ddof=1)
+    assert (scatter < 1.6 * np.asarray(alone.resultant_std_N)).all()
+    assert (np.abs(forces - FORCE).max(axis=0) < 4 * np.asarray(alone.resultant_std_N)).all()
+
+
+def test_no_cell_pulls_unless_the_gel_may_be_pulled(field: ForceField, press: tuple[HeightMap, ShearMap]) -> None:
+    assert field(*press).t_z.min() >= 0
+
+
+def test_a_modulus_off_by_a_tenth_gives_a_force_off_by_a_tenth(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    softer = ForceField(GEL, replace(MATERIAL, youngs_modulus_MPa=0.22), SCALE, settings=LINEAR)
+    ratio = np.divide(softer(*press).resultant_N, field(*press).resultant_N)
+    assert ratio == pytest.approx(1.1, rel=1e-9)
+
+
+def test_poissons_ratio_off_moves_the_force_as_its_derivative_says(press: tuple[HeightMap, ShearMap]) -> None:
+    def force(nu: float) -> float:
+        return ForceField(GEL, Material(0.2, nu), SCALE, settings=LINEAR)(*press).resultant_N[2]
+
+    certain = ForceField(GEL, MATERIAL, SCALE, settings=LINEAR)(*press)
+    unsure = ForceField(GEL, Material(0.2, 0.48, np.diag([0.0, 0.005**2])), SCALE, settings=LINEAR)(*press)
+    share = np.sqrt(unsure.resultant_std_N[2] ** 2 - certain.resultant_std_N[2] ** 2)
+    slope = (force(0.485) - force(0.475)) / 0.01
+    assert share == pytest.approx(abs(slope) * 0.005, rel=0.15)
+    # A layer that yields less by nu is pushed harder for the same depth: 3 to 5 per unit of nu, as for a punch.
+    assert force(0.48 - 0.02) / force(0.48) == pytest.approx(np.exp(-0.02 * slope / force(0.48)), rel=0.03)
+    assert 1 < slope / force(0.48) < 8
+
+
+def test_sensitivity_spans_the_calibrations_own_interval(press: tuple[HeightMap, ShearMap]) -> None:
+    material = Material(0.2, 0.48, np.diag([0.01**2, 0.004**2]))
+    modulus, poisson = material_sensitivity(GEL, material, *press, settings=LINEAR)
+    assert modulus.force_N[1, 2] / modulus.force_N[0, 2] == pytest.approx(modulus.values[1] / modulus.values[0])
+    assert poisson.force_N[1, 2] > poisson.force_N[0, 2]
+    with pytest.raises(InputError, match="nothing of its own uncertainty"):
+        material_sensitivity(GEL, MATERIAL, *press)
+
+
+def test_a_measured_force_is_met_and_the_mismatch_kept(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    free = field(*press)
+    told = MeasuredForce((0.13, -0.08, 0.63))
+    held = field(*press, measured=told)
+    assert held.resultant_N == pytest.approx(told.force_N)
+    cell = held.mm_per_px[0] ** 2
+    assert cell * held.t_z.sum() == pytest.approx(0.63)
+    assert held.mismatch_N == pytest.approx(np.subtract(free.resultant_N, told.force_N))
+    assert held.mismatch_sigma is not None
+    assert held.mismatch_sigma > 1
+    weighed = field(*press, measured=replace(told, std_N=free.resultant_std_N))
+    assert weighed.resultant_N[2] == pytest.approx((free.resultant_N[2] + 0.63) / 2)
+
+
+def test_without_shear_the_tangential_force_is_unknown_and_the_normal_one_less_sure(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    found, both = field(press[0]), field(*press)
+    assert NO_SHEAR in found.flags
+    assert np.isnan(found.resultant_N[:2]).all()
+    assert found.resultant_std_N[2] > 2 * both.resultant_std_N[2]
+    assert abs(found.resultant_N[2] - FORCE[2]) < 2 * found.resultant_std_N[2]
+
+
+def test_an_untouched_gel_is_no_contact(field: ForceField) -> None:
+    found = field(*measured(np.zeros((3, 360, 480))))
+    assert NO_CONTACT in found.flags
+    assert found.resultant_N == (0.0, 0.0, 0.0)
+    assert 0 < found.resultant_std_N[2] < 0.02
+
+
+def test_a_contact_cut_by_the_border_is_flagged_and_less_sure(field: ForceField) -> None:
+    whole, cut = field(*measured(hertz(2.0, (0, 0), FORCE))), field(*measured(hertz(2.0, (9.6, 0), FORCE)))
+    assert CUT in cut.flags
+    assert CUT not in whole.flags
+    assert cut.resultant_std_N[2] > 5 * whole.resultant_std_N[2]
+
+
+def test_pixels_that_are_not_known_are_bridged_or_cut(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    height, shear = press
+    holes = height.valid.copy()
+    holes[40:42, 55:58] = False
+    depth = np.where(holes, height.depth_mm, np.nan)
+    found = field(replace(height, depth_mm=depth, valid=holes), shear)
+    assert found.resultant_N[2] == pytest.approx(FORCE[2], rel=0.03)
+
+
+def test_shear_lost_over_half_of_the_view_is_not_used(
+    field: ForceField, press: tuple[HeightMap, ShearMap]
+) -> None:
+    height, shear = press
+    few = np.zeros_like(shear.valid)
+    few[:30] = True
+    lost = field(height, replace(shear, valid=few, flags=("markers lost: 90 of 100",)))
+    assert any("lost" in flag for flag in lost.flags)
+    assert np.isnan(lost.resultant_N[0])
+    some = shear.valid.copy()
+    some[45:48, 60:63] = False
+    assert any("bridged" in flag for flag in field(height, replace(shear, valid=some)).flags)
+
+
+def test_maps_of_another_sensor_are_refused(field: ForceField, press: tuple[HeightMap, ShearMap]) -> None:
+    height, shear = press
+    with pytest.raises(InputError, match="another scale"):
+        field(replace(height, mm_per_px=(0.1, 0.1)), shear)
+    with pytest.raises(InputError, match="another size"):
+        field(HeightMap(height.depth_mm[1:], height.valid[1:], SCALE))
+    with pytest.raises(InputError, match="scale in mm"):
+        HeightMap(height.depth_mm, height.valid, (0.0, 0.1))
+    with pytest.raises(InputError, match=r"\[0, 0\.5\)"):
+        ForceField(GEL, Material(0.2, 0.5), SCALE)
+
+
+def test_a_gel_smaller_than_the_view_is_flagged(press: tuple[HeightMap, ShearMap]) -> None:
+    small = Gel(3.0, shape="rectangle", size_mm=(16.0, 13.0))
+    found = ForceField(small, MATERIAL, SCALE, settings=ForceSettings(sides=False, large_depth=False))(*press)
+    assert SMALL_GEL in found.flags
+    with pytest.raises(InputError, match="no part of the view"):
+        ForceField(Gel(3.0, shape="disc", radius_mm=0.1), MATERIAL, SCALE)(*press)

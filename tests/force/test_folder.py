@@ -1,0 +1,92 @@
+"""A recording's frames into tractions and resultants on disk, bad frames and F/T readings beside."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+from planted_forces import SCALE, VIEW, hertz, measured
+
+from tactilevision.errors import InputError
+from tactilevision.force.folder import force_folder
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording
+from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
+
+ROWS, COLUMNS = VIEW.shape
+
+
+class Known:
+    """Stands for a reconstructor: the frame's brightness says how deep the one known contact is."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self.unit = measured(hertz(2.0, (0.0, 0.0), (0.0, 0.0, 0.5)), std_mm=0.001)[0].depth_mm
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        level = float(frame.rgb.mean()) / 100
+        if level > 2:
+            raise InputError("the frame is saturated", where=frame.name)
+        everywhere = np.ones(VIEW.shape, dtype=bool)
+        return HeightMap(level * self.unit, everywhere, SCALE, time_s=frame.time_s, name=frame.name)
+
+
+def recorded(folder: Path) -> Recording:
+    (folder / "frames").mkdir()
+    for name, level in (("a.png", 0), ("b.png", 50), ("c.png", 100), ("d.png", 255)):
+        cv2.imwrite(str(folder / "frames" / name), np.full((ROWS, COLUMNS, 3), level, dtype=np.uint8))
+    (folder / "frames" / "e.png").write_bytes(b"torn")
+    times = np.linspace(0, 10, 101)
+    force = np.zeros((101, 3))
+    force[(times > 1.5) & (times < 4.5), 2] = 0.5
+    force += [0.1, 0.2, 0.3]  # the F/T sensor's own zero
+    return Recording(
+        path=folder,
+        name="known",
+        sensor=Sensor("custom", COLUMNS, ROWS, SCALE, gel=Gel(3.0)),
+        presses=(Press("1", "A1", 1.5, 4.5),),
+        clock_offset_s=0.0,
+        frames_path=folder / "frames",
+        frame_names=("a.png", "b.png", "c.png", "d.png", "e.png"),
+        frame_times_s=np.array([1.0, 2.0, 3.0, 4.0, 5.0]),
+        frame_size_px=(COLUMNS, ROWS),
+        forces=ForceSeries(times, force, (0.01, 0.01, 0.01)),
+    )
+
+
+def test_every_frame_has_its_row_and_every_good_one_its_tractions(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    seen: list[tuple[int, int]] = []
+    rows = force_folder(
+        recording, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out",
+        progress=lambda done, whole: seen.append((done, whole)),
+    )  # fmt: skip
+    assert seen[-1] == (5, 5)
+    assert [row.frame for row in rows] == list(recording.frame_names)
+    with (tmp_path / "out" / "resultants.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["frame"] for row in table] == list(recording.frame_names)
+    assert table[0]["flags"].endswith("no contact")
+    assert float(table[2]["fz_N"]) == pytest.approx(0.5, rel=0.08)
+    assert float(table[1]["fz_N"]) == pytest.approx(0.25, rel=0.06)
+    assert table[2]["fx_N"] == "", "without a reference frame there is no shear"
+    assert float(table[2]["ft_fz_N"]) == pytest.approx(0.5), "its zero is taken on the free gel"
+    assert float(table[0]["ft_fz_N"]) == pytest.approx(0.0, abs=1e-12)
+    assert "saturated" in table[3]["flags"]
+    assert "unreadable" in table[4]["flags"]
+    with np.load(tmp_path / "out" / "tractions.npz", allow_pickle=False) as stacks:
+        assert stacks["frame"].tolist() == ["a.png", "b.png", "c.png"]
+        assert stacks["mm_per_px"].tolist() == [0.5, 0.5]
+        assert stacks["t_z"][2].sum() * 0.25 == pytest.approx(float(table[2]["fz_N"]), rel=1e-5)
+
+
+def test_a_gel_that_is_not_described_is_asked_for(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    bare = replace(recording, sensor=replace(recording.sensor, gel=None))
+    with pytest.raises(InputError, match="thickness"):
+        force_folder(bare, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")

@@ -1,0 +1,40 @@
+"""The correction vanishes with depth, and holds against nonlinear finite elements to a fifth of the thickness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.force_depth import LIMIT, press_and_look
+from tactilevision.force.large_depth import patch_factor
+
+ONE = np.array([2.5])
+
+
+def test_without_depth_or_stretch_nothing_is_corrected() -> None:
+    none = np.zeros(1)
+    assert patch_factor(ONE, none, none, thickness_mm=3.0, poisson_ratio=0.48)[0] == 1.0
+    small = patch_factor(ONE, none + 1e-6, none, thickness_mm=3.0, poisson_ratio=0.48)[0]
+    assert 0 < small - 1 < 1e-6
+
+
+def test_a_narrow_contact_hardly_feels_the_thickness_and_a_wide_one_all_of_it() -> None:
+    depth, none = np.array([0.3]), np.zeros(1)
+    narrow, wide = (
+        patch_factor(np.array([a]), depth, none, thickness_mm=3.0, poisson_ratio=0.48)[0] for a in (0.3, 8.0)
+    )
+    assert narrow < 1.002
+    assert wide > 1.1
+
+
+def test_a_patch_that_stretches_by_a_twentieth_is_as_a_wider_one() -> None:
+    none = np.zeros(1)
+    stretched = patch_factor(ONE, none, none + 0.05, thickness_mm=3.0, poisson_ratio=0.48)[0]
+    assert 1.03 < stretched < 1.07
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("radius_mm", "friction"), [(1.5, 0.3), (2.5, np.inf), (2.5, 0.0), (4.0, 0.3)])
+def test_force_of_a_nonlinear_press_comes_back(radius_mm: float, friction: float) -> None:
+    rows = press_and_look(radius_mm, friction, 0.48, depths_mm=(0.15, 0.3, 0.6))
+    assert np.abs(rows[:, 2] / rows[:, 1] - 1).max() < LIMIT

@@ -1,0 +1,119 @@
+"""The finite elements pass the patch test and do not lock; the sides' part is reciprocal and fades inward."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import splu
+
+from tactilevision.force.compliance import gel_compliance
+from tactilevision.force.nodes import lay_grid
+from tactilevision.force.sides import store
+from tactilevision.force.sides.hexahedra import stiffness
+from tactilevision.force.sides.layer_field import layer_stress
+from tactilevision.force.sides.mesh import gel_mesh
+from tactilevision.force.sides.table import solve_sides
+from tactilevision.records import Gel
+
+SMALL = Gel(2.0, shape="rectangle", size_mm=(12.0, 10.0))
+DISC = Gel(2.0, shape="disc", radius_mm=6.0)
+
+
+@pytest.mark.parametrize("gel", [SMALL, DISC], ids=["rectangle", "disc"])
+def test_a_linear_motion_has_no_force_inside_and_a_rigid_one_none_at_all(gel: Gel) -> None:
+    mesh = gel_mesh(gel, 2.5)
+    matrix = stiffness(mesh.nodes_mm, mesh.elements, 0.49)
+    x, y, z = mesh.nodes_mm.T
+    turn = np.column_stack([-y, x, np.zeros_like(x)]).ravel()
+    assert np.abs(matrix @ turn).max() < 1e-9
+    stretch = np.column_stack([0.3 * x + 0.1 * z, -0.2 * y, 0.1 * x + 0.2 * z]).ravel()
+    force = (matrix @ stretch).reshape(-1, 3)
+    wall = np.isin(np.arange(len(x)) % mesh.per_layer, mesh.edges)
+    inner = (z > 1e-9) & (z < gel.thickness_mm - 1e-9) & ~wall
+    assert inner.any()
+    assert np.abs(force[inner]).max() < 1e-9
+
+
+def test_the_disc_is_round() -> None:
+    mesh = gel_mesh(DISC, 2.0)
+    r = np.hypot(*mesh.nodes_mm[np.unique(mesh.edges), :2].T)
+    assert np.ptp(r) < 1e-9
+
+
+def test_a_squeezed_block_does_not_lock() -> None:
+    """Sunk by an even pressure on all its face, nu .499 to .49999 hardly differs: the gel bulges at its sides."""
+    sunk = []
+    for nu in (0.499, 0.49999):
+        mesh = gel_mesh(SMALL, 2.5)
+        matrix = stiffness(mesh.nodes_mm, mesh.elements, nu)[mesh.free][:, mesh.free]
+        load = np.zeros(len(mesh.free))
+        load[2 : 3 * mesh.per_layer : 3] = 1.0
+        sunk.append(float(load @ splu(matrix.tocsc()).solve(load)))
+    assert sunk[1] / sunk[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_stress_under_a_load_carries_it() -> None:
+    field = layer_stress(np.array([0.4]), 0.5, thickness_mm=2.0, poisson_ratio=0.45, reach_mm=12.0)
+    area = field.step_mm**2
+    total = field.stress[0].sum(axis=(0, 1)) * area
+    assert total[2, 2] == pytest.approx(-1.0, abs=2e-3)  # z on z, the face's normal points out of the gel
+    assert total[0, 4] == pytest.approx(-1.0, abs=2e-3)  # x through xz
+    assert total[1, 5] == pytest.approx(-1.0, abs=2e-3)
+    assert abs(total[2, 4]) < 1e-6
+
+
+def test_sides_are_reciprocal_soften_and_fade() -> None:
+    places = np.array([[4.5, 0.0], [3.0, 1.0], [1.5, -1.0], [0.0, 0.0]])
+    gel = Gel(1.0, shape="disc", radius_mm=6.0)
+    table = solve_sides(gel, places, poisson_ratio=0.48, element_mm=1.2).astype(float)
+    assert np.abs(table - table.T).max() < 0.04 * np.abs(table).max()
+    own = np.diag(table)
+    assert (own[:3] > 0).all(), "a free side can only soften the gel"
+    assert own[9:].max() < 1e-2 * own[:3].max()
+
+
+def test_a_gel_wide_against_its_thickness_is_an_unbounded_layer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    grid = lay_grid((40, 40), (0.1, 0.1), 0.5)
+    assert gel_compliance(Gel(0.5, shape="disc", radius_mm=15.0), grid, poisson_ratio=0.48).sides is None
+    near = gel_compliance(Gel(1.0, shape="rectangle", size_mm=(6.0, 6.0)), grid, poisson_ratio=0.48)
+    middle, edge = np.array([27]), np.array([24])
+    assert near.sides is not None
+    assert near.block(edge, edge)[2, 2] > 1.005 * near.layer.block(edge, edge)[2, 2]
+    assert near.block(middle, middle)[2, 2] == pytest.approx(near.layer.block(middle, middle)[2, 2], rel=0.01)
+    assert near.normal_block(edge)[0, 0] == pytest.approx(near.block(edge, edge)[2, 2])
+    assert len(list(tmp_path.glob("*.npz"))) == 1
+
+
+def test_a_table_is_kept_read_again_and_made_anew_where_it_is_torn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    calls = []
+
+    def make() -> np.ndarray:
+        calls.append(1)
+        return np.arange(3.0)
+
+    for _ in range(2):
+        assert store.kept("thing", ("key", 1), make).tolist() == [0, 1, 2]
+    assert len(calls) == 1
+    (path,) = tmp_path.glob("*.npz")
+    path.write_bytes(path.read_bytes()[:40])
+    assert store.kept("thing", ("key", 1), make).tolist() == [0, 1, 2]
+    assert len(calls) == 2
+    store.kept("thing", ("key", 2), make)
+    assert len(calls) == 3
+
+
+def test_the_cache_follows_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TACTILEVISION_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert store.cache_folder() == tmp_path / "tactilevision"
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path / "file"))
+    (tmp_path / "file").write_text("in the way")
+    assert store.kept("thing", "key", lambda: np.ones(2)).tolist() == [1, 1]
