@@ -136,5 +136,5 @@ def _windows(recording: Recording, forces: ForceSeries, watches: Mapping[str, Wa
         first, last = free_span(recording.presses, k)
         here = recording.presses[k]
         span = (max(first, here.start_s - 2.0), min(last, here.end_s + 2.0))
-        found[name] = None if seen is None else force_window(forces, seen, free_s=span, offset_s=offset_s)
+        found[name] = None if seen is None else force_window(forces, here, free_s=span, offset_s=offset_s)
     return found

@@ -23,6 +23,7 @@ from tactilevision.records import Bools, Floats, ForceSeries, Press
 
 TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resultant by six degrees
 TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by against the face
+TILT_READ = 0.005  # rad: what a height map that is right to one part in a hundred may tilt a flat face by
 RADIUS_SHARE = 0.06  # c grows as the radius does: three times what the footprint itself may be off
 FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
 _GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
@@ -108,7 +109,7 @@ def _tilt(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
         return None
     tilt = float(np.hypot(*(face_tilt(look.watch) - usual.tilt)))
     lever = look.distance_mm or 2 * look.watch.footprint.radius_mm
-    limit = max(TILT_SHARE * look.depth_mm / lever, 5 * usual.tilt_scatter)
+    limit = max(TILT_SHARE * look.depth_mm / lever, 5 * usual.tilt_scatter, TILT_READ)
     if tilt > limit:
         return Finding(
             "tilt", f"the face is tilted by {np.degrees(tilt):.2f} degrees (limit {np.degrees(limit):.2f})"
@@ -184,7 +185,7 @@ def _dropped(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     if gap <= _GAPS * usual.interval_s:
         return None
     if look.event is not None and np.isfinite(gap):
-        open_N = look.event.rate_N_s * gap / np.sqrt(12)
+        open_N = look.force.ramp_N_s * gap / np.sqrt(12)
         if open_N < FORCE_SHARE * float(look.event.force_N[2]):
             return None
     text = f"{1e3 * gap:.0f} ms without a frame at the event, {1e3 * usual.interval_s:.0f} ms are usual"

@@ -11,8 +11,7 @@ import numpy as np
 
 from tactilevision.press.phases import Phases, find_phases
 from tactilevision.press.tare import Tare, find_tare
-from tactilevision.press.watch import Watch
-from tactilevision.records import Floats, ForceSeries, Pair
+from tactilevision.records import Floats, ForceSeries, Pair, Press
 
 _RATE_S = 0.1
 _STILL = 0.2  # of the usual rate: slower than that is a pause, in which a gel may relax
@@ -43,7 +42,7 @@ class ForceWindow:
         return np.interp(time_s, self.time_s, self.drive_N, left=np.nan, right=np.nan)
 
 
-def force_window(forces: ForceSeries, watch: Watch, *, free_s: Pair, offset_s: float) -> ForceWindow | None:
+def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: float) -> ForceWindow | None:
     """Readings of one press. `free_s` (camera clock) reaches from the press before to the one after it."""
     first, last = free_s[0] + offset_s, free_s[1] + offset_s
     inside = (forces.time_s >= first) & (forces.time_s <= last)
@@ -56,7 +55,7 @@ def force_window(forces: ForceSeries, watch: Watch, *, free_s: Pair, offset_s: f
         gap = 3 * _SMOOTH
         span = (float(time[max(contact.onset - gap, 0)]), float(time[min(contact.end + gap, time.size - 1)]))
     else:
-        span = (watch.press.start_s + offset_s, watch.press.end_s + offset_s)
+        span = (press.start_s + offset_s, press.end_s + offset_s)
     tare = find_tare(forces, span, free_s=(first, last))
     tared = raw - tare.at(time)
     smooth = _smooth(tared[:, 2])
@@ -77,7 +76,12 @@ def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[t
     still = np.zeros(force.size, dtype=bool)
     still[phases.onset : phases.release + 1] = rate[phases.onset : phases.release + 1] < _STILL * usual
     edges = np.flatnonzero(np.diff(np.r_[0, still.astype(np.int8), 0]))
-    runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    # a mean rate over a window falls below the limit some time after the corner that it looks across
+    lag = round((0.5 - _STILL) * _RATE_S / interval)
+    runs = [
+        (max(int(a) - lag, phases.onset), min(int(b) - 1 + lag, phases.release))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
     return usual, tuple(run for run in runs if (run[1] - run[0]) * interval >= _DWELL_S)
 
 

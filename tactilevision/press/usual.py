@@ -9,6 +9,7 @@ import numpy as np
 from tactilevision.press.checks import Look, Usual, face_tilt, interval_at
 from tactilevision.records import Floats
 
+_UNTRIED = 0.002  # rad: scatter of the tilts where too few presses show it
 _DOUBTFUL = 0.1  # a common radius error beyond this is no habit of the footprint: then the stated radius counts
 
 
@@ -17,7 +18,7 @@ def usual_of(looks: Mapping[str, Look]) -> Usual:
     seen = [look for look in looks.values() if look.watch.footprint is not None]
     tilts = np.array([face_tilt(look.watch) for look in seen]).reshape(-1, 2)
     tilts = tilts[np.isfinite(tilts).all(axis=1)]
-    tilt, scatter = np.zeros(2), 0.0
+    tilt, scatter = np.zeros(2), _UNTRIED
     if len(tilts) >= 3:
         tilt = np.median(tilts, axis=0)
         scatter = 1.4826 * float(np.median(np.hypot(*(tilts - tilt).T))) / np.sqrt(2)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.press.event import crossing, event_force
 from tactilevision.press.event_force import force_in_dwell, force_on_ramp
+from tactilevision.press.force_window import force_window
 from tactilevision.press.phases import find_phases
 from tactilevision.press.tare import find_tare
-from tactilevision.records import Floats, ForceSeries
+from tactilevision.records import Floats, ForceSeries, Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])
 
@@ -90,3 +92,49 @@ def test_phases_of_a_press() -> None:
         assert names[np.searchsorted(time, moment)] == name
     assert time[phases.onset] == pytest.approx(1.03, abs=0.06)
     assert find_phases(0.002 * rng.standard_normal(100)) is None
+
+
+def stepped(rng: np.random.Generator, *, relaxing: float) -> ForceSeries:
+    """Contact at 1 s, 1 N at 2 s, a dwell in which a part relaxes, on to 1.3 times the depth, hold, release."""
+    time = np.arange(0, 6, 0.005)
+    depth = np.interp(time, [1, 2, 3, 3.3, 4, 4.4], [0, 1, 1, 1.3, 1.3, 0])
+    branch = np.zeros_like(depth)
+    for i in range(1, time.size):
+        branch[i] = (branch[i - 1] + depth[i] - depth[i - 1]) * np.exp(-0.005 / 0.5)
+    normal = (1 - relaxing) * depth + relaxing * branch
+    force = np.c_[0 * normal, 0 * normal, normal] + STD * rng.standard_normal((time.size, 3)) + 0.2
+    return ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+
+
+@pytest.mark.parametrize("relaxing", [0.0, 0.1])
+def test_a_dwell_is_known_and_what_relaxes_in_it_is_put_back(relaxing: float) -> None:
+    series = stepped(np.random.default_rng(0), relaxing=relaxing)
+    window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
+    assert window is not None
+    assert window.ramp_N_s == pytest.approx(1.0, abs=0.12)
+    (start, end), hold = window.dwells[0], window.dwells[-1]
+    assert window.time_s[[start, end]] == pytest.approx([2.0, 3.0], abs=0.05)
+    assert window.time_s[hold[0]] == pytest.approx(3.3, abs=0.06)
+    arrived = float(window.drive_N[start])
+    assert window.at(np.array([2.5, 2.9])) == pytest.approx([arrived, arrived], abs=0.01)
+    assert window.at(np.array([3.3]))[0] - arrived == pytest.approx(0.3, abs=0.03)
+
+
+def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
+    series = stepped(np.random.default_rng(1), relaxing=0.0)
+    window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
+    assert window is not None
+    resting, moving = crossing(window, 1.0, 0.005), crossing(window, 0.6, 0.005)
+    assert resting is not None
+    assert moving is not None
+    assert resting.time_s == pytest.approx(2.0, abs=0.05)
+    assert moving.time_s == pytest.approx(1.6, abs=0.01)
+    assert moving.dwell_s is None
+    mean, fit = event_force(window, series, resting), event_force(window, series, moving)
+    assert mean is not None
+    assert fit is not None
+    assert mean.dwell
+    assert mean.force_N[2] == pytest.approx(1.0, abs=0.01)
+    assert not fit.dwell
+    assert fit.force_N[2] == pytest.approx(0.6, abs=0.012)
+    assert crossing(window, 2.0, 0.005) is None
