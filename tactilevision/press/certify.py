@@ -53,6 +53,11 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
 
 def _watch_all(recording: Recording, reconstructor: Reconstructs, progress: Progress) -> dict[str, Watch | None]:
     found: dict[str, Watch | None] = {}
+    labels = [press.press for press in recording.presses]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise RecordingError("two presses have the same label", where=recording.path, value=label,
+                                 remedy="Give each row of presses.csv its own.")  # fmt: skip
     for k, press in enumerate(recording.presses):
         indenter = recording.indenters.get(press.indenter)
         if indenter is None:

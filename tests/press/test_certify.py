@@ -123,6 +123,8 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     read, drawn = recording(tmp_path, line_up([Made()]))
     with pytest.raises(RecordingError, match="force readings"):
         certify(replace(read, forces=None), drawn)
+    with pytest.raises(RecordingError, match="same label"):
+        certify(replace(read, presses=read.presses * 2), drawn)
     with pytest.raises(RecordingError, match="not described"):
         certify(replace(read, indenters={"other": next(iter(read.indenters.values()))}), drawn)
 
