@@ -23,7 +23,7 @@ class MeshSettings:
     largest_mm: float
     inside_mm: float = 0.0
     outside_mm: float = 0.0
-    growth: float = 1.35
+    growth: float = 1.5
 
     def __post_init__(self) -> None:
         if not (

@@ -31,8 +31,9 @@ class PunchProblem:
     """One gel pad and one punch.
 
     The pad is a disc of `thickness_mm` and `pad_radius_mm`, bonded to a rigid base; its side is free, or held in
-    both directions with `side_fixed`. `penalty` is the contact stiffness times radius over Young's modulus: the
-    punch sinks in by about the depth over it. `mesh` None takes `default_mesh`.
+    both directions with `side_fixed`. `penalty` is the contact stiffness times edge_size_mm over Young's modulus:
+    the punch sinks in by edge_size_mm / penalty times pressure over modulus; made stiffer, contact points chatter.
+    `mesh` None takes `default_mesh`.
     """
 
     material: Material
@@ -41,16 +42,16 @@ class PunchProblem:
     pad_radius_mm: float
     law: Law = field(default_factory=NeoHooke)
     side_fixed: bool = False
-    penalty: float = 1e4
+    penalty: float = 80.0
     mesh: MeshSettings | None = None
 
 
 def default_mesh(problem: PunchProblem) -> MeshSettings:
-    """A third of the edge radius at the edge, or 1/50 of the radius where it is sharp; growing to 1/7 of the gel.
+    """A third of the edge radius at the edge, or 1/50 of the radius where it is sharp; growing to 1/6 of the gel.
 
     Where there is little friction, gel from further inside slides out round the edge, and is meshed for it.
     """
-    largest = problem.thickness_mm / 7
+    largest = problem.thickness_mm / 6
     if isinstance(problem.punch, GluedFace):
         return MeshSettings(min(problem.punch.radius_mm / 50, largest), largest)
     edge = problem.punch.edge_radius_mm
@@ -69,7 +70,8 @@ class Model:
     @property
     def contact_stiffness(self) -> float:
         """The penalty in MPa/mm."""
-        return self.problem.penalty * self.problem.material.youngs_modulus_MPa / self.problem.punch.radius_mm
+        size_mm = (self.problem.mesh or default_mesh(self.problem)).edge_size_mm
+        return self.problem.penalty * self.problem.material.youngs_modulus_MPa / size_mm
 
 
 def build(problem: PunchProblem) -> Model:
@@ -96,6 +98,9 @@ def build(problem: PunchProblem) -> Model:
         held[2 * glued + 1] = True
         if not problem.punch.slides:
             held[2 * glued] = True
+        # Material turns without bound at the very edge of a sharp glued face; only elsewhere is that a fold.
+        corner_gradient = mesh.corner_gradient.copy()
+        corner_gradient[np.isin(mesh.dofs[:, :4] // 2, glued[np.argmax(r[glued])])] = 0.0
         surface = replace(mesh.surface, dofs=alias[mesh.surface.dofs])
-        mesh = replace(mesh, dofs=alias[mesh.dofs], surface=surface)
+        mesh = replace(mesh, dofs=alias[mesh.dofs], surface=surface, corner_gradient=corner_gradient)
     return Model(problem, mesh, held)

@@ -102,6 +102,11 @@ def solve_case(case: Case, depths: tuple[float, ...] = DEPTHS) -> SolvedCase:
     return _gather(model, states, case)
 
 
+def case_path(folder: Path, case: Case) -> Path:
+    """Where a work folder keeps a case."""
+    return folder / f"{case.name}.npz"
+
+
 def save_case(path: Path, solved: SolvedCase) -> None:
     """Write one case, whole or not at all."""
     with replacing(path) as temporary:

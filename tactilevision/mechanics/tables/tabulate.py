@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from tactilevision.mechanics.tables.cases import Case, save_case, solve_case
+from tactilevision.mechanics.tables.cases import DEPTHS, Case, case_path, save_case, solve_case
 
 Report = Callable[[Case, float, bool], None]
 
@@ -20,7 +20,7 @@ def tabulate(
     that is all. With one process nothing is forked.
     """
     place = Path(folder)
-    missing = [case for case in cases if not _path(place, case).exists()]
+    missing = [case for case in cases if not case_path(place, case).exists()]
     if processes <= 1:
         for case in missing:
             _tell(report, case, solve_into(case, place))
@@ -36,18 +36,12 @@ def tabulate(
 
 def solve_into(case: Case, folder: Path) -> float:
     """Solve one case and keep it in `folder`, if nobody else has meanwhile; returns the depth w/h reached."""
-    path = _path(folder, case)
+    path = case_path(folder, case)
     solved = solve_case(case)
     save_case(path, solved)
     return float(solved.depth[-1]) if len(solved.depth) else 0.0
 
 
-def _path(folder: Path, case: Case) -> Path:
-    return folder / f"{case.name}.npz"
-
-
 def _tell(report: Report | None, case: Case, depth: float) -> None:
-    from tactilevision.mechanics.tables.cases import DEPTHS
-
     if report is not None:
         report(case, depth, depth >= DEPTHS[-1] * (1 - 1e-9))

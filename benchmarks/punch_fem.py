@@ -1,0 +1,61 @@
+"""The finite elements: processor seconds for 12 steps to w/h = .2, and how far a refined mesh moves the force.
+
+python -m benchmarks.punch_fem
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from tactilevision.mechanics.punch_fem import GluedFace, MeshSettings, PunchProblem, RoundedPunch, press_to_depths
+from tactilevision.mechanics.punch_fem.problem import default_mesh
+from tactilevision.records import Material
+
+GEL = Material(1.0, 0.4797)
+TARGETS_S = {"no slip": 4.0, "mu = .3": 6.0, "frictionless": 10.0, "glued nodes": 2.0}
+
+
+def problems() -> dict[str, tuple[PunchProblem, float]]:
+    """The paper's gel and punch with an edge of .05 mm, and how deep each is pressed (mm)."""
+    frictions = {"no slip": math.inf, "mu = .3": 0.3, "frictionless": 0.0}
+    found = {
+        name: (PunchProblem(GEL, RoundedPunch(2.5, 0.05, friction), 3.0, 15.0), 0.6)
+        for name, friction in frictions.items()
+    }
+    glued = PunchProblem(GEL, GluedFace(2.5), 3.0, 15.0, mesh=MeshSettings(0.05, 0.5))
+    return found | {"glued nodes": (glued, 0.39)}
+
+
+def refined(problem: PunchProblem) -> PunchProblem:
+    """The same on a mesh with about half the element size everywhere."""
+    coarse = problem.mesh or default_mesh(problem)
+    mesh = replace(
+        coarse, edge_size_mm=coarse.edge_size_mm / 1.5, largest_mm=coarse.largest_mm / 2, growth=coarse.growth**0.5
+    )
+    return replace(problem, mesh=mesh)
+
+
+def main() -> None:
+    """Print one line a contact."""
+    for name, (problem, deepest) in problems().items():
+        depths = np.linspace(0, deepest, 13)[1:]
+        start = time.process_time()
+        solution = press_to_depths(problem, depths)
+        seconds = time.process_time() - start
+        tried = len(solution.steps)
+        iterations = sum(step.iterations for step in solution.steps)
+        shallow = depths[:6]
+        fine = press_to_depths(refined(problem), shallow).force_N
+        change = np.abs(solution.force_N[:6] / fine - 1).max()
+        print(
+            f"{name:13s} {seconds:5.1f} s (aim {TARGETS_S[name]:.0f})  {tried} steps, {iterations} iterations; "
+            f"refined to half depth: force moves {100 * change:.2f} %"
+        )
+
+
+if __name__ == "__main__":
+    main()
