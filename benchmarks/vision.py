@@ -1,0 +1,132 @@
+"""Height maps: accuracy on planted surfaces and speed, beside a straightforward network and float64 transforms.
+
+python -m benchmarks.vision
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft
+
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Bytes, Frame, Gel
+from tactilevision.sensors import get_sensor
+from tactilevision.surface import integrate
+from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.camera import Camera
+from tactilevision.synthetic.gel import Flat
+from tactilevision.synthetic.optics import CameraOptions, build_camera
+from tactilevision.synthetic.options import GelOptions
+from tactilevision.synthetic.profile import punch_profile
+from tactilevision.synthetic.punch import PunchPress
+from tactilevision.synthetic.reference import picture_still, plan_balls
+
+SIZES = ((320, 240), (427, 320), (640, 480))
+WIDTH_MM = 27.1
+
+
+def calibrated(size: tuple[int, int], light: int | None, method: str) -> tuple[Camera, Reconstructor]:
+    """A camera of that size and light, and the reconstructor that 14 of its balls give."""
+    scale = WIDTH_MM / size[0]
+    options = CameraOptions(
+        width_px=size[0], height_px=size[1], mm_per_px=(scale, scale), distortion_px=0.0, light_seed=light
+    )
+    rng = np.random.default_rng(0)
+    camera = build_camera(options, rng)
+    reference = make_reference([picture_still(camera, Flat(), rng) for _ in range(3)])
+    half = (size[0] * scale / 2, size[1] * scale / 2)
+    presses = plan_balls(14, (4.0,), half, GelOptions(), rng)
+    shots = [BallPicture(picture_still(camera, press, rng), press.radius_mm) for press in presses]
+    found = calibrate_from_balls(reference, shots, (scale, scale), fit=PHOTOMETRIC[method])
+    sensor = get_sensor("custom", width_px=size[0], height_px=size[1], mm_per_px=scale)
+    sensor = dataclasses.replace(sensor, gel=Gel(thickness_mm=3.0))
+    return camera, Reconstructor(sensor, found.method, calibration=found)
+
+
+def accuracy(light: int | None) -> None:
+    camera, reconstructor = calibrated((427, 320), light, "polynomial")
+    calibration = reconstructor.calibration
+    assert calibration is not None
+    rng = np.random.default_rng(1)
+    x, y = camera.grid.places((1.0, -0.7))
+    r = np.hypot(x, y)
+    print(f"light {light}: held-out direction {calibration.direction_error_deg:.1f} deg")
+    for radius, contact_px in ((4.0, 12), (4.0, 25), (8.0, 40), (16.0, 60), (20.0, 90)):
+        contact = contact_px * camera.grid.spacing_mm[0]
+        press = BallPress(radius, contact, 3.0, 0.48, (1.0, -0.7))
+        found = reconstructor.height_map(Frame(camera.picture(press, rng)))
+        true, inside = press.depth_mm(camera.grid), r < contact
+        off = 1e3 * np.sqrt(np.mean((found.depth_mm - true)[inside] ** 2))
+        top = found.depth_mm[r < 0.15].mean() / true[r < 0.15].mean()
+        print(f"  ball, contact {contact_px:2d} px: peak {top:.3f} of true, inside rms {off:.1f} um")
+    for depth in (0.15, 0.3, 0.4, 0.6):
+        punch = PunchPress(punch_profile(0.48, 2.5, 3.0), depth, (1.0, -0.7))
+        found = reconstructor.height_map(Frame(camera.picture(punch, rng)))
+        error = 1e3 * (found.depth_mm - punch.depth_mm(camera.grid))
+        rise = " ".join(f"{error[np.abs(r - at) < 0.15].mean():+.1f}" for at in (3.5, 4, 5, 6, 8))
+        assert found.std_mm is not None
+        face, std = found.depth_mm[r < 2.2].mean() / depth, 1e3 * found.std_mm[r < 2.2].mean()
+        print(
+            f"  punch {depth} mm: face {face:.3f} of true (std {std:.0f} um), rise off {rise} um at 3.5 4 5 6 8 mm"
+        )
+
+
+def speed(size: tuple[int, int]) -> None:
+    usual = milliseconds(straightforward(size), 5)
+    for method in PHOTOMETRIC:
+        camera, reconstructor = calibrated(size, 2, method)
+        frame = Frame(camera.picture(Flat(), np.random.default_rng(2)))
+        slopes = reconstructor.method.slopes(frame.rgb)
+        whole = milliseconds(lambda r=reconstructor, f=frame: r.height_map(f), 40)  # type: ignore[misc]
+        plain = dataclasses.replace(slopes, valid=None)
+        poisson = milliseconds(lambda s=plain, r=reconstructor: integrate(s, r.sensor.mm_per_px), 40)  # type: ignore[misc]
+        print(f"{size[0]}x{size[1]} {method}: whole {whole:.1f} ms, Poisson {poisson:.1f} ms; "
+              f"network and float64 transforms {usual:.1f} ms, {usual / whole:.1f} times as long")  # fmt: skip
+
+
+def straightforward(size: tuple[int, int]) -> Callable[[], object]:
+    """A 5-32-32-32-2 network in torch on the whole frame, then a float64 cosine transform pair."""
+    import torch
+
+    torch.set_num_threads(1)
+    layers = [torch.nn.Linear(a, b) for a, b in ((5, 32), (32, 32), (32, 32), (32, 2))]
+    network = torch.nn.Sequential(*[m for layer in layers for m in (layer, torch.nn.ReLU())][:-1])
+    pixels = torch.rand(size[0] * size[1], 5)
+    picture: Bytes = np.zeros((size[1], size[0], 3), np.uint8)
+
+    def run() -> object:
+        with torch.no_grad():
+            network(pixels)
+        return fft.idctn(fft.dctn(picture[..., 0].astype(np.float64), norm="ortho"), norm="ortho")
+
+    return run
+
+
+def milliseconds(work: Callable[[], object], times: int) -> float:
+    """Median of the processor's time for one run, on one core."""
+    work()
+    spent = []
+    for _ in range(times):
+        began = time.thread_time()
+        work()
+        spent.append(time.thread_time() - began)
+    return 1e3 * float(np.median(spent))
+
+
+def main() -> None:
+    import cv2
+
+    cv2.setNumThreads(1)
+    for light in (None, 1, 2):
+        accuracy(light)
+    for size in SIZES:
+        speed(size)
+
+
+if __name__ == "__main__":
+    main()
