@@ -115,7 +115,7 @@ def _covariance(content: dict[str, Any]) -> Floats | None:
 
 
 def read_clock_offset(path: Path | str) -> float | None:
-    """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None where it has none."""
+    """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
     stated = json.loads(Path(path).read_text(encoding="utf-8")).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
     return float(value) if isinstance(value, int | float) else None
