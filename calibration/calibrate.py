@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.checks import check
+from calibration.checks import check, of_shape
 from calibration.data import Measured, Observations
 from calibration.fitting import Fit, fit
 from calibration.identify import identify, main_radius
@@ -44,7 +44,7 @@ def calibrate(
     Raises NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
-    data = observe(sets)
+    data = of_shape(observe(sets))
     if bulge is not None and bulge.value is not None:
         data = replace(data, gel=_with_bulge(data.gel, bulge))
     chosen = get_law(law) if isinstance(law, str) else law

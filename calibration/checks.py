@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,10 +23,21 @@ def check(data: Observations, *, shape: str = "flat_cylinder") -> None:
 def faults(data: Observations, *, shape: str) -> Iterator[InputError]:
     """Every fault of these data, the plainest first."""
     yield from _gel(data)
-    for indenter in data.indenters:
+    for indenter in (data.indenters[k] for k in np.unique(data.presses.indenter)):
         yield from _indenter(data, indenter, shape)
     yield from _depths(data)
     yield from _forces(data)
+
+
+def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
+    """The presses of indenters of this shape, with a warning that names the others; all where none has it."""
+    fits = np.array([data.indenters[k].shape == shape for k in data.presses.indenter])
+    if fits.all() or not fits.any():
+        return data
+    others = sorted({data.indenters[k].name for k in data.presses.indenter[~fits]})
+    kept = data.take(fits)
+    warning = f"presses of {', '.join(others)} are left out: this law is for a {shape}"
+    return replace(kept, warnings=(*kept.warnings, warning))
 
 
 def _gel(data: Observations) -> Iterator[InputError]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.checks import check
+from calibration.checks import check, of_shape
 from calibration.data import Observations
 from calibration.effects import get_effect
 from calibration.fitting import Fit, fit
@@ -69,6 +69,7 @@ class Comparison:
 
 def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:
     """The base law, then with each effect added on top of those before. Raises InputError for unusable data."""
+    data = of_shape(data)
     check(data)
     model = base_model(data)
     found = [evaluate(model, data, rng)]

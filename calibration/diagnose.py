@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
-from calibration.checks import check
+from calibration.checks import check, of_shape
 from calibration.compare import base_model
 from calibration.data import Observations
 from calibration.diagnosis import Added, Diagnosis, Errors
@@ -28,6 +28,7 @@ from calibration.noise import Whitener
 from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.repeats import noise_floor
+from calibration.result import CalibrationResult
 from calibration.screen import Scored, Screen, refit_with_pure_noise, screen
 from calibration.stages import Effect
 
@@ -60,6 +61,7 @@ def diagnose(
 
     Raises InputError where no law can be fitted at all.
     """
+    data = of_shape(data)
     check(data)
     catalogue = [*EFFECTS.values(), *effects]
     model = base_model(data)
@@ -162,6 +164,7 @@ def _conclude(
         else:  # what was tried does not explain it, so it is not named and repairs nothing
             verdict, flags = "UNKNOWN", [*before.flags]
             tried, added, sets, after = tuple(c.effect.key for c, _, _ in added), (), (), before
+    after = _spanning(after, sets)
     first = rounds[0].screen
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
     explained = would_have_to_be(base) if "beta_outside_theory" in flags else ()
@@ -177,6 +180,17 @@ def _conclude(
         would_have_to_be=explained, lack_of_fit_p=left, tried=tried, possible_bias={}, base=base,
         fitted=current if added else base,
     )  # fmt: skip
+
+
+def _spanning(after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]]) -> CalibrationResult:
+    """E's interval stretched to what the candidates that cannot be told apart would each make of it."""
+    E = after.youngs_modulus
+    others = [c.values[0] / s[0].values[0] for s in sets for c in s[1:]]
+    if not others or E.interval95 is None:
+        return after
+    low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
+    warning = "E's interval spans the candidates that these data cannot tell apart"
+    return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
 
 
 def explained_share(base: Fit, current: Fit) -> float:

@@ -225,6 +225,18 @@ def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
         calibrate(measured)
 
 
+def test_presses_of_another_shape_are_left_out_and_named() -> None:
+    measured = points_of(DEPTHS, FORCES)
+    ball = Indenter("ball", shape="sphere", radius_mm=3.0)
+    recording = replace(measured.recording, indenters=dict(measured.recording.indenters) | {"ball": ball})  # type: ignore[type-var]
+    points = (*measured.points, replace(measured.points[0], press="9", indenter="ball", fz_N=0.1))
+    result = calibrate(replace(measured, recording=recording, points=points))
+    assert "9" not in result.presses_accepted
+    assert any("ball" in warning for warning in result.warnings)
+    with pytest.raises(InputError, match="flat_cylinder"):
+        calibrate(replace(measured, recording=recording, points=points[-1:] * 2))
+
+
 def test_all_rejected_is_nothing_certified() -> None:
     measured = points_of(DEPTHS, FORCES)
     points = tuple(replace(p, accepted=False, reason="tilt") for p in measured.points)

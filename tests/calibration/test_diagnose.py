@@ -62,6 +62,20 @@ def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> 
     json.loads((tmp_path / "diagnosis.json").read_text())
 
 
+def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> None:
+    data = presses(16)
+    shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.015)), np.random.default_rng(3))
+    found = diagnose(shifted, np.random.default_rng(0))
+    assert found.verdict == "AMBIGUOUS"
+    assert set(found.candidates) == {"depth_zero", "force_bias"}
+    sigma = {action.action: action.separation_sigma for action in found.measure_next}
+    assert sigma["record air before the first touch"] > 3
+    assert sigma["press with two more radii (x .6 and x 1.4)"] > 3
+    assert "repeat the presses in a month" not in sigma
+    low, high = found.after.youngs_modulus.interval95 or (0, 0)
+    assert low <= 0.2 <= high
+
+
 def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
     data = presses()
     found = diagnose(
