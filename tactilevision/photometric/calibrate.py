@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
@@ -19,6 +20,7 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3
 FOLDS = 3
+GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 
 Fitter = Callable[..., ColourLaw]
@@ -81,7 +83,7 @@ def calibrate_from_balls(
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    warnings += _coverage(touching)
+    warnings += _coverage(touching) + _ghost(change, pictures, balls)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),
@@ -183,6 +185,22 @@ def _gain_std(found: Floats, samples: Samples) -> float:
 
 def _mean_square(found: Floats, samples: Samples) -> float:
     return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
+
+
+def _ghost(change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]) -> list[str]:
+    """A contact in the reference itself shows in every frame, wherever its ball is."""
+    read = [picture for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    drifts = [change.tracker.measure(picture.rgb) for picture in read]
+    strange = np.mean([~drift.untouched for drift in drifts], axis=0) > GHOST_SHARE
+    strange &= change.tracker.usable.reshape(strange.shape)
+    solid = cv2.morphologyEx(strange.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    rows, columns = np.nonzero(solid)
+    if len(rows) == 0:
+        return []
+    block = change.reference.shape[1] / strange.shape[1]
+    x, y = block * (np.median(columns) + 0.5), block * (np.median(rows) + 0.5)
+    return [f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a "
+            "contact in the reference, or all balls at one place"]  # fmt: skip
 
 
 def _coverage(contact: Samples) -> list[str]:

@@ -133,6 +133,18 @@ def test_balls_in_one_corner_are_warned_of() -> None:
     assert any("of the picture only" in warning for warning in calibration.warnings)
 
 
+def test_a_contact_in_the_only_reference_is_warned_of() -> None:
+    rng = np.random.default_rng(0)
+    touched = picture(*ball((-5.0, 3.0), 1.4, RADIUS_MM)[1:], rng)
+    shots = [
+        BallPicture(picture(*ball((4.0 - 0.5 * k, -3.0 + 0.4 * k), 1.8, RADIUS_MM)[1:], rng), RADIUS_MM)
+        for k in range(6)
+    ]
+    found = calibrate_from_balls(make_reference([touched]), shots, SCALE, fit=PHOTOMETRIC["polynomial"])
+    assert any("contact in the reference" in warning for warning in found.warnings)
+    assert not any("contact in the reference" in warning for warning in calibrated("polynomial").warnings)
+
+
 def test_frames_that_cannot_be_read_are_named() -> None:
     method = calibrated("polynomial").method
     frame = flat(np.random.default_rng(7))
