@@ -93,7 +93,8 @@ def solve_step(system: Equations, last: State, target: float, guess: tuple[Float
         if settled and _volume_error(mesh, solid) < VOLUME_TOLERANCE:
             if corner_volumes(mesh, u).min() <= 0:
                 return Failure("the surface folds at the punch's edge")
-            force = -float(_sum(system, solid.internal, contact)[mesh.punch])
+            reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
+            force = target if system.by_force else reaction
             history = None if contact is None else contact.history
             return State(u, pressure, history, -float(u[mesh.punch]), force, iteration, error)
         du = _increment(system, solid, contact, target, jump)
