@@ -2,7 +2,10 @@
 
 Outer guess: cells deeper than three standard deviations and than `SHALLOWEST` of the deepest. The edge of a
 contact is at least a third as deep as its middle (Hertz: a half; flat punch: all), so this loses no contact
-down to a tenth of the depth of the deepest one. Narrowed: no cell pulls, so cells of negative pressure are left
+down to a tenth of the depth of the deepest one. Of the patches they form, those count whose deepest cell stands
+out by five deviations and is deeper than the highest rise anywhere: beside a punch the gel rises by an eighth
+of its depth at most, so a map that rises more than it sinks shows its own slow error there.
+Narrowed: no cell pulls, so cells of negative pressure are left
 out until none is. A cell that carries less than `FAINTEST` of the greatest pressure is left out as well: it is
 the ringing of the contact's edge, which a square cell cannot follow.
 """
@@ -11,13 +14,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import label, maximum, uniform_filter
 
 from tactilevision.records import Bools, Floats
 
 SHALLOWEST = 0.03
 FAINTEST = 0.02
 SIGMAS = 3.0
+SURE = 5.0  # standard deviations that the deepest cell of a patch stands out by
+HIGHEST_RISE = 0.01  # quantile of the depths
 COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
 
 
@@ -28,7 +33,14 @@ def candidate_cells(depth_mm: Floats, std_mm: float, known: Bools) -> npt.NDArra
         return np.zeros(0, dtype=np.intp)
     deep = known & (depth_mm > max(SIGMAS * std_mm, SHALLOWEST * float(seen.max())))
     neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
-    return np.flatnonzero(deep & (neighbours > COMPANY - 0.5))
+    deep &= neighbours > COMPANY - 0.5
+    patches, count = label(deep)
+    if count == 0:
+        return np.zeros(0, dtype=np.intp)
+    rise = max(0.0, -float(np.quantile(seen, HIGHEST_RISE)))
+    sure = maximum(depth_mm, patches, np.arange(count + 1)) > max(SURE * std_mm, rise)
+    sure[0] = False
+    return np.flatnonzero(sure[patches])
 
 
 def pulling(pressure: Floats, std: float = 0.0) -> Bools:

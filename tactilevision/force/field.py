@@ -17,16 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import SIGMAS, candidate_cells, cut_by_border
+from tactilevision.force.contact import SURE, candidate_cells, cut_by_border
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
-from tactilevision.force.observe import Observation, observe
+from tactilevision.force.observe import Observation, PixelNoise, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 
 MODEL_STD = np.array([0.003, 0.003, 0.008])
 STICK_STD = 0.03
+STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
+MOST_OF_VIEW = 0.9
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -58,6 +60,9 @@ class ForceField:
                  settings: ForceSettings | None = None) -> None:  # fmt: skip
         self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
+        self._noise = PixelNoise(
+            self.settings.depth_std_mm, self.settings.depth_correlation_px, STILL * gel.thickness_mm
+        )
         self.compliance: GelCompliance | None = None if view_px is None else self._set_up(view_px)
 
     def __call__(self, height: HeightMap, shear: ShearMap | None = None, *,
@@ -76,15 +81,15 @@ class ForceField:
         return gel_compliance(self.gel, grid, poisson_ratio=self.material.poisson_ratio, sides=self.settings.sides)
 
     def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
-        grid, settings = compliance.grid, self.settings
-        seen = observe(grid, height, shear, std_mm=settings.depth_std_mm,
-                       correlation_px=settings.depth_correlation_px, inside=compliance.inside)  # fmt: skip
+        grid = compliance.grid
+        seen = observe(grid, height, shear, noise=self._noise, inside=compliance.inside)
         flags = list(seen.flags) + ([] if len(seen.displacement_mm) == 3 else [NO_SHEAR])
-        flags += [] if compliance.inside.all() else [SMALL_GEL]
+        flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
         cells = candidate_cells(seen.displacement_mm[-1], float(seen.std_mm[-1]), seen.known)
         if len(cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
-            unseen = 2 * grid.spacing_mm * reduced * SIGMAS * float(seen.std_mm[-1])
+            least = max(SURE * float(seen.std_mm[-1]), -float(seen.displacement_mm[-1].min()))
+            unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), len(seen.displacement_mm), unseen)
         found = self._solve(compliance, seen, cells)
         if cut_by_border(found.cells, seen.known):
@@ -154,7 +159,9 @@ class ForceField:
 
 
 def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poisson_ratio: float) -> float:
-    """Force of the cells whose pressure is within two deviations of none: noise that may not pull can only push."""
+    """Force of the cells whose pressure is within two deviations of none: noise that may not pull can only
+    push.
+    """
     pressure = found.traction[-1]
     noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
     return float(grid.cell_mm2 * (pressure * scale)[pressure < 2 * noise].sum())

@@ -17,6 +17,7 @@ from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records import Bools, Floats, HeightMap, ShearMap
 
 MAD_TO_STD = 1.4826
+FEWEST_FAR = 50
 SAME_SCALE = 1e-3
 SPARSE = 4  # every fourth pixel of a map of standard deviations says enough
 
@@ -31,8 +32,18 @@ class Observation:
     flags: tuple[str, ...]
 
 
-def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, std_mm: float | None,
-            correlation_px: float, inside: Bools) -> Observation:  # fmt: skip
+@dataclass(frozen=True, slots=True)
+class PixelNoise:
+    """What is known of a height map's noise beforehand: `std_mm` of a pixel (None: from the map itself), alike
+    over `correlation_px`; `away_mm` from the contact the gel lies still."""
+
+    std_mm: float | None
+    correlation_px: float
+    away_mm: float
+
+
+def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise,
+            inside: Bools) -> Observation:  # fmt: skip
     """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
 
     Raises InputError where the maps do not belong to the grid or carry no number at all.
@@ -44,12 +55,13 @@ def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, std_mm
         depth_px = np.where(finite, depth_px, np.float32(0))
     flags: list[str] = []
     if shear is not None and _share_known(shear) < 0.5:
-        shear, flags = None, ["shear not used: markers lost over more than half of the view"]
+        flags += [*shear.flags, "shear not used: known over less than half of the view"]
+        shear = None
     if shear is not None:
         depth_px, finite = material_depth(depth_px, finite, shear)
     depth, known = cell_means(grid, depth_px, finite)
     known &= inside
-    std = _depth_std(grid, height, std_mm, correlation_px, depth, known)
+    std = _depth_std(grid, height, noise, depth, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags))
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
@@ -83,16 +95,31 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
     return float(MAD_TO_STD * np.median(np.abs(usable)) / np.sqrt(6)) if usable.size else 0.0
 
 
-def _depth_std(grid: NodeGrid, height: HeightMap, std_mm: float | None, correlation_px: float, depth: Floats,
-               known: Bools) -> float:  # fmt: skip
+def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> float:
+    """Robust size of the depths `away_mm` and more from whatever is half as deep as the deepest cell.
+
+    There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
+    Where fewer than FEWEST_FAR cells are so far, the quarter that is farthest stands in.
+    """
+    deepest = float(np.max(depth, where=known, initial=0.0))
+    if deepest <= 0:
+        return 0.0
+    distance = distance_transform_edt(~(known & (depth > deepest / 2)))[known] * grid.spacing_mm
+    far = depth[known][distance > away_mm]
+    if far.size < FEWEST_FAR:
+        far = depth[known][distance >= np.quantile(distance, 0.75)]
+    return float(MAD_TO_STD * np.median(np.abs(far)))
+
+
+def _depth_std(grid: NodeGrid, height: HeightMap, noise: PixelNoise, depth: Floats, known: Bools) -> float:
     if height.std_mm is not None:
         stated = height.std_mm[::SPARSE, ::SPARSE]
         stated = stated[height.valid[::SPARSE, ::SPARSE] & np.isfinite(stated)]
         if stated.size:
-            return mean_std(grid, float(np.median(stated)), correlation_px)
-    if std_mm is not None:
-        return mean_std(grid, std_mm, correlation_px)
-    return noise_of_cells(depth, known)
+            return mean_std(grid, float(np.median(stated)), noise.correlation_px)
+    if noise.std_mm is not None:
+        return mean_std(grid, noise.std_mm, noise.correlation_px)
+    return max(noise_of_cells(depth, known), unevenness(grid, depth, known, noise.away_mm))
 
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
