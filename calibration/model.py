@@ -5,7 +5,7 @@ model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,6 @@ class Model:
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """All parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
-        from dataclasses import replace
-
         effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in e.parameters]
         return (*self.law.parameters(data), *effects)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -218,8 +218,6 @@ def _only_indenter(recording: RecordingLike, press: str) -> Press:
 
 def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     """The protocol's row, with what the point itself says put first."""
-    from dataclasses import replace
-
     row = protocol or Press(point.press, point.indenter, NAN, NAN)
     own = {name: getattr(point, name) for name in ("rest_s", "speed_mm_s", "x_mm", "y_mm")}
     for name in ("temperature_C", "lubricated", "hold_s"):
