@@ -89,9 +89,10 @@ def _alone(data: Observations) -> dict[str, Fit]:
             continue
         model = Model(FlatPunch()) + effect
         place = model.slices(data)[key]
-        starts = np.array([np.insert(start, place.start, row) for row in effect.starts(data)])
+        starts = [np.insert(start, place.start, row) for row in effect.starts(data)]
+        nearest = min(starts, key=lambda values: float(np.sum((model.predict(values, data) - data.normal_N) ** 2)))
         try:
-            fits[key] = fit(model, data, noise=noise, starts=starts, tolerances=False)
+            fits[key] = fit(model, data, noise=noise, starts=nearest[None], tolerances=False)
         except (ValueError, ArithmeticError, RuntimeError):
             continue
     return fits

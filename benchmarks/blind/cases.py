@@ -104,4 +104,5 @@ def _rivals(stage: Stage, world: World, hidden: tuple[str, ...]) -> tuple[str, .
 
 
 def _testable(source: str, certified: bool, stage: Stage) -> bool:
-    return (not certified or stage.world.source == "gauge") and source in ("vision", "gauge", stage.world.source)
+    here = stage.world.source
+    return here in ("vision", "gauge") if certified else source in ("vision", here)

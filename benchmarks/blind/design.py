@@ -51,7 +51,7 @@ def medium(rng: np.random.Generator) -> Design:
     kinds = [(a, v) for a in (2.0, 3.0) for v in (0.1, 1.0)] * 4
     order = rng.permutation(len(kinds))
     touches = [Touch(a, 0.6 if a < 2.5 else 0.5, v, 3.0, rest_s=_rest(rng)) for a, v in (kinds[k] for k in order)]
-    return Design("medium", tuple(touches), True, _even(0.06, 1.0, 9), (0.3, 1.0), (0.6, 0.25, -1.0))
+    return Design("medium", tuple(touches), True, _even(0.06, 0.97, 9), (0.3, 1.0), (0.6, 0.25, -1.0))
 
 
 def rich(rng: np.random.Generator) -> Design:
@@ -68,7 +68,7 @@ def rich(rng: np.random.Generator) -> Design:
     touches = [replace(touch, rest_s=_rest(rng), shear=_pair(rng), day=int(day),
                        temperature_C=round(float(rng.uniform(19, 27)), 1))
                for touch, day in zip(order, days, strict=True)]  # fmt: skip
-    return Design("rich", tuple(touches), True, _even(0.05, 1.0, 9), (0.1, 0.45, 1.0), (0.75, 0.4, 0.1, -1.0))
+    return Design("rich", tuple(touches), True, _even(0.05, 0.97, 9), (0.1, 0.45, 1.0), (0.75, 0.4, 0.1, -1.0))
 
 
 DESIGNS = {"plain": plain, "medium": medium, "rich": rich}

@@ -44,6 +44,8 @@ def read(world: World, design: Design) -> Reads:
 
 
 def _depth_read(world: World, motion: Motion, late: Floats, normal: Floats) -> Floats:
+    if world.source == "vision":
+        late = _picture(world, motion, late)
     depth = late + world.amount("backing_compliance") * normal - world.amount("depth_zero")
     if world.amount("periodic_stage"):
         turn = 2 * np.pi / world.shape("period_mm")
@@ -55,9 +57,7 @@ def _depth_read(world: World, motion: Motion, late: Floats, normal: Floats) -> F
 
 
 def _picture(world: World, motion: Motion, true: Floats) -> Floats:
-    """Depth from the picture: gain, drift over the presses, and a slope that saturates (relative, growing with
-    depth).
-    """
+    """Depth that the picture gives: gain, drift over the presses, a slope that saturates, the more the deeper."""
     share = np.linspace(0, 1, len(true))[:, None]
     gain = 1 + world.amount("photometric_gain") + world.amount("photometric_drift") * share
     loss = np.sqrt(3 * world.amount("slope_saturation")) / 0.6

@@ -86,13 +86,13 @@ def sized(stage: Stage, world: World, key: str, strength: float) -> World:
         middle = (low + high) / 2
         seen = np.linalg.norm(stage.signal(world.with_amount(key, sign * float(np.exp(middle)))) - others)
         low, high = (middle, high) if seen < strength else (low, middle)
-    return world.with_amount(key, sign * float(np.exp((low + high) / 2)))
+    return world.with_amount(key, sign * float(np.exp(high)))  # what acts as a threshold is at its far side
 
 
 def apart(one: Floats, other: Floats) -> float:
-    """Sigmas between two signals when the second may be as large as it likes."""
+    """Sigmas between two signals when the second may be smaller, or larger by half."""
     size = float(other @ other)
-    share = float(one @ other) / size if size > 0 else 0.0
+    share = float(np.clip(one @ other / size, 0.0, 1.5)) if size > 0 else 0.0
     return float(np.linalg.norm(one - share * other))
 
 
