@@ -67,16 +67,21 @@ class Bevel:
 def bevel_dent(
     free: Singles, bevel: Bevel, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
 ) -> Singles:
-    """What the bevel adds to the depth of the free surface."""
+    """What the bevel adds to the depth of the free surface.
+
+    A pixel that the bevel's edge crosses is as deep as the edge: else contact would begin only where the plane has
+    fallen off to the next pixel's centre, microns too late.
+    """
     x, y = places
+    pixel_mm = float(abs(x[0, 1] - x[0, 0]))
     s, t = bevel.along(x, y)
-    plane = bevel.depth_mm(s, face_mm) + tilt[0] * x + tilt[1] * y
-    under = (s >= bevel.distance_mm) & (np.abs(t) <= bevel.half_width_mm)
+    plane = bevel.depth_mm(np.maximum(s, bevel.distance_mm), face_mm) + tilt[0] * x + tilt[1] * y
+    under = (s + 0.5 * pixel_mm >= bevel.distance_mm) & (np.abs(t) <= bevel.half_width_mm)
     overlap = np.where(under, plane - free, 0.0)
     dent = np.maximum(overlap, 0.0)
     if not (dent > 0).any():
         return np.zeros_like(free)
-    return _spread(dent.astype(np.float32), dent > 0, float(abs(x[0, 1] - x[0, 0])))
+    return _spread(dent.astype(np.float32), dent > 0, pixel_mm)
 
 
 def _spread(dent: Singles, touching: Bools, mm_per_px: float) -> Singles:
