@@ -103,17 +103,17 @@ a small camera (280 x 210, JPEG, colours at full resolution, about 18 frames a p
 _CURVES = """# {title}
 
 39 presses of three flat cylinders over three days: three speeds, three repeats, four places twice, four long
-holds, waits from 10 to 150 s. Depth (by {source}) and force of each press are in curves.csv, 41 samples each, on
-one clock. The gel's slope at small depth is Hayes' (from a table of kappa), its bend that of printed finite elements
-of a neo-Hookean gel; the noise is 4 mN a sample and, press by press, .5 % of the force and 4 um of the depth. None of it
-shares a formula with `calibration`.
+holds, waits from 10 to 150 s. Depth (by {source}) and force of each press are in curves.csv, 41 samples each,
+on one clock. The gel's slope at small depth is Hayes' (from a table of kappa), its bend that of printed finite
+elements of a neo-Hookean gel; the noise is 4 mN a sample and, press by press, .5 % of the force and 4 um of the
+depth. None of it shares a formula with `calibration`.
 """
 
 READMES = {
     "hidden_rig": _RIG + _END.format(seed=SEED, name="hidden_rig"),
     "hidden_material": _CURVES.format(title="hidden_material: simulated curves of a gel with a secret",
                                       source="vision") + _END.format(seed=SEED + 1, name="hidden_material"),
-    "hidden_unknown": _CURVES.format(title="hidden_unknown: simulated curves, and no catalogue helps",
+    "hidden_unknown": _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue",
                                      source="the motion stage") + _END.format(seed=SEED + 2, name="hidden_unknown"),
 }  # fmt: skip
 

@@ -86,7 +86,9 @@ def sized(stage: Stage, world: World, key: str, strength: float) -> World:
         middle = (low + high) / 2
         seen = np.linalg.norm(stage.signal(world.with_amount(key, sign * float(np.exp(middle)))) - others)
         low, high = (middle, high) if seen < strength else (low, middle)
-    return world.with_amount(key, sign * float(np.exp(high)))  # what acts as a threshold is at its far side
+    return world.with_amount(
+        key, sign * min(float(np.exp(high)), hidden.high)
+    )  # what acts as a threshold is at its far side
 
 
 def apart(one: Floats, other: Floats) -> float:
