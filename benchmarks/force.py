@@ -18,6 +18,7 @@ from tactilevision.records import Floats, Gel, Material
 
 VIEWS = {"160 x 120": View((120, 160), 0.171, 4), "320 x 240": View((240, 320), 0.0855, 2)}
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
+REPEATS = 7
 LINEAR = ForceSettings(large_depth=False)  # the planted truth of the random cases is linear elasticity
 
 
@@ -42,7 +43,7 @@ def random_cases(view: View, *, std_mm: float, cases: int, seed: int, material: 
 
 
 def frame_times(view: View, *, cases: int = 40, seed: int = 3, cell_std: bool = True) -> Floats:
-    """Milliseconds of processor time of each call, after one that is not counted."""
+    """Milliseconds of processor time of each frame, the fastest of some repeats: a busy machine only adds."""
     rng, forward = np.random.default_rng(seed), Forward(view, GEL, MATERIAL)
     field = ForceField(
         GEL, MATERIAL, (view.mm_per_px,) * 2, view_px=view.shape, settings=ForceSettings(cell_std=cell_std)
@@ -51,9 +52,12 @@ def frame_times(view: View, *, cases: int = 40, seed: int = 3, cell_std: bool = 
     for number in range(cases):
         maps = seen(forward(draw_case(KINDS[number % len(KINDS)], view, rng)), view, std_mm=0.005, rng=rng)
         field(*maps)
-        start = time.process_time()
-        field(*maps)
-        spent.append(1e3 * (time.process_time() - start))
+        tries = []
+        for _ in range(REPEATS):
+            start = time.process_time()
+            field(*maps)
+            tries.append(1e3 * (time.process_time() - start))
+        spent.append(min(tries))
     return np.array(spent)
 
 

@@ -86,12 +86,12 @@ class ForceField:
         flags = list(seen.flags) + ([] if len(seen.displacement_mm) == 3 else [NO_SHEAR])
         flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
         cells = candidate_cells(seen.displacement_mm[-1], float(seen.std_mm[-1]), seen.known)
-        if len(cells) == 0:
+        found = self._solve(compliance, seen, cells) if len(cells) else None
+        if found is None or len(found.cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
             least = max(SURE * float(seen.std_mm[-1]), -float(seen.displacement_mm[-1].min()))
             unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), len(seen.displacement_mm), unseen)
-        found = self._solve(compliance, seen, cells)
         if cut_by_border(found.cells, seen.known):
             flags.append(CUT)
         return self._report(compliance, seen, found, height, tuple(flags))

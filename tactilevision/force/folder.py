@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.errors import InputError
+from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import replacing, write_text
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.reconstruct import Reconstructor
@@ -138,7 +138,10 @@ def _one(frame: Frame | BadFrame, field: ForceField, reconstructor: Reconstructo
         shear = measure_shear(
             untouched, picture, field.mm_per_px, markers=reconstructor.sensor.has_markers or None
         )
-    return FrameForce(frame.name, frame.time_s, field(height, shear), reading)
+    try:
+        return FrameForce(frame.name, frame.time_s, field(height, shear), reading)
+    except ConvergenceError as fault:
+        return FrameForce(frame.name, frame.time_s, None, reading, f"not solved: {fault}")
 
 
 def _write_tractions(path: Path, results: list[FrameForce]) -> None:

@@ -35,7 +35,7 @@ from tactilevision.records import Floats
 
 SUBCELL = 0.42
 SUBCELL_STEP = 0.10
-ROUNDS = 12
+ROUNDS = 40
 Cells = npt.NDArray[np.intp]
 
 
@@ -106,6 +106,8 @@ def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std
     """
     if not adhesive:
         first = solve_normal(compliance, cells, displacement_mm[2], float(std_mm[2]), poisson_ratio=poisson_ratio)
+        if len(first.cells) == 0:
+            return first
         kept = np.isin(cells, first.cells, assume_unique=True)
         cells, displacement_mm = cells[kept], displacement_mm[:, kept]
     whole = compliance.block(cells, cells)
@@ -114,7 +116,9 @@ def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std
 
 def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float,
             adhesive: bool) -> Solution:  # fmt: skip
-    """Solve, leave out the cells that pull, again, until none does."""
+    """Solve, leave out the cells that pull, again, until none does. No cell is left where all of them would
+    pull.
+    """
     unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)
@@ -125,6 +129,8 @@ def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floa
         if not drop.any():
             return Solution(cells[active], x, factor, SUBCELL * unit)
         active = active[~drop]
+        if len(active) == 0:
+            return Solution(cells[:0], x[:, :0], factor[:0, :0], SUBCELL * unit)
     raise ConvergenceError(f"the contact did not settle in {ROUNDS} rounds")
 
 

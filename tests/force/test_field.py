@@ -11,6 +11,7 @@ from planted_forces import GEL, MATERIAL, SCALE, VIEW, hertz, measured
 from tactilevision.errors import InputError
 from tactilevision.force.calibrated import material_sensitivity
 from tactilevision.force.field import CUT, NO_CONTACT, NO_SHEAR, SMALL_GEL, ForceField, ForceSettings
+from tactilevision.force.inverse import solve_all, solve_normal
 from tactilevision.force.wrench import MeasuredForce
 from tactilevision.records import Gel, HeightMap, Material, ShearMap
 
@@ -125,6 +126,15 @@ def test_an_untouched_gel_is_no_contact(field: ForceField) -> None:
     assert NO_CONTACT in found.flags
     assert found.resultant_N == (0.0, 0.0, 0.0)
     assert 0 < found.resultant_std_N[2] < 0.02
+
+
+def test_cells_that_all_would_pull_are_no_contact(field: ForceField) -> None:
+    assert field.compliance is not None
+    cells = np.array([300, 301, 302])
+    sunk = solve_normal(field.compliance, cells, np.full(3, -0.1), 0.001, poisson_ratio=0.48)
+    assert len(sunk.cells) == 0
+    u = np.concatenate([np.zeros((2, 3)), np.full((1, 3), -0.1)])
+    assert len(solve_all(field.compliance, cells, u, np.full(3, 0.001), poisson_ratio=0.48).cells) == 0
 
 
 def test_a_contact_cut_by_the_border_is_flagged_and_less_sure(field: ForceField) -> None:
