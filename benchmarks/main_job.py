@@ -36,7 +36,7 @@ def options_of(seed: int) -> SimulationOptions:
     indenters = replace(plain.indenters, bevel=SIDES[seed % 4])
     return replace(
         plain, gel=gel, indenters=indenters, camera=replace(plain.camera, light_seed=seed),
-        rig=replace(plain.rig, frames_per_press=24),
+        rig=replace(plain.rig, frames_per_press=48),
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def fitted_lines(fitted: Fit) -> list[FittedLine]:
     """The law for each radius of punch, from near 0 to a little beyond the deepest sample of that radius."""
     data = fitted.data
     radii = np.unique(data.presses.radius_mm)
-    return [_line(fitted, float(r), f"a = {r:g} mm" if radii.size > 1 else fitted.model.name) for r in radii]
+    return [_line(fitted, float(r), f"a = {r:g} mm" if radii.size > 1 else "fitted law") for r in radii]
 
 
 def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:

@@ -57,7 +57,11 @@ def of_presses(recording: Recording, certificate: Certificate, folder: Path, pro
             figure = draw_press(evidence, point, rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             pictures.append(
-                keep(figure, folder / "presses" / f"{point.press}.png", words or f"press {point.press}")
+                keep(
+                    figure,
+                    folder / "presses" / f"{point.press}.png",
+                    f"Press {point.press}: " + (words or "nothing against it."),
+                )
             )
         progress(number, len(certificate.points))
     return pictures

@@ -40,8 +40,9 @@ def view(
     if rgb is not None:
         figures["frame"] = draw.draw_overlay(rgb, height, None)
     for name, figure in figures.items():
-        style.save_png(figure, out / f"{height.name}_{name}.png")
-        console.say(f"wrote {out / f'{height.name}_{name}.png'}")
+        path_out = out / f"{Path(height.name).stem}_{name}.png"
+        style.save_png(figure, path_out)
+        console.say(f"wrote {path_out}")
     if window:
         style.show(list(figures.values()))
 

@@ -100,7 +100,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     if top - bottom > 0.02:
         axes.contour(
             np.where(height.valid, height.depth_mm, 0.0),
-            levels=np.linspace(bottom, top, 9)[1:-1],
+            levels=np.linspace(0, top, 8)[1:-1],  # at 0 it would trace the noise
             colors="white",
             linewidths=0.35,
             alpha=0.6,

@@ -71,8 +71,10 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     hold, release = press.protocol.hold_s, np.array(press.motion.time_s[-3:-1])
     rest = [press.start_s, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
     away = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])  # the clocks show there
-    ramp = np.linspace(contact, event, max(count - near.size - away.size - len(rest), 0) + 2)[1:-1]
-    wanted = np.concatenate([near, rest, away, ramp])
+    more = max(count - near.size - away.size - len(rest), 0)
+    growing = np.linspace(event - 0.5 * (turn - event), turn, 2 * more // 3 + 2)[1:-1]
+    ramp = np.linspace(contact, event, more - 2 * more // 3 + 2)[1:-1]
+    wanted = np.concatenate([near, rest, away, growing, ramp])
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 
