@@ -15,6 +15,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise
 from calibration.observe import observe_curves
+from tactilevision.errors import ConvergenceError
 from tactilevision.recording import read_recording
 from tactilevision.records import Pair
 
@@ -93,7 +94,7 @@ def _alone(data: Observations) -> dict[str, Fit]:
         nearest = min(starts, key=lambda values: float(np.sum((model.predict(values, data) - data.normal_N) ** 2)))
         try:
             fits[key] = fit(model, data, noise=noise, starts=nearest[None], tolerances=False)
-        except (ValueError, ArithmeticError, RuntimeError):
+        except (ConvergenceError, ValueError, ArithmeticError):
             continue
     return fits
 

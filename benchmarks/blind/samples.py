@@ -109,13 +109,14 @@ elements of a neo-Hookean gel; the noise is 4 mN a sample and, press by press, .
 depth. None of it shares a formula with `calibration`.
 """
 
+_MATERIAL = _CURVES.format(title="hidden_material: simulated curves of a gel with a secret", source="vision")
+_UNKNOWN = _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue", source="the motion stage")
+
 READMES = {
     "hidden_rig": _RIG + _END.format(seed=SEED, name="hidden_rig"),
-    "hidden_material": _CURVES.format(title="hidden_material: simulated curves of a gel with a secret",
-                                      source="vision") + _END.format(seed=SEED + 1, name="hidden_material"),
-    "hidden_unknown": _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue",
-                                     source="the motion stage") + _END.format(seed=SEED + 2, name="hidden_unknown"),
-}  # fmt: skip
+    "hidden_material": _MATERIAL + _END.format(seed=SEED + 1, name="hidden_material"),
+    "hidden_unknown": _UNKNOWN + _END.format(seed=SEED + 2, name="hidden_unknown"),
+}
 
 
 if __name__ == "__main__":
