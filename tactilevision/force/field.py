@@ -25,7 +25,7 @@ from tactilevision.force.observe import Observation, PixelNoise, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 
-MODEL_STD = np.array([0.003, 0.003, 0.008])
+MODEL_STD = np.array([0.003, 0.003, 0.012])
 STICK_STD = 0.03
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
 MOST_OF_VIEW = 0.9

@@ -13,9 +13,9 @@ Weights, from the cell and from the noise alone:
                                                     lambda/(lambda + sigma/tau) halves a wave just where the noise
                                                     sigma of u equals the displacement lambda tau of the
                                                     traction's rms
-SUBCELL and SUBCELL_STEP have no unit and hold for every gel, cell and force, since d/E* is the only compliance of
-a cell that is small against the thickness. They are where Hertz's pressure on a half-space, cut into cells at
-random places, comes back best.
+SUBCELL and SUBCELL_STEP have no unit: d/E* is the only compliance of a cell that is small against the
+thickness. They were chosen once, on 24 random contacts (Hertz, flat punch, ridge, two at a time) on one layer
+without and with noise; the benchmark draws others, and other gels, cells and noise.
 No cell pulls (contact.py). Standard deviations are of the linear map t = F u with the contact's cells held.
 """
 
