@@ -2,7 +2,8 @@
 
     P -> P (1 - A s_p),    s_p = (1 + s_(p-1)) exp(-rest_p/tau),    s of the first press 0
 
-One slow Prony state, filled by each press and emptied by each wait. Vanishes at A = 0.
+One slow Prony state, filled by each press and emptied by each wait. A gel can lose all its stiffness, not more:
+the bracket is >= 0. Vanishes at A = 0.
 Source: the state equation of a Maxwell element, e.g. Christensen, Theory of Viscoelasticity (1982), sec. 1.5.
 """
 
@@ -52,7 +53,8 @@ class Recovery(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Soften by what is left."""
-        return replace(state, force_N=state.force_N * (1 - values[0] * memory(data, values[1])[data.press]))
+        kept = np.maximum(1 - values[0] * memory(data, values[1]), 0)
+        return replace(state, force_N=state.force_N * kept[data.press])
 
 
 def memory(data: Observations, time_s: float) -> Floats:

@@ -3,7 +3,9 @@
     P(t) = Int G(t - s) dP_e(s),    G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i))
 
 P_e is the elastic force with the instantaneous modulus; each press begins from a gel at rest. Small g: the law's
-nonlinearity and the relaxation separate (quasi-linear). Vanishes at g_i = 0.
+nonlinearity and the relaxation separate (quasi-linear). A punch drawn back faster than the gel follows leaves it
+and bears nothing: P >= 0 where P_e > 0, and what P_e is elsewhere (0 in air, tension where the gel clings)
+stays. Vanishes at g_i = 0.
 Source: Fung, Biomechanics (1993), sec. 7.6, eqs. 7.6:1-5.
 """
 
@@ -67,8 +69,9 @@ class Viscoelasticity(EffectBase):
         return np.array(table)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """Take the relaxed part off the force."""
+        """Take the relaxed part off the force of a punch that is in contact, down to nothing."""
         lost = sum(
             (g * relaxed(state.force_N, tau, data) for g, tau in values.reshape(-1, 2)), np.zeros(data.size)
         )
-        return replace(state, force_N=state.force_N - lost)
+        elastic = state.force_N
+        return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))

@@ -179,6 +179,27 @@ def test_the_skin_weight_runs_from_nothing_to_all() -> None:
     assert weight(np.array([x]), 0.3)[0] == pytest.approx(by_hand)
 
 
+@pytest.mark.parametrize("key", ["viscoelasticity", "recovery"])
+@pytest.mark.parametrize("time_s", [0.5, 50.0, 500.0])
+def test_the_past_never_pulls_on_the_punch(key: str, time_s: float) -> None:
+    effect = EFFECTS[key]
+    data = replace(RICH, presses=replace(RICH.presses, rest_s=np.full(RICH.count, 1.0)))
+    bare = Model(FlatPunch()).predict(BASE, data)
+    force = planted(effect, np.array([effect.parameters[0].bounds[1], time_s]), data)
+    assert force.min() == 0.0, "no tension without adhesion"
+    np.testing.assert_array_equal(force[bare == 0], 0.0, "nothing in air")
+    assert np.count_nonzero(force < bare) > 100, "and yet it acts"
+
+
+def test_relaxation_leaves_the_tension_of_a_clinging_gel() -> None:
+    clinging = Model(FlatPunch()) + EFFECTS["adhesion"]
+    both = clinging + EFFECTS["viscoelasticity"]
+    tension = clinging.predict(np.append(BASE, 1e-3), RICH)
+    force = both.predict(np.concatenate([BASE, [1e-3, 0.2, 1.0]]), RICH)
+    assert tension.min() < 0
+    np.testing.assert_array_equal(force[tension <= 0], tension[tension <= 0])
+
+
 def test_the_memory_of_presses_fills_and_heals() -> None:
     data = replace(RICH, presses=replace(RICH.presses, rest_s=np.full(RICH.count, 10.0)))
     state = memory(data, 10.0)
