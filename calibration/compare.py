@@ -42,13 +42,22 @@ class Compared:
     covariates: tuple[Scored, ...]
     fitted: Fit
 
-    def as_json(self) -> dict[str, Any]:
-        """One entry of comparison.json."""
+    def as_json(self, before: Compared | None = None) -> dict[str, Any]:
+        """One entry of comparison.json; `before` is the base model that the errors are held against."""
+        base = before or self
         return {
             "name": self.name,
             "effects": list(self.effects),
             "parameters": {name: estimate.as_json() for name, estimate in self.parameters},
-            "rms_error_N": {"in_sample": self.rms_N, "held_out": self.held_out_N, "floor": self.floor_N},
+            "rms_error_N": {
+                "before": base.rms_N,
+                "after": self.rms_N,
+                "held_out_before": base.held_out_N,
+                "held_out_after": self.held_out_N,
+                "floor": self.floor_N,
+                "in_sample": self.rms_N,
+                "held_out": self.held_out_N,
+            },
             "rms_error_percent": self.percent,
             "rms_error_um": self.um,
             "chi2": self.chi2,
@@ -64,7 +73,7 @@ class Comparison:
 
     def as_json(self) -> list[dict[str, Any]]:
         """The content of comparison.json."""
-        return [model.as_json() for model in self.models]
+        return [model.as_json(self.models[0]) for model in self.models]
 
 
 def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:

@@ -12,7 +12,7 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.compare import compare
+from calibration.compare import Comparison, compare
 from calibration.data import Observations
 from calibration.diagnose import change_point, diagnose
 from calibration.effects import EFFECTS
@@ -123,6 +123,13 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
     assert better.held_out_N < 0.8 * base.held_out_N
     assert better.held_out_N == pytest.approx(better.floor_N, rel=0.25)
     assert base.covariates[0].p_adjusted < 0.01 < better.covariates[0].p_adjusted
+    rows = Comparison((base, better)).as_json()
+    for row, model in zip(rows, (base, better), strict=True):
+        assert row["rms_error_N"] == {
+            "before": base.rms_N, "after": model.rms_N, "held_out_before": base.held_out_N,
+            "held_out_after": model.held_out_N, "floor": model.floor_N,
+            "in_sample": model.rms_N, "held_out": model.held_out_N,
+        }  # fmt: skip
     assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
 
 
