@@ -14,11 +14,12 @@ from calibration.effects import get_effect
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
-from calibration.refit import hold_out, press_folds
+from calibration.refit import held_out_rms
 from calibration.repeats import noise_floor
 from calibration.screen import Scored, refit_with_pure_noise, screen
 from calibration.stages import Effect
 from calibration.tolerances import DIMENSIONS, HEIGHTS
+from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Estimate
 
 
@@ -67,9 +68,13 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Models in the order in which effects were added, on the same measurements."""
+    """Models in the order in which effects were added, on the same measurements.
+
+    `left_out` the effects that could not be fitted on top of those before, and why.
+    """
 
     models: tuple[Compared, ...]
+    left_out: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> list[dict[str, Any]]:
         """The content of comparison.json."""
@@ -77,15 +82,36 @@ class Comparison:
 
 
 def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:
-    """The base law, then with each effect added on top of those before. Raises InputError for unusable data."""
+    """The base law, then with each effect added on top of those before.
+
+    An effect that finds no minimum is passed over, named in `left_out`, and the next one is added without it.
+    Raises InputError for unusable data.
+    """
     data = of_shape(data)
     check(data)
     model = base_model(data)
-    found = [evaluate(model, data, rng)]
-    for effect in effects:
-        model = model + (get_effect(effect) if isinstance(effect, str) else effect)
-        found.append(evaluate(model, data, rng))
-    return Comparison(tuple(found))
+    found = [judge(fit_alone(model, data), rng)]
+    left_out = []
+    for added in effects:
+        effect = get_effect(added) if isinstance(added, str) else added
+        try:
+            found.append(evaluate(model + effect, data, rng))
+        except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
+            left_out.append((effect.key, str(fault)))
+            continue
+        model = model + effect
+    return Comparison(tuple(found), tuple(left_out))
+
+
+def fit_alone(model: Model, data: Observations) -> Fit:
+    """The model that others are held against, with the noise of the repeats. Raises InputError if it fails."""
+    try:
+        return refit_with_pure_noise(fit(model, data))
+    except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
+        raise InputError(
+            f"this model cannot be fitted to these measurements: {fault}", where=model.name,
+            remedy="Look at depth and force in a figure; leave out the effects added by hand.",
+        ) from fault  # fmt: skip
 
 
 def base_model(data: Observations) -> Model:
@@ -103,15 +129,12 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     """What a fit leaves, in and out of sample."""
     data = fitted.data
     left = screen(fitted, (), rng)
-    out = (
-        hold_out(fitted.model, fitted, fitted.values, press_folds(data)).rms_N if data.count > 2 else float("nan")
-    )
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in (HEIGHTS, DIMENSIONS))
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)), effects=keys,
         parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters),
-        rms_N=fitted.rms_error_N, held_out_N=out, floor_N=noise_floor(fitted),
+        rms_N=fitted.rms_error_N, held_out_N=held_out_rms(fitted), floor_N=noise_floor(fitted),
         percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)), um=1e3 * fitted.rms_error_N / slope,
         chi2=fitted.chi2, covariates=left.covariates, fitted=fitted,
     )  # fmt: skip

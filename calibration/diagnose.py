@@ -11,6 +11,7 @@ explains).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,18 +19,27 @@ import numpy as np
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
 from calibration.checks import check, of_shape
-from calibration.compare import base_model
+from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnosis import Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
-from calibration.fitting import Fit, fit
+from calibration.fitting import Fit
 from calibration.noise import Whitener
 from calibration.outside import CANDIDATES, would_have_to_be
-from calibration.refit import Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.refit import (
+    CANNOT_FIT,
+    Candidate,
+    adopt,
+    held_out_rms,
+    hold_out,
+    press_folds,
+    refit_with,
+    separation,
+)
 from calibration.repeats import noise_floor
 from calibration.result import CalibrationResult
-from calibration.screen import Scored, Screen, refit_with_pure_noise, screen
+from calibration.screen import Scored, Screen, screen
 from calibration.stages import Effect
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
@@ -50,6 +60,15 @@ class _Round:
     scored: Mapping[str, Scored]
 
 
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A candidate that was confirmed, its skill on presses left out, and the fit with it."""
+
+    best: Candidate
+    skill: float
+    fitted: Fit
+
+
 def diagnose(
     data: Observations,
     rng: np.random.Generator,
@@ -59,7 +78,7 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
-    Raises InputError where no law can be fitted at all.
+    A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
     """
     data = of_shape(data)
     check(data)
@@ -67,7 +86,7 @@ def diagnose(
     model = base_model(data)
     for effect in known:
         model = model + effect
-    base = refit_with_pure_noise(fit(model, data))
+    base = fit_alone(model, data)
     current = base
     rounds: list[_Round] = []
     added: list[tuple[Candidate, Scored, float]] = []
@@ -75,12 +94,12 @@ def diagnose(
     while len(added) < MOST:
         turn = _look(current, catalogue, rng)
         rounds.append(turn)
-        best = _confirmed(current, turn)
-        if best is None:
+        step = _confirmed(current, turn)
+        if step is None:
             break
-        sets.append(_equals(current, best, turn.candidates))
-        added.append((best, turn.scored[best.effect.key], _skill(current, best)))
-        current = adopt(current, best)
+        sets.append(_equals(current, step.best, turn.candidates))
+        added.append((step.best, turn.scored[step.best.effect.key], step.skill))
+        current = step.fitted
     last = rounds[-1] if len(rounds) > len(added) else _look(current, (), rng)
     found = _conclude(base, current, rounds, added=added, sets=sets, last=last)
     hidden = [effect for effect in catalogue if effect.key in found.not_testable]
@@ -98,18 +117,22 @@ def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator) -
     for key in chosen:
         try:
             candidates.append(refit_with(current, by_key[key]))
-        except (ValueError, ArithmeticError, RuntimeError):
+        except CANNOT_FIT:
             continue  # it screened well but does not fit: no candidate
     return _Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
 
 
-def _confirmed(current: Fit, turn: _Round) -> Candidate | None:
+def _confirmed(current: Fit, turn: _Round) -> _Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
     for best in turn.candidates:
-        if turn.scored[best.effect.key].p_adjusted > LEVEL:
+        if turn.scored[best.effect.key].p_adjusted > LEVEL or not _inside(best):
             continue
-        if _inside(best) and _skill(current, best) > 0:
-            return best
+        try:
+            skill = _skill(current, best)
+            if skill > 0:
+                return _Step(best, skill, adopt(current, best))
+        except CANNOT_FIT:
+            continue  # the next best may still stand
     return None
 
 
@@ -135,9 +158,17 @@ def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> t
     for other in candidates:
         if other.effect.key == best.effect.key or not _inside(other):
             continue
-        if other.cost - best.cost < AS_GOOD or separation(current, best, other.effect) < TOLD_APART:
+        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
             kept.append(other)
     return tuple(kept)
+
+
+def _apart(current: Fit, best: Candidate, other: Effect) -> float:
+    """The separation in std; inf where the other finds no way at all to look like the best."""
+    try:
+        return separation(current, best, other)
+    except CANNOT_FIT:
+        return float("inf")
 
 
 def _conclude(
@@ -208,10 +239,8 @@ def _added(current: Fit, candidate: Candidate, scored: Scored, skill: float) -> 
 
 
 def _errors(base: Fit, current: Fit) -> Errors:
-    folds = press_folds(base.data)
-    enough = base.data.count > 2
-    before = hold_out(base.model, base, base.values, folds).rms_N if enough else float("nan")
-    after = hold_out(current.model, current, current.values, folds).rms_N if enough else float("nan")
+    before = held_out_rms(base)
+    after = before if current is base else held_out_rms(current)
     return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
 
 
@@ -224,13 +253,22 @@ def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str]
             plans += measure_next(base, group[0], group[1:])
             break
     if not plans and "beta_outside_theory" in flags:
-        found = [refit_with(base, EFFECTS[key]) for key in CANDIDATES if key not in base.model.keys]
-        plans += measure_next(base, found[0], found[1:])
+        found = _refitted(base, CANDIDATES)
+        plans += measure_next(base, found[0], found[1:]) if found else ()
     worth = [p for p in plans if p.separation_sigma > WORTH]
     source = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}
     by_hand = [NextMeasurement(*BY_HAND[key], float("nan")) for key in not_testable
                if key in BY_HAND and source.get(key) in (None, base.data.depth_source)]  # fmt: skip
     return (*worth, *by_hand)
+
+
+def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:
+    found = []
+    for key in keys:
+        if key not in base.model.keys:
+            with suppress(*CANNOT_FIT):
+                found.append(refit_with(base, EFFECTS[key]))
+    return found
 
 
 def change_point(fitted: Fit) -> str | None:

@@ -17,7 +17,7 @@ from calibration.data import Observations, Presses
 from calibration.fitting import Fit, Problem, linearise
 from calibration.model import Model
 from calibration.noise import Whitener
-from calibration.refit import Candidate
+from calibration.refit import CANNOT_FIT, Candidate
 from tactilevision.records import Floats, Indenter
 
 SAMPLES = 17
@@ -59,7 +59,7 @@ def measure_next(base: Fit, one: Candidate, rivals: Sequence[Candidate]) -> tupl
         try:
             extra = action.change(base.data)
             least = min((_separation(base, one, rival, extra) for rival in rivals), default=0.0)
-        except (ValueError, np.linalg.LinAlgError):  # this action cannot be worked out for these effects
+        except CANNOT_FIT:  # this action cannot be worked out for these effects
             continue
         found.append(NextMeasurement(action.name, action.minutes, least))
     return tuple(sorted(found, key=lambda n: -n.separation_sigma / n.minutes))

@@ -19,6 +19,7 @@ from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model import Model
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
+from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 
 NODES = 201
@@ -133,8 +134,11 @@ def _from_radii(fitted: Fit) -> Estimate:
     if found.interval95 is None or _lubricated(fitted):
         return found
     law = FlatPunch(free_poisson_ratio=True, sticking=1.0)
-    stuck = fit(Model(law, fitted.model.effects), fitted.data, noise=fitted.noise, starts=fitted.values[None],
-                tolerances=False)  # fmt: skip
+    try:
+        stuck = fit(Model(law, fitted.model.effects), fitted.data, noise=fitted.noise, starts=fitted.values[None],
+                    tolerances=False)  # fmt: skip
+    except ConvergenceError:  # what sticking would make of nu is then unknown
+        return Estimate(found.value, found.std, SILICONE_NU, "1")
     other = stuck.estimate("poisson_ratio").interval95 or found.interval95
     low, high = min(found.interval95[0], other[0]), max(found.interval95[1], other[1])
     return Estimate(found.value, found.std, (low, high), "1")

@@ -7,6 +7,7 @@ beta in units of the true thickness grows like a/h.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from calibration.effects import get_effect
 from calibration.fitting import Fit, Problem
 from calibration.model import Model
 from calibration.noise import Noise, Whitener
+from calibration.refit import CANNOT_FIT
 from tactilevision.records import Floats
 
 CANDIDATES = ("thickness", "edge_fillet", "depth_zero", "stiffening")
@@ -42,8 +44,12 @@ class WouldHaveToBe:
 
 
 def would_have_to_be(fitted: Fit) -> tuple[WouldHaveToBe, ...]:
-    """Every candidate, the one that leaves the least error first."""
-    found = [_candidate(fitted, key) for key in CANDIDATES if key not in fitted.model.keys]
+    """Every candidate that fits at all, the one that leaves the least error first."""
+    found = []
+    for key in CANDIDATES:
+        if key not in fitted.model.keys:
+            with suppress(*CANNOT_FIT):
+                found.append(_candidate(fitted, key))
     return tuple(sorted(found, key=lambda c: c.rms_error_N))
 
 

@@ -12,10 +12,12 @@ from calibration.minimise import QUICK, Minimum, minimise
 from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.stages import Effect
+from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 
 STARTS = 2
 FOLDS = 5
+CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,16 @@ def hold_out(model: Model, about: Fit, start: Floats, folds: Ints) -> HeldOut:
         error[out] = (data.normal_N - force)[out]
         squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
     return HeldOut(float(np.sqrt(np.mean(error**2))), squares)
+
+
+def held_out_rms(fitted: Fit) -> float:
+    """A fit's error in N on presses left out; NaN where there are too few of them or a fold finds no minimum."""
+    if fitted.data.count <= 2:
+        return float("nan")
+    try:
+        return hold_out(fitted.model, fitted, fitted.values, press_folds(fitted.data)).rms_N
+    except CANNOT_FIT:
+        return float("nan")
 
 
 def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:

@@ -12,18 +12,22 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
+import calibration.diagnose as module
 from calibration.compare import Comparison, compare
 from calibration.data import Observations
 from calibration.diagnose import change_point, diagnose
 from calibration.effects import EFFECTS
-from calibration.fitting import fit
+from calibration.effects.depth_zero import DepthZero
+from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.observe import observe_points
 from calibration.outside import theory_beta
 from calibration.private import load_effect, new_effect
+from calibration.refit import Candidate
+from calibration.stages import Effect, State
 from calibration.steps import History, Step, load_history
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import ConvergenceError, InputError, OutputError
 from tactilevision.files import write_json
 from tactilevision.records import Floats
 
@@ -74,6 +78,56 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     assert "repeat the presses in a month" not in sigma
     low, high = found.after.youngs_modulus.interval95 or (0, 0)
     assert low <= 0.2 <= high
+
+
+@pytest.mark.parametrize(
+    ("fails", "fault"),
+    [
+        ("refit_with", ConvergenceError("no minimum")),
+        ("refit_with", RuntimeError("broken")),
+        ("adopt", ConvergenceError("no minimum")),
+        ("_skill", ZeroDivisionError()),
+        ("separation", ConvergenceError("no minimum")),
+    ],
+)
+def test_a_candidate_that_does_not_fit_is_passed_over(
+    fails: str, fault: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = getattr(module, fails)
+    asked = []
+
+    def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect) -> object:
+        effect = (rest or (what.effect if isinstance(what, Candidate) else what,))[0]
+        asked.append(effect.key)
+        if effect.key == "depth_zero":
+            raise fault
+        return whole(fitted, what, *rest)
+
+    monkeypatch.setattr(module, fails, failing)
+    data = presses(12)
+    shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.015)), np.random.default_rng(3))
+    found = diagnose(shifted, np.random.default_rng(0))
+    assert asked
+    assert found.verdict in ("IDENTIFIED", "AMBIGUOUS")
+    if fails != "separation":
+        assert "depth_zero" in asked
+        assert [effect.key for effect in found.effects] == ["force_bias"]
+
+
+def test_an_effect_that_finds_no_minimum_leaves_the_comparison_and_the_next_one_stays() -> None:
+    class Stubborn(DepthZero):
+        key = "stubborn"
+
+        def apply(self, state: State, values: Floats, data: Observations) -> State:
+            raise ConvergenceError("this one never settles")
+
+    data = presses(8)
+    shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
+    found = compare(shifted, [Stubborn(), "depth_zero"], np.random.default_rng(0))
+    assert [model.name for model in found.models] == ["flat_punch", "flat_punch + depth_zero"]
+    assert found.left_out == (("stubborn", "this one never settles"),)
+    with pytest.raises(InputError, match="never settles"):
+        diagnose(shifted, np.random.default_rng(0), known=[Stubborn()])
 
 
 def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
