@@ -18,7 +18,7 @@ from calibration.refit import held_out_rms
 from calibration.repeats import noise_floor
 from calibration.screen import Scored, refit_with_pure_noise, screen
 from calibration.stages import Effect
-from calibration.tolerances import DIMENSIONS, HEIGHTS
+from calibration.tolerances import TOLERANCES
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Estimate
 
@@ -130,7 +130,7 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     data = fitted.data
     left = screen(fitted, (), rng)
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
-    keys = tuple(k for k in fitted.model.keys if k not in (HEIGHTS, DIMENSIONS))
+    keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)), effects=keys,
         parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters),

@@ -71,6 +71,16 @@ class Presses:
 
 
 @dataclass(frozen=True, slots=True)
+class Shared:
+    """What all certified depths have wrong together, as std: an offset `touch_mm` (when a touch is seen, over the
+    shape of the dent that it makes) and a relative error `rise` (how far the gel rises to meet the bevel).
+    """
+
+    touch_mm: float = 0.0
+    rise: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Observations:
     """All samples of all presses: `press` (N,) the press's index, the other arrays (N,), `force_N` (N, 3).
 
@@ -94,6 +104,7 @@ class Observations:
     depth_source: DepthSource = "vision"
     reconstructed_mm: Floats | None = None
     recordings: tuple[str, ...] = ("",)
+    shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())
 
     @property

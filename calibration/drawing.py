@@ -14,6 +14,7 @@ from calibration.fitting import Fit
 from calibration.minimise import Box, differentiate
 from calibration.refit import refit_with, separation
 from calibration.screen import Scored
+from calibration.tolerances import CERTIFICATE, HEIGHTS
 from tactilevision.plots.diagnosis import Panel
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
@@ -58,8 +59,9 @@ def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
 
     def force(values: Floats) -> Floats:
         values = values.copy()
-        if "heights" in places:  # errors of one indenter's points, not of the law
-            values[places["heights"]] = 0.0
+        for key in (HEIGHTS, CERTIFICATE):  # errors of the points, not of the law
+            if key in places:
+                values[places[key]] = 0.0
         at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
         return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
 

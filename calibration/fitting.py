@@ -20,7 +20,7 @@ from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener, base_noise
 from calibration.parameters import Parameter
 from calibration.reml import UNKNOWN_SHARE, estimate_noise
-from calibration.tolerances import with_tolerances
+from calibration.tolerances import TOLERANCES, with_tolerances
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Estimate, Floats, Pair
 
@@ -233,7 +233,7 @@ def _starts(model: Model, data: Observations) -> Floats:
     rest = model.defaults(data)
     rows = [rest]
     for effect in model.effects:
-        if effect.key in ("heights", "dimensions"):
+        if effect.key in TOLERANCES:
             continue
         for start in effect.starts(data):
             row = rest.copy()

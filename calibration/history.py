@@ -20,6 +20,7 @@ from calibration.fitting import Fit, fit, quantile95
 from calibration.identify import main_radius, stiffness_of
 from calibration.result import CalibrationResult
 from calibration.stages import Law
+from calibration.tolerances import DIMENSIONS, HEIGHTS
 from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05
@@ -82,7 +83,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
     """c with its noise alone: shared tolerances and nu held at what was stated."""
     bare = replace(fitted.model, effects=tuple(
-        e for e in fitted.model.effects if e.key not in ("heights", "dimensions")))  # fmt: skip
+        e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS)))  # fmt: skip
     again = fit(bare, fitted.data, tolerances=False)
     return stiffness_of(again, main_radius(again)), again.noise.dof
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from calibration.data import DAY_S, DepthSource, Measured, Observations, Presses, RecordingLike
+from calibration.data import DAY_S, DepthSource, Measured, Observations, Presses, RecordingLike, Shared
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
 
@@ -127,7 +127,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         force_std_N=np.concatenate([t.force_std_N for t in touches]),
         depth_source=cast(DepthSource, sets[0].recording.depth_source or "vision"),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
-        recordings=tuple(m.recording.name for m in sets),
+        recordings=tuple(m.recording.name for m in sets), shared=_shared(sets),
     )  # fmt: skip
 
 
@@ -226,12 +226,25 @@ def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
 
 
 def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: RecordingLike) -> float:
-    """The part of the depth's std that repeats do not share: the machined height's is taken out of the whole."""
+    """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
     whole = point.depth_std_mm
     if not np.isfinite(whole):
         return _zero(recording.depth_std_mm, NAN)
-    shared = indenter.height_std_mm
+    shared = math.hypot(indenter.height_std_mm, _rise_std(point) * point.depth_mm)
     return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
+
+
+def _rise_std(point: CertifiedPoint) -> float:
+    """Relative std of the depth that the gel's rise at the bevel brings to all presses alike."""
+    return _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
+
+
+def _shared(sets: Sequence[Measured]) -> Shared:
+    """What certified depths share by the way in which they were certified."""
+    points = [p for m in sets for p in m.points if p.accepted]
+    touch = [_zero(_number(p.extra, "touch_shared_std_mm")) for p in points]
+    rise = [_rise_std(p) for p in points]
+    return Shared(float(np.median(touch)), float(np.median(rise))) if points else Shared()
 
 
 def _force_std(recording: RecordingLike) -> float:

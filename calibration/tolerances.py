@@ -1,6 +1,6 @@
-"""What all presses of one indenter share by mistake: its machined height and radius, and the gel's thickness.
+"""What presses share by mistake: machined heights and radii, the gel's thickness, and how they were certified.
 
-    w -> w + dH_k,    a -> a + da_k,    h -> h + dh,    each ~ N(0, std^2) as stated
+    w -> (1 + r) w + t + dH_k,    a -> a + da_k,    h -> h + dh,    each ~ N(0, std^2) as stated
 
 They do not average out over repeats, so they are fitted along with the material, held by their priors, and so
 widen its interval by just what they are worth. Absent where no std is stated.
@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.data import Observations, Shared
 from calibration.model import Model
 from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-HEIGHTS, DIMENSIONS = "heights", "dimensions"
+HEIGHTS, DIMENSIONS, CERTIFICATE = "heights", "dimensions", "certificate"
+TOLERANCES = (HEIGHTS, DIMENSIONS, CERTIFICATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,35 @@ class Heights(EffectBase):
         shift = np.zeros(len(self.stds))
         shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
         return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
+
+
+@dataclass(frozen=True, slots=True)
+class Certified(EffectBase):
+    """Errors of the certificate that all presses share: when a touch is seen, how far the gel rises to it."""
+
+    shared: Shared
+
+    key = CERTIFICATE
+    title = "the certificate is off"
+    stage = Stage.DEPTH
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The offset and the relative error, where they have a std."""
+        table = [_small("touch_mm", self.shared.touch_mm, "all touches seen early or late")] if self._late else []
+        if self.shared.rise > 0:
+            table.append(_small("rise", self.shared.rise, "all rises larger or smaller", unit="1"))
+        return tuple(table)
+
+    @property
+    def _late(self) -> bool:
+        return self.shared.touch_mm > 0
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Stretch and shift the depth."""
+        offset = values[0] if self._late else 0.0
+        stretch = values[-1] if self.shared.rise > 0 else 0.0
+        return replace(state, depth_mm=(1 + stretch) * state.depth_mm + offset)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,16 +111,19 @@ class Dimensions(EffectBase):
 
 def with_tolerances(model: Model, data: Observations) -> Model:
     """The model with the stated tolerances of this data's indenters and gel; as it is where none is stated."""
-    kept = model.without(HEIGHTS).without(DIMENSIONS)
+    kept = model.without(HEIGHTS).without(DIMENSIONS).without(CERTIFICATE)
     certified = not data.is_curves or data.depth_source == "gauge"
     stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)
     heights = Heights(stds)
     if heights.parameters:
         kept = kept + heights
+    together = Certified(data.shared)
+    if not data.is_curves and together.parameters:
+        kept = kept + together
     spread = {i.radius_mm: i.radius_std_mm for i in data.indenters}
     dimensions = Dimensions(data.gel.thickness_std_mm, tuple(sorted(spread.items())))
     return kept + dimensions if dimensions.parameters else kept
 
 
-def _small(name: str, std: float, meaning: str) -> Parameter:
-    return Parameter(name, "mm", 0.0, (-8 * std, 8 * std), meaning, std, Prior(0.0, std, "stated tolerance"))
+def _small(name: str, std: float, meaning: str, *, unit: str = "mm") -> Parameter:
+    return Parameter(name, unit, 0.0, (-8 * std, 8 * std), meaning, std, Prior(0.0, std, "stated tolerance"))

@@ -321,11 +321,12 @@ class ShearMap:
 class TractionMap:
     """Traction of the indenter on the gel, MPa, (H, W) each; t_z > 0 presses into it.
 
-    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm` the
-    place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's border, ...).
-    `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz) about the pad's
-    centre, r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the force found without it minus
-    the measured one, and `mismatch_sigma` its largest component over the standard deviation expected of it.
+    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm`
+    the place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's
+    border, ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz)
+    about the pad's centre, r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the
+    force found without it minus the measured one, and `mismatch_sigma` its largest component over the
+    standard deviation expected of it.
     What was not measured is NaN.
     """
 

@@ -153,8 +153,8 @@ class TransformSolver:
         out: Array = np.empty(self.shape, dtype=self.dtype)
         np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
         np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
-        np.add(dz_dx[:, -1], dz_dx[:, -2], out=out[:, -1])
-        np.negative(out[:, -1], out=out[:, -1])
+        # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
+        out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
         out *= self.half[0]
         scaled = dz_dy * self.half[1]
         out[1:-1] += scaled[2:]

@@ -29,11 +29,12 @@ MethodOption = Annotated[
 
 def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recording:
     """Read a recording, or a bare folder of frames where its sensor and reference are named."""
-    from tactilevision.recording import read_folder, read_recording
+    from tactilevision.recording import read_folder, read_recording, require
 
-    if sensor is None and reference is None:
-        return read_recording(path)
-    return read_folder(path, sensor=sensor, reference=reference)
+    bare = sensor is not None or reference is not None
+    recording = read_folder(path, sensor=sensor, reference=reference) if bare else read_recording(path)
+    require(recording, "frames", step="making height maps")
+    return recording
 
 
 def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:

@@ -45,6 +45,8 @@ _LINEAR = Growth()
 class Onset:
     """x0 and its std; A and its std, the shape of its `growth`; `grown` is the signal at the end; `noise` of y.
 
+    `shared_std` is the part of x0's std that all presses of one bevel have in common: they share the shape.
+
     `gain` is the fall of chi-square against no onset at all, about the square of the detection's sigmas;
     `chi2` what is left, at the noise handed in or found.
     """
@@ -58,6 +60,7 @@ class Onset:
     noise: float
     gain: float
     chi2: float
+    shared_std: float = 0.0
 
     def signal(self, x: Floats) -> Floats:
         """What the onset adds to the smooth course at x."""

@@ -170,9 +170,14 @@ def _point(
         force, time_s = event.force_N, touch.time_s
         from_time = 0.0 if event.dwell else event.rate_N_s * timed.crossed.std_s
         force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
-        extra |= {"touch_std_s": touch.std_s, "touch_channel": touch.channel, "touch_sigmas":
-        touch.onset.gain**0.5,
-                  "force_readings": event.readings, "force_dwell": int(event.dwell)}  # fmt: skip
+        extra |= {
+            "touch_std_s": touch.std_s,
+            "touch_shared_std_mm": 0.0 if event.dwell else touch.onset.shared_std,
+            "touch_channel": touch.channel,
+            "touch_sigmas": touch.onset.gain**0.5,
+            "force_readings": event.readings,
+            "force_dwell": int(event.dwell),
+        }
     if look is not None and look.watch.footprint is not None:
         face = look.watch.footprint
         extra |= {"centre_x_mm": face.centre_mm[0], "centre_y_mm": face.centre_mm[1], "face_radius_mm":

@@ -21,6 +21,8 @@ from tactilevision.records import Bools, Floats, Indenter, Pair
 
 SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
 _SHARES = np.linspace(0.0, 1.0, 6)
+# of fill_mm: blur and the gel beside the edge smear it by what is not known beforehand
+_FILLS = (0.25, 0.5, 1.0, 2.0)
 _TYPICAL = 0.4
 _ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
 _ANGLE_DEG = 10.0  # of a bevel of which nothing is said
@@ -97,14 +99,14 @@ def fill_mm(indenter: Indenter) -> float:
 
 
 def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
-    """Onsets of many signals (x, y) of one shape: the mean over the shares k, each by its likelihood."""
+    """Onsets of many signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
     first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
     sure = [onset for onset in first if onset is not None and onset.gain > SURE]
     if not sure:
         return first
     noise = float(np.median([onset.noise for onset in sure]))
     trials, misfit = [], []
-    for growth in (Growth(float(share), fill) for share in _SHARES):
+    for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
         free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
         amplitudes = [o.amplitude for o in free if o is not None and o.gain > SURE]
         middle = float(np.median(amplitudes)) if amplitudes else np.nan
@@ -129,7 +131,9 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:
     variance = np.array([onset.std**2 for onset, _ in kept])
     mean = float(np.average(at, weights=share_out))
     best = kept[int(share_out.argmax())][0]
-    return replace(best, at=mean, std=float(np.sqrt(np.average(variance + (at - mean) ** 2, weights=share_out))))
+    shared = float(np.average((at - mean) ** 2, weights=share_out))
+    return replace(best, at=mean, std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
+                   shared_std=float(np.sqrt(shared)))  # fmt: skip
 
 
 def find_distance(cases: Sequence[Case]) -> float | None:
