@@ -1,0 +1,56 @@
+"""What all certified depths have wrong together does not average out over presses, and the interval says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_recordings import Truth, draw
+
+from calibration.calibrate import calibrate
+from calibration.data import Measured
+from calibration.result import CalibrationResult
+
+TOUCH_MM, RISE = 0.002, 0.006
+
+
+def shifted(measured: Measured, offset_mm: float, *, states: bool) -> Measured:
+    """The same presses with every depth read too small by one offset."""
+    said = {"touch_shared_std_mm": TOUCH_MM, "rise_ratio": 0.1, "rise_ratio_std": RISE * 1.1} if states else {}
+    points = [replace(p, depth_mm=p.depth_mm - offset_mm, extra=said) for p in measured.points]
+    return replace(measured, points=tuple(points))
+
+
+def result(seed: int, offset_mm: float, *, states: bool) -> CalibrationResult:
+    measured = draw(Truth(height_std_mm=0.001), np.random.default_rng(seed))
+    return calibrate(shifted(measured, offset_mm, states=states))
+
+
+def width(found: CalibrationResult) -> float:
+    assert found.c.interval95 is not None
+    return found.c.interval95[1] - found.c.interval95[0]
+
+
+def test_a_stated_shared_error_widens_the_interval() -> None:
+    assert width(result(1, 0.0, states=True)) > 1.4 * width(result(1, 0.0, states=False))
+
+
+def test_the_estimate_itself_stays() -> None:
+    stated, silent = (result(2, 0.0, states=states).c.value for states in (True, False))
+    assert stated == pytest.approx(silent, rel=0.005)
+
+
+def test_intervals_cover_a_shared_offset_of_one_sigma() -> None:
+    """Twelve draws, every touch seen one sigma late; what is covered is the stiffness without that error."""
+    covered = {True: 0, False: 0}
+    for seed in range(12):
+        clean = draw(Truth(), np.random.default_rng(100 + seed))
+        near = calibrate(clean).c
+        assert near.value is not None
+        for states in covered:
+            interval = calibrate(shifted(clean, TOUCH_MM, states=states)).c.interval95
+            assert interval is not None
+            covered[states] += interval[0] <= near.value <= interval[1]
+    assert covered[True] >= 11
+    assert covered[True] >= covered[False]
