@@ -37,7 +37,7 @@ class View:
         step, (width, height) = self.mm_per_px / self.fine, self.size_mm
         x = (np.arange(self.shape[1] * self.fine) + 0.5) * step - width / 2
         y = (np.arange(self.shape[0] * self.fine) + 0.5) * step - height / 2
-        return tuple(np.meshgrid(x, y))  # type: ignore[return-value]
+        return tuple(np.meshgrid(x, y))
 
 
 class Forward:
