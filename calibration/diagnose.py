@@ -23,6 +23,7 @@ from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnosis import Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
+from calibration.effects.thickness import Thickness
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
 from calibration.fitting import Fit
 from calibration.noise import Whitener
@@ -196,6 +197,7 @@ def _conclude(
             verdict, flags = "UNKNOWN", [*before.flags]
             tried, added, sets, after = tuple(c.effect.key for c, _, _ in added), (), (), before
     after = _spanning(after, sets)
+    flags += [f"{c.effect.key}_beyond_prior" for c, _, _ in added if _beyond_prior(current, c.effect.key)]
     first = rounds[0].screen
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
     explained = would_have_to_be(base) if "beta_outside_theory" in flags else ()
@@ -211,6 +213,15 @@ def _conclude(
         would_have_to_be=explained, lack_of_fit_p=left, tried=tried, possible_bias={}, base=base,
         fitted=current if added else base,
     )  # fmt: skip
+
+
+def _beyond_prior(fitted: Fit, key: str) -> bool:
+    """Whether an effect's value lies more than three std from what was known of it beforehand."""
+    return any(
+        abs(value - p.prior.mean) > TOLD_APART * p.prior.std
+        for value, p in zip(fitted.values, fitted.parameters, strict=True)
+        if p.prior is not None and p.name.startswith(f"{key}.")
+    )
 
 
 def _spanning(after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]]) -> CalibrationResult:
@@ -263,11 +274,12 @@ def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str]
 
 
 def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:
+    """These effects on top of the base; with beta out of theory the stated thickness is itself in doubt."""
     found = []
     for key in keys:
         if key not in base.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(refit_with(base, EFFECTS[key]))
+                found.append(refit_with(base, Thickness(held=False) if key == "thickness" else EFFECTS[key]))
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.data import Observations
 from calibration.parameters import Parameter
-from calibration.stages import Effect, Law, Stage, State
+from calibration.stages import Effect, EffectBase, Law, Stage, State
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
@@ -50,7 +50,7 @@ class Model:
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """All parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
-        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in e.parameters]
+        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in _known(e, data)]
         return (*self.law.parameters(data), *effects)
 
     def slices(self, data: Observations) -> dict[str, slice]:
@@ -107,6 +107,11 @@ def rest_state(data: Observations) -> State:
     ones, zeros = np.ones(data.size), np.zeros(data.size)
     thickness = np.full(data.size, data.gel.thickness_mm)
     return State(data.depth_mm, data.radius_mm, thickness, ones, zeros, zeros)
+
+
+def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
+    """An effect's parameters with its priors; one that states none on data needs no such method."""
+    return effect.parameters_on(data) if isinstance(effect, EffectBase) else effect.parameters
 
 
 def _place(effect: Effect) -> tuple[int, int, str]:

@@ -65,7 +65,7 @@ def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
     starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])
     values, thickness = starts[0], data.gel.thickness_mm
     for _ in range(TURNS if key == "thickness" else 1):  # another thickness is another theory's beta
-        values = _with_theory(fitted, model, starts, thickness)
+        values = _with_theory(fitted, model, key, starts, thickness)
         if key == "thickness":
             fitted_mm = data.gel.thickness_mm * (1 + float(values[place]))
             thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
@@ -77,8 +77,8 @@ def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
     )  # fmt: skip
 
 
-def _with_theory(fitted: Fit, model: Model, starts: Floats, thickness_mm: float) -> Floats:
-    """All values with each radius's beta held at theory's, by plain least squares."""
+def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_mm: float) -> Floats:
+    """All values with each radius's beta held at theory's, by plain least squares: no prior holds the effect."""
     data = fitted.data
     radii = iter(np.unique(data.presses.radius_mm))
     table = []
@@ -86,6 +86,8 @@ def _with_theory(fitted: Fit, model: Model, starts: Floats, thickness_mm: float)
         if parameter.name.startswith("beta"):
             beta = theory_beta(float(next(radii)), thickness_mm)
             parameter = replace(parameter, default=beta, bounds=(beta, beta))
+        elif parameter.name.startswith(f"{key}."):
+            parameter = replace(parameter, prior=None)
         table.append(parameter)
     noise = Noise(0.01 * float(np.max(data.normal_N)), stated=False)
     whitener = Whitener(data, noise, replace(fitted.about, base_N=np.ones(data.size)))

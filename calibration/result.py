@@ -93,7 +93,12 @@ def common_assumptions(fitted: Fit) -> list[str]:
     lines = ["the zeros of depth and force are taken as they were recorded"]
     if data.depth_source == "stage":
         lines.append("the depth is the stage's: the rig's give counts as the gel's unless an effect takes it out")
-    if not data.gel.thickness_std_mm:
+    thickness = next((p.prior for p in fitted.parameters if p.name == "thickness.relative"), None)
+    if thickness is not None:
+        lines.append(
+            f"the thickness is fitted, held to the stated one within {thickness.std:.1%} (std; {thickness.source})"
+        )
+    elif not data.gel.thickness_std_mm:
         lines.append(
             f"the thickness, {data.gel.thickness_mm:g} mm, is taken as exact; 1 % of it is about 1 % of E"
         )

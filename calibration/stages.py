@@ -117,6 +117,10 @@ class EffectBase:
         """What is fitted."""
         raise NotImplementedError(f"{type(self).__name__} states no parameters")
 
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same, with what is known of them beforehand on these data; nothing, unless said otherwise."""
+        return self.parameters
+
     def missing(self, data: Observations) -> str:
         """Any data show it, unless said otherwise."""
         return ""

@@ -1,7 +1,9 @@
 """The gel's thickness is h (1 + d) instead of h.
 
-Changes kappa(nu, a/h) and the strain w/h. On one radius it is E and beta; several radii show it.
-Vanishes at d = 0. Source: the law's own h.
+Changes kappa(nu, a/h) and the strain w/h. On one radius it is E and beta; several radii show it. The stated
+thickness is a measurement too: d ~ N(0, s^2), s from thickness_std_mm, else 10 %, what a gel that is cast and
+glued by hand may be off. Without it other misfits run into a thickness that no gel has.
+Vanishes at d = 0. Source: the law's own h; s is a judgement.
 """
 
 from __future__ import annotations
@@ -9,14 +11,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibration.data import Observations
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
+
+JUDGED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Thickness(EffectBase):
-    """One relative error of the thickness."""
+    """One relative error of the thickness; not `held`, nothing is taken to be known of it."""
+
+    held: bool = True
 
     key = "thickness"
     title = "the gel is not as thick as stated"
@@ -30,6 +36,17 @@ class Thickness(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """d."""
         return (Parameter("relative", "1", 0.0, (-0.5, 0.8), "thickness over the stated one, less 1", 0.1),)
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """d held by what is stated or judged of the thickness."""
+        if not self.held:
+            return self.parameters
+        gel = data.gel
+        if gel.thickness_std_mm > 0:
+            prior = Prior(0.0, gel.thickness_std_mm / gel.thickness_mm, "thickness_std_mm as stated")
+        else:
+            prior = Prior(0.0, JUDGED, "no thickness_std_mm is stated: a judgement")
+        return tuple(replace(p, prior=prior) for p in self.parameters)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the thickness."""

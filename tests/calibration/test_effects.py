@@ -19,6 +19,7 @@ from calibration.fitting import Problem, fit, linearise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise, Whitener
+from calibration.result import common_assumptions
 from calibration.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
@@ -144,6 +145,20 @@ def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: E
                    presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)))  # fmt: skip
     needs_nothing = {"depth_zero", "force_bias", "tilt", "edge_fillet", "thickness", "stiffening", "mullins"}
     assert bool(effect.missing(poor)) == (effect.key not in needs_nothing) or effect.key == "mullins"
+
+
+@pytest.mark.parametrize(("stated_mm", "spread"), [(0.0, 0.1), (0.06, 0.02)])
+def test_the_thickness_is_held_by_what_is_known_of_it(stated_mm: float, spread: float) -> None:
+    model = Model(FlatPunch()) + EFFECTS["thickness"]
+    data = replace(RICH, gel=replace(GEL, thickness_std_mm=stated_mm)).take([0, 3, 6])  # one radius: h is not seen
+    prior = {p.name: p.prior for p in model.parameters(data)}["thickness.relative"]
+    assert prior is not None
+    assert prior.std == pytest.approx(spread)
+    thin = np.array([0.2, 0.48, 0.9, -0.3])
+    found = fit(model, data.with_force(model.predict(thin, data)), tolerances=False)
+    assert abs(found.values[-1]) < 0.3 * spread
+    assert found.std("thickness.relative") == pytest.approx(spread, rel=0.1)
+    assert any("thickness is fitted" in line for line in common_assumptions(found))
 
 
 def test_unknown_keys_are_named() -> None:
