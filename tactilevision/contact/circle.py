@@ -2,8 +2,8 @@
 
     minimise  sum_i w_i rho( |p_i - c| - R )        rho: Tukey's biweight, its scale from the residuals
 
-RANSAC finds the circle that most points agree on, whatever the others do; the weighted geometric
-(orthogonal distance) fit then refines it. Units: mm.
+RANSAC (Fischler & Bolles, Comm. ACM 24 (1981) 381) finds the circle that most points agree on, whatever the
+others do; the weighted geometric (orthogonal distance) fit then refines it. Units: mm.
 """
 
 from __future__ import annotations
@@ -54,21 +54,19 @@ def fit_circle(
 
 
 def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
-    """The circle through three points that most others lie on; the start itself counts as a candidate."""
-    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
-    triples = points[rng.integers(0, len(points), (200, 3))]
-    first, second, third = triples[:, 0], triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0]
-    cross = 2 * (second[:, 0] * third[:, 1] - second[:, 1] * third[:, 0])
-    usable = np.abs(cross) > 0.2 * start[1] ** 2
-    second2, third2 = (second**2).sum(1), (third**2).sum(1)
-    safe = np.where(usable, cross, 1.0)
-    x = (third[:, 1] * second2 - second[:, 1] * third2) / safe
-    y = (second[:, 0] * third2 - third[:, 0] * second2) / safe
-    centres = np.vstack([np.asarray(start[0]), (first + np.c_[x, y])[usable]])
-    radii = np.r_[start[1], np.hypot(x, y)[usable]]
-    distance = np.abs(np.hypot(*(points[None] - centres[:, None]).transpose(2, 0, 1)) - radii[:, None])
-    best = int(np.argmin(np.minimum(distance / (3 * scale_mm), 1.0).sum(axis=1)))
-    return centres[best], float(radii[best])
+    """The circle through three points that most others lie on; the start, where no three points agree better."""
+    from skimage.measure import CircleModel, ransac
+
+    near, wide = 3 * scale_mm, start[1]
+    model, inliers = ransac(
+        points, CircleModel, min_samples=3, residual_threshold=near, max_trials=200, stop_probability=0.9999,
+        is_model_valid=lambda found, *_: 0.3 * wide < found.radius < 3 * wide,
+        rng=len(points),  # a draw that repeats: the same points give the same circle
+    )  # fmt: skip
+    offset = np.abs(np.hypot(*(points - np.asarray(start[0])).T) - wide)
+    if model is None or inliers is None or inliers.sum() < (offset < near).sum():
+        return np.asarray(start[0], dtype=np.float64), wide
+    return np.asarray(model.center, dtype=np.float64), float(model.radius)
 
 
 def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:
