@@ -14,14 +14,15 @@ from test_screen import MODEL, TRUTH, measured, presses
 
 import calibration.diagnose as module
 from calibration.compare import Comparison, compare
-from calibration.data import Observations
+from calibration.data import Measured, Observations
 from calibration.diagnose import change_point, diagnose
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
-from calibration.observe import observe_points
+from calibration.noise import Noise
+from calibration.observe import observe_curves, observe_points
 from calibration.outside import theory_beta
 from calibration.private import load_effect, new_effect
 from calibration.refit import Candidate
@@ -29,6 +30,7 @@ from calibration.stages import Effect, State
 from calibration.steps import History, Step, load_history
 from tactilevision.errors import ConvergenceError, InputError, OutputError
 from tactilevision.files import write_json
+from tactilevision.recording import read_recording
 from tactilevision.records import Floats
 
 DIAGNOSIS_KEYS = {
@@ -128,6 +130,28 @@ def test_an_effect_that_finds_no_minimum_leaves_the_comparison_and_the_next_one_
     assert found.left_out == (("stubborn", "this one never settles"),)
     with pytest.raises(InputError, match="never settles"):
         diagnose(shifted, np.random.default_rng(0), known=[Stubborn()])
+
+
+@pytest.mark.parametrize(("relative", "flagged"), [(0.1, False), (0.4, True)])
+def test_a_thickness_far_from_the_stated_one_is_flagged(relative: float, flagged: bool) -> None:
+    model = Model(FlatPunch()) + EFFECTS["thickness"]
+    force = model.predict(np.append(BASE, relative), RICH)
+    found = fit(model, RICH.with_force(force), noise=Noise(1e-3, 1e-4, 1e-4, stated=False))
+    assert found.estimate("thickness.relative").value == pytest.approx(relative, rel=0.05)
+    assert module._beyond_prior(found, "thickness") is flagged
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "verdict", "keys"),
+    [("hidden_unknown", "UNKNOWN", []), ("hidden_material", "IDENTIFIED", ["viscoelasticity"])],
+)
+def test_the_samples_end_in_their_verdicts(name: str, verdict: str, keys: list[str]) -> None:
+    recording = read_recording(Path(__file__).parents[2] / "sample_frames" / name)
+    data = observe_curves([Measured(recording, curves=recording.curves)])
+    found = diagnose(data, np.random.default_rng(0))
+    assert found.verdict == verdict
+    assert [effect.key for effect in found.effects] == keys
 
 
 def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
