@@ -1,7 +1,7 @@
 # Two commands do everything on a fresh machine: `make demo` and `make test`.
 PYTHON ?= python3
 BIN := .venv/bin
-export OPENBLAS_NUM_THREADS ?= 2
+export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo test check lint types bench blind slow docs clean
 

@@ -53,7 +53,7 @@ def summary(found: Diagnosis) -> list[str]:
     lines = [f"{found.verdict}: {verdict_sentence(found)}"]
     for effect in found.effects:
         values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
-        lines.append(f"  {in_words(effect.key)}: {values}; p = {effect.p_adjusted:.2g}")
+        lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
     lines += [f"  {w.key}: {w.parameter} would have to be {w.value:.3g} {w.unit} (R^2 {w.r_squared:.4f})"
               for w in found.would_have_to_be]  # fmt: skip
     if found.change_point is not None:
@@ -97,7 +97,7 @@ def _card(key: str, found: Diagnosis) -> str:
     for added in found.effects:
         if added.key == key:
             rows += [(name, wording.estimate(value)) for name, value in added.parameters]
-            rows += [("p, adjusted for all looks", f"{added.p_adjusted:.2g}"),
+            rows += [("p, adjusted for all looks", wording.p_value(added.p_adjusted)),
                      ("skill on presses left out", f"{100 * added.transfer_skill:.0f} %")]  # fmt: skip
     if about is not None:
         rows += [("seen against", ", ".join(about.seen_in)),

@@ -35,3 +35,8 @@ def estimate(content: Mapping[str, Any] | Estimate) -> str:
         why = record.get("why") or "these data cannot tell"
         return f"not fixed by these data ({why})" + (f"; 95 %: {span}" if span else "")
     return f"{number(record['value'], spread)}{unit}" + (f" (95 %: {span})" if span else "")
+
+
+def p_value(p: float) -> str:
+    """A p-value to two digits; one that underflows is below what can be computed, not 0."""
+    return "< 1e-300" if p < 1e-300 else f"{p:.2g}"

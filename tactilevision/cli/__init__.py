@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 
@@ -10,6 +11,8 @@ def main() -> int:
 
     0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted.
     """
+    for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(library, "1")  # matrices are small here: threads would only wait for each other
     from tactilevision.cli.app import app
     from tactilevision.cli.console import report_failure
 

@@ -145,7 +145,7 @@ def _figures(found: Diagnosis, folder: Path) -> list[Picture]:
     errors = found.errors
     names = [
         "base",
-        *(["with " + " + ".join(e.key.replace("_", " ") for e in found.effects)] if found.effects else []),
+        *([" + ".join(e.key.replace("_", " ") for e in found.effects)] if found.effects else []),
     ]
     held = [errors.held_out_before, errors.held_out_after][: len(names)]
     fall = draw.draw_waterfall(names, held, errors.floor)
