@@ -57,7 +57,8 @@ def _panel(axes: Axes, panel: Panel) -> None:
             color=style.RED if telling else style.BLUE,
         )  # fmt: skip
     axes.axhline(0, color=style.GREY, lw=0.8)
-    verdict = f"p = {panel.p_adjusted:.2g}" + (" *" if telling else "")
+    p = f"p = {panel.p_adjusted:.2g}" if panel.p_adjusted > 1e-300 else "p < 1e-300"
+    verdict = p + (" *" if telling else "")
     axes.set_title(f"{panel.name}: {verdict}", color=style.RED if telling else "black")
     axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
 
