@@ -86,6 +86,7 @@ def compare(
 
     data = observe([one.measured for one in take(recordings)])
     found = method.compare(data, [*_known(known), *_private(private)], np.random.default_rng(seed))
+    console.warn([f"{key} could not be fitted and is left out: {why}" for key, why in found.left_out])
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
