@@ -1,0 +1,68 @@
+"""diagnose, compare, new-effect and train as a user calls them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactilevision.cli import main
+
+ROOT = Path(__file__).parents[2]
+PAPER = ROOT / "sample_frames" / "paper_points"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
+    return main()
+
+
+def test_the_papers_points_are_not_called_adequate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A free beta fits them, but no contact law allows this one: four candidates, each with what it would be."""
+    assert run(monkeypatch, "diagnose", PAPER, "--out", tmp_path) == 0
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert found["verdict"] == "AMBIGUOUS"
+    assert "beta_outside_theory" in found["flags"]
+    assert {"thickness", "edge_fillet", "depth_zero", "stiffening"} <= set(found["candidates"])
+    thickness = next(w for w in found["would_have_to_be"] if w["key"] == "thickness")
+    assert 3.0 * (1 + thickness["value"]) == pytest.approx(2.25, abs=0.15)
+    assert found["measure_next"]
+    assert {"history.json", "repeat.sh", "report.html", "residuals.png"} <= {p.name for p in tmp_path.iterdir()}
+    assert "cannot tell which of" in capsys.readouterr().out
+
+
+def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path) == 0
+    models = json.loads((tmp_path / "comparison.json").read_text())
+    assert [model["effects"] for model in models] == [[], ["depth_zero"]]
+    assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])
+
+
+def test_an_unknown_effect_is_named_with_the_known_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "compare", PAPER, "--with", "magic", "--out", tmp_path) == 2
+    said = capsys.readouterr().err
+    assert "magic" in said
+    assert "depth_zero" in said
+
+
+def test_a_template_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "my_effect.py"
+    assert run(monkeypatch, "new-effect", place) == 0
+    before = place.read_bytes()
+    assert run(monkeypatch, "new-effect", place) == 2
+    assert place.read_bytes() == before
+    assert run(monkeypatch, "compare", PAPER, "--effect", place, "--out", tmp_path / "out") == 0
+
+
+def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = ROOT / "sample_frames" / "gelslim3"
+    assert run(monkeypatch, "train", sample, "--out", tmp_path / "light.npz") == 0
+    card = json.loads((tmp_path / "light.json").read_text())
+    assert card["method"] == "polynomial"
+    assert len(card["sha256"]) == 64
