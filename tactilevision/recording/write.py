@@ -78,7 +78,10 @@ def write_maps(folder: Path | str, sensor: Sensor) -> None:
 
 
 def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
-    """Write a picture (H, W, 3) uint8, red, green, blue; the ending of the name chooses the format."""
+    """Write a picture (H, W, 3) uint8, red, green, blue; the ending of the name chooses the format.
+
+    JPEG keeps the colours at full resolution: photometric stereo reads slopes from them.
+    """
     path = Path(path)
     if path.suffix.lower() == ".npy":
         with replacing(path) as temporary:
@@ -86,7 +89,10 @@ def write_image(path: Path | str, rgb: Bytes, *, jpeg_quality: int = 95) -> None
         return
     if path.suffix.lower() not in layout.IMAGE_SUFFIXES:
         raise InputError("pictures are written as " + ", ".join(layout.IMAGE_SUFFIXES), where=path)
-    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if path.suffix.lower() in (".jpg", ".jpeg") else []
+    options = []
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        full = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+        options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality, *full]
     _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)
     with replacing(path) as temporary:
         temporary.write_bytes(data.tobytes())
