@@ -1,7 +1,7 @@
 """The main job on recordings of unseen seeds: is c right, is E right where nu is given, do the intervals cover?
 
 Each seed draws its own lights, gel, bevel's side, clock and noise; every kind of bad press occurs once.
-python -m benchmarks.main_job [recordings] [processes]
+python -m benchmarks.main_job [recordings] [processes] [seconds of dwell at the touch]
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +26,7 @@ FIRST_SEED = 4000
 SIDES: tuple[Literal["right", "left", "top", "bottom"], ...] = ("right", "left", "top", "bottom")
 
 
-def options_of(seed: int) -> SimulationOptions:
+def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
     """A rig like the sample's in front of other lights, with another gel."""
     rng = np.random.default_rng([seed, 17])
     plain = SimulationOptions(name=f"seed-{seed}", frames="jpeg", jpeg_quality=92, presses=3, balls=14)
@@ -36,11 +37,11 @@ def options_of(seed: int) -> SimulationOptions:
     indenters = replace(plain.indenters, bevel=SIDES[seed % 4])
     return replace(
         plain, gel=gel, indenters=indenters, camera=replace(plain.camera, light_seed=seed),
-        rig=replace(plain.rig, frames_per_press=48),
+        rig=replace(plain.rig, frames_per_press=48, protocol=replace(plain.rig.protocol, dwell_s=dwell_s)),
     )  # fmt: skip
 
 
-def run(seed: int) -> dict[str, Any]:
+def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.calibrate import calibrate
     from calibration.data import Measured
@@ -49,7 +50,7 @@ def run(seed: int) -> dict[str, Any]:
     from tactilevision.recording import read_recording
 
     with tempfile.TemporaryDirectory() as folder:
-        place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed))
+        place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
         certificate = certify(recording, build_reconstructor(recording))
@@ -78,10 +79,11 @@ def main(arguments: Sequence[str] = ()) -> None:
     """Print one line a recording, then the counts against what is asked for."""
     count = int(arguments[0]) if arguments else 20
     processes = int(arguments[1]) if len(arguments) > 1 else 2
+    dwell_s = float(arguments[2]) if len(arguments) > 2 else 0.0
     rows = []
     print(f"{'seed':>6}{'c err %':>9}{'E err %':>9}{'clock ms':>10}  covered c, E, nu   wrong reasons")
     with ProcessPoolExecutor(processes) as pool:
-        for row in pool.map(run, range(FIRST_SEED, FIRST_SEED + count)):
+        for row in pool.map(partial(run, dwell_s=dwell_s), range(FIRST_SEED, FIRST_SEED + count)):
             rows.append(row)
             wrong = {f"{a or 'good'}->{b or 'accepted'}": n for (a, b), n in row["reasons"].items() if a != b}
             covered = "".join("y" if row[f"{key} covered"] else "n" for key in
