@@ -6,20 +6,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from tactilevision.errors import InputError
-from tactilevision.records import Pair
+from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.rig import Protocol
 
-FAULTS = (
-    "tangential",
-    "tilt",
-    "footprint",
-    "bevel_not_touched",
-    "dropped_frames",
-    "saturated",
-    "short_rest",
-    "border",
-)
+FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 
 
 @dataclass(frozen=True, slots=True)
