@@ -152,6 +152,22 @@ def test_what_cannot_be_reached_is_said() -> None:
         press_to_depths(problem, [0.2, 2.5])
 
 
+@pytest.mark.parametrize(
+    ("friction", "nu", "radius"), [(0.1, 0.4797, 2.5), (0.3, 0.4999, 4.5), (0.15, 0.495, 0.9)]
+)
+def test_first_touch_finds_what_sticks_however_little_does(friction: float, nu: float, radius: float) -> None:
+    """Steps shorter than the edge radius do not help there: stick and slip have the same extent in all of them."""
+    problem = PunchProblem(Material(1.0, nu), RoundedPunch(radius, 0.05, friction), 3.0, 15.0)
+    solution = press_to_depths(problem, [0.01])
+    assert not any(step.failure for step in solution.steps)
+    assert solution.pressure_MPa is not None
+    assert solution.shear_MPa is not None
+    share = np.abs(solution.shear_MPa[0]) / np.maximum(friction * solution.pressure_MPa[0], 1e-12)
+    touching = solution.pressure_MPa[0] > 0
+    assert (share[touching] < 0.5).any()
+    assert share[touching].max() <= 1 + 1e-9
+
+
 def test_impossible_presses_are_refused() -> None:
     problem = rough_problem(0.0)
     with pytest.raises(InputError, match="reaches through"):

@@ -46,22 +46,28 @@ class RoundedPunch:
 
 @dataclass(frozen=True, slots=True)
 class ContactHistory:
-    """At the last converged step: places relative to the punch (K, Q, 2), gaps and tangential tractions (K, Q)."""
+    """At the last converged step: places relative to the punch (K, Q, 2), gaps and tangential tractions (K, Q).
+
+    `trial_MPa` (K, Q) is the elastic trial of the iteration before, where there was one.
+    """
 
     place_mm: Floats
     gap_mm: Floats
     shear_MPa: Floats
+    trial_MPa: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ContactState:
     """`force` (K, 7) on the unknowns (internal minus external), `stiffness` (K, 7, 7); nominal `pressure_MPa` and
-    `shear_MPa` (K, Q), shear positive along the tangent; `history` for the next step; penalty `energy` (N mm)."""
+    `shear_MPa` (K, Q), shear positive along the tangent, and its elastic `trial_MPa`; `history` for the next step;
+    penalty `energy` (N mm)."""
 
     force: Floats
     stiffness: Floats
     pressure_MPa: Floats
     shear_MPa: Floats
+    trial_MPa: Floats
     history: ContactHistory
     energy: float
 
@@ -121,7 +127,10 @@ def touch(
     moved = place - history.place_mm
     trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
     along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
-    shear, by_trial, by_pressure = slip(punch.friction, np.where(active, trial, 0.0), pressure)
+    trial = np.where(active, trial, 0.0)
+    shear, by_trial, by_pressure = slip(punch.friction, trial, pressure)
+    if history.trial_MPa is not None:
+        by_trial = turned_back(by_trial, shear, trial, history.trial_MPa)
 
     # df/dy of f = q n + T t, with dq = -k n.dy, dn = c t (t.dy), dt = -c n (t.dy), d trial = along t.dy
     slope = np.zeros((*gap.shape, 2, 2))
@@ -143,6 +152,7 @@ def touch(
         stiffness=matrix,
         pressure_MPa=pressure,
         shear_MPa=shear,
+        trial_MPa=trial,
         history=ContactHistory(place, gap, shear),
         energy=float((surface.weight_mm2 * pressure**2).sum() / (2 * stiffness)),
     )
@@ -167,6 +177,17 @@ def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floa
     sign = np.sign(trial)
     by_pressure = np.where(pressure > 0, sign * friction * (phi - x * (1 - near)), 0.0)
     return sign * limit * phi, 1 - near, by_pressure
+
+
+def turned_back(by_trial: Floats, shear: Floats, trial: Floats, before: Floats) -> Floats:
+    """The tangent's slopes, a secant where a point slips the other way than in the iteration `before`.
+
+    Such a point sticks: between the two its traction has gone from -mu q to mu q. The slope at either end is 0 and
+    would send Newton's method back and forth for ever, most of all at first touch, where shortening the step
+    changes nothing.
+    """
+    turned = (trial * before < 0) & (by_trial < 1)
+    return np.where(turned, 2 * np.abs(shear) / np.where(turned, np.abs(trial - before), 1.0), by_trial)
 
 
 def _spread(surface: Surface) -> Floats:

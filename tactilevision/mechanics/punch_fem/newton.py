@@ -3,7 +3,7 @@ together."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,6 +53,8 @@ CHATTER_TOLERANCE = 1e-4
 VOLUME_TOLERANCE = 1e-9  # of each element's volume
 # A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step.
 LATE, LATE_ERROR, WORST_ERROR = 5, 1e-2, 3.0
+# At first touch stick and slip have the same extent however short the step is: there only patience helps.
+MOST_AT_FIRST = 30
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -78,14 +80,16 @@ def solve_step(system: Equations, last: State, target: float, guess: tuple[Float
     model, mesh = system.model, system.model.mesh
     u, pressure = guess
     jump = 0.0 if system.by_force else -target - u[mesh.punch]
-    for iteration in range(MOST_ITERATIONS + 1):
+    history, first = last.history, last.depth_mm == 0
+    most = MOST_AT_FIRST if first else MOST_ITERATIONS
+    for iteration in range(most + 1):
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):
             return Failure("an element turned inside out")
         solid = linearise(mesh, model.problem.law, model.problem.material, state, pressure)
-        contact = contact_at(model, u, last.history, keep=iteration == 0)
+        contact = contact_at(model, u, history, keep=iteration == 0)
         error = _imbalance(system, solid, contact, target)
-        late = iteration >= LATE and error > LATE_ERROR
+        late = iteration >= LATE and error > LATE_ERROR and not first
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return Failure(f"the iteration diverges (residual {error:.1e})")
         tolerance = FORCE_TOLERANCE if iteration <= LATE else CHATTER_TOLERANCE
@@ -95,14 +99,16 @@ def solve_step(system: Equations, last: State, target: float, guess: tuple[Float
                 return Failure("the surface folds at the punch's edge")
             reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
             force = target if system.by_force else reaction
-            history = None if contact is None else contact.history
-            return State(u, pressure, history, -float(u[mesh.punch]), force, iteration, error)
+            reached = None if contact is None else contact.history
+            return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error)
         du = _increment(system, solid, contact, target, jump)
         jump = 0.0
+        if contact is not None and last.history is not None:
+            history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
         local = du[mesh.dofs]
         pressure = pressure + solid.recover_constant - (solid.recover_slope @ local[:, :, None])[:, :, 0]
-    return Failure(f"no convergence in {MOST_ITERATIONS} iterations (residual {error:.1e})")
+    return Failure(f"no convergence in {most} iterations (residual {error:.1e})")
 
 
 def contact_at(
