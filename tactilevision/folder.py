@@ -1,7 +1,6 @@
 """A whole folder of frames into height maps: streamed, on all cores, taken up again where it was cut off.
 
-Each frame's map is written whole under its own name before the frame is counted as done, so killing the run
-at any moment loses nothing and a second run does only what is left.
+Each frame's map is written whole under its own name before the frame counts as done (streaming.py).
 """
 
 from __future__ import annotations
@@ -9,30 +8,29 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
-import multiprocessing
-import os
 import time
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import write_text
-from tactilevision.height_files import write_tiff
+from tactilevision.height_files import masked, write_tiff
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import BadFrame, Recording, iter_frames
+from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Frame, HeightMap
+from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, first_frame, run_job
 
 TABLE = "depth.csv"
-MAPS = "depth"
-JOURNAL = ".depth-journal.csv"
+MAPS, STORE = "depth", "depth.zarr"
+JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms")
+Form = Literal["tiff", "zarr"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +43,50 @@ class FrameResult:
     contact_area_mm2: float = float("nan")
     ms: float = float("nan")
 
+    @classmethod
+    def of(cls, row: Row) -> Self:
+        """From its row of text."""
+        return cls(row[0], row[1], *(float(cell) for cell in row[2:]))
+
+    def as_row(self) -> Row:
+        """As text, every digit kept."""
+        return (self.frame, self.status, repr(self.peak_mm), repr(self.contact_area_mm2), repr(self.ms))
+
+
+@dataclass(frozen=True)
+class DepthJob:
+    """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each."""
+
+    reconstructor: Reconstructor
+    maps: Path
+    scratch: Path | None = None
+    columns: int = len(COLUMNS)
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
+        """Write the map; the row says how it went."""
+        if isinstance(frame, BadFrame):
+            return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
+        try:
+            start = time.perf_counter()
+            height = self.reconstructor.height_map(frame)
+            spent = 1e3 * (time.perf_counter() - start)
+        except InputError as fault:
+            return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
+        if self.scratch is None:
+            write_tiff(self._path(frame.name), height)
+        else:
+            write_frame(self.scratch, number, {"depth_mm": masked(height)})
+        return FrameResult(frame.name, "ok", *measure(height), spent).as_row()
+
+    def kept(self, row: Row) -> bool:
+        """Whether the map is there. A store that is being filled is there as a whole."""
+        if row[1] != "ok":
+            return True
+        return self._path(row[0]).exists() if self.scratch is None else self.scratch.exists()
+
+    def _path(self, name: str) -> Path:
+        return self.maps / f"{Path(name).stem}.tiff"
+
 
 def reconstruct_folder(
     recording: Recording,
@@ -53,27 +95,38 @@ def reconstruct_folder(
     *,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    form: Form = "tiff",
 ) -> tuple[FrameResult, ...]:
-    """Write depth/NAME.tiff for every frame, and depth.csv; returns its rows in the order of the frames.
+    """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
 
+    `form` "tiff": depth/NAME.tiff; "zarr": depth.zarr with depth_mm (frames, rows, columns) and frame, the names.
     `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
     """
-    out = Path(out)
-    (out / MAPS).mkdir(parents=True, exist_ok=True)
-    names = recording.frame_names
-    if len({_stem(name) for name in names}) != len(names):
+    out, names = Path(out), recording.frame_names
+    (out / MAPS if form == "tiff" else out).mkdir(parents=True, exist_ok=True)
+    if len({Path(name).stem for name in names}) != len(names):
         raise InputError("two frames share a name but for its ending", where=recording.path,
                          remedy="Rename one: each frame's map is stored under its name.")  # fmt: skip
-    workers = workers or os.cpu_count() or 1
-    with _Journal(out / JOURNAL, _fingerprint(recording, reconstructor), out / MAPS) as journal:
-        for result in _run(_still_to_do(recording, journal.done), reconstructor, out / MAPS, workers):
-            journal.add(result)
-            if progress is not None:
-                progress(len(journal.done), len(names))
-        rows = tuple(journal.done[name] for name in names)
-        write_text(out / TABLE, _table(rows))
-    (out / JOURNAL).unlink()
+    clear_leftovers(out / MAPS)
+    scratch = out / SCRATCH if form == "zarr" else None
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, _way_of_reading(recording, reconstructor)))
+    job = DepthJob(reconstructor, out / MAPS, scratch)
+    sensor = reconstructor.sensor
+
+    def begin() -> None:
+        if scratch is not None:
+            about = {"mm_per_px": list(sensor.mm_per_px), "quantity": "depth into the gel"}
+            begin_frames(
+                scratch, names, {"depth_mm": "mm"}, shape=(sensor.height_px, sensor.width_px), about=about
+            )
+
+    done = run_job(recording, job, journal, workers=workers, progress=progress, begin=begin)
+    rows = tuple(FrameResult.of(row) for row in done)
+    if scratch is not None:
+        end_frames(scratch, out / STORE)
+    write_text(out / TABLE, table(rows))
+    journal.end()
     return rows
 
 
@@ -97,112 +150,8 @@ def measure(height: HeightMap) -> tuple[float, float]:
     return float(np.percentile(depth, 99.9)), float(pixels * height.mm_per_px[0] * height.mm_per_px[1])
 
 
-_worker: tuple[Reconstructor, Path] | None = None
-
-
-def _start_worker(reconstructor: Reconstructor, maps: Path) -> None:
-    global _worker  # one per process: what every frame needs is sent once, not with each frame
-    import cv2
-
-    cv2.setNumThreads(1)
-    _worker = (reconstructor, maps)
-
-
-def _one(frame: Frame | BadFrame) -> FrameResult:
-    assert _worker is not None
-    reconstructor, maps = _worker
-    if isinstance(frame, BadFrame):
-        return FrameResult(frame.name, f"unreadable: {frame.why}")
-    try:
-        start = time.perf_counter()
-        height = reconstructor.height_map(frame)
-        spent = 1e3 * (time.perf_counter() - start)
-        write_tiff(maps / f"{_stem(frame.name)}.tiff", height)
-    except InputError as fault:
-        return FrameResult(frame.name, f"rejected: {fault.what}")
-    return FrameResult(frame.name, "ok", *measure(height), spent)
-
-
-def _run(
-    frames: Iterable[Frame | BadFrame], reconstructor: Reconstructor, maps: Path, workers: int
-) -> Iterator[FrameResult]:
-    """Results as they come; at most a few frames for each worker are in memory."""
-    if workers == 1:
-        _start_worker(reconstructor, maps)
-        yield from map(_one, frames)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(reconstructor, maps)) as pool:
-        pending: set[Future[FrameResult]] = set()
-        for frame in frames:
-            pending.add(pool.submit(_one, frame))
-            if len(pending) >= 4 * workers:
-                done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
-        yield from (future.result() for future in pending)
-
-
-def _still_to_do(recording: Recording, done: dict[str, FrameResult]) -> Iterator[Frame | BadFrame]:
-    left = [row for row, name in enumerate(recording.frame_names) if name not in done]
-    if left:
-        names = tuple(recording.frame_names[row] for row in left)
-        yield from iter_frames(replace(recording, frame_names=names, frame_times_s=recording.frame_times_s[left]))
-
-
-class _Journal:
-    """What is done so far, kept on disk row by row; forgotten when the recording or the method is another."""
-
-    def __init__(self, path: Path, fingerprint: str, maps: Path) -> None:
-        self.path = path
-        self.done: dict[str, FrameResult] = {}
-        with suppress(FileNotFoundError):
-            self._read(fingerprint, maps)
-        write_text(path, "".join([fingerprint, "\n", *map(_row, self.done.values())]))  # without a row cut off
-        self.file = path.open("a", encoding="utf-8", newline="")
-
-    def _read(self, fingerprint: str, maps: Path) -> None:
-        lines = self.path.read_text(encoding="utf-8").split("\n")
-        if lines[0] != fingerprint:
-            return
-        for row in csv.reader(lines[1:-1]):  # what follows the last newline was cut off in writing
-            result = FrameResult(row[0], row[1], *(float(cell) for cell in row[2:]))
-            if result.status != "ok" or (maps / f"{_stem(result.frame)}.tiff").exists():
-                self.done[result.frame] = result
-
-    def add(self, result: FrameResult) -> None:
-        self.done[result.frame] = result
-        self.file.write(_row(result))
-        self.file.flush()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.file.close()
-
-
-def _row(result: FrameResult) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(astuple(result))
-    return text.getvalue()
-
-
-def _fingerprint(recording: Recording, reconstructor: Reconstructor) -> str:
-    """Of the recording and of the method: another way of reading frames gives the first frame another map."""
-    digest = hashlib.sha256(json.dumps([str(recording.path.resolve()), *recording.frame_names]).encode())
-    for frame in iter_frames(recording):
-        if isinstance(frame, Frame):
-            with suppress(InputError):
-                digest.update(np.ascontiguousarray(reconstructor.height_map(frame).depth_mm).tobytes())
-            break
-    return digest.hexdigest()
-
-
-def _stem(name: str) -> str:
-    return Path(name).stem
-
-
-def _table(rows: Iterable[FrameResult]) -> str:
+def table(rows: Iterable[FrameResult]) -> str:
+    """depth.csv: what is not known is left empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -210,3 +159,13 @@ def _table(rows: Iterable[FrameResult]) -> str:
         numbers = (row.peak_mm, row.contact_area_mm2, row.ms)
         writer.writerow([row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers)])
     return text.getvalue()
+
+
+def _way_of_reading(recording: Recording, reconstructor: Reconstructor) -> str:
+    """The first frame's map: another method, or another calibration of it, gives another one."""
+    frame = first_frame(recording)
+    if frame is not None:
+        with suppress(InputError):
+            depth = np.ascontiguousarray(reconstructor.height_map(frame).depth_mm)
+            return hashlib.sha256(depth.tobytes()).hexdigest()
+    return ""

@@ -94,7 +94,7 @@ def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
     rows = reconstruct_folder(
         source, Reconstructor(SENSOR, method()), out, workers=1, progress=lambda d, t: seen.append(d)
     )
-    assert seen == [4, 5]
+    assert seen == [3, 4, 5], "what was done before is told first, so that a rate is this run's own"
     assert [row.status for row in rows] == ["ok"] * 5
     assert {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir() if p.name in stamps} == stamps
     assert not (out / ".depth-journal.csv").exists()

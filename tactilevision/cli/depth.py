@@ -3,43 +3,110 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tactilevision.cli import console, source
 
+if TYPE_CHECKING:
+    from tactilevision.folder import FrameResult
+    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.recording import Recording
+
+
+class Form(StrEnum):
+    """How height maps are stored."""
+
+    TIFF = "tiff"
+    ZARR = "zarr"
+
 
 def depth(
-    path: Annotated[Path, typer.Argument(help="A recording, or a folder of frames.")],
+    path: Annotated[Path, typer.Argument(help="A recording, a video, a folder of frames, or a tree of these.")],
     out: console.OutOption = Path("depth_out"),
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    form: Annotated[Form, typer.Option("--format", help="One TIFF a frame, or one Zarr store.")] = Form.TIFF,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
     from tactilevision.folder import reconstruct_folder
+    from tactilevision.tree import reconstruct_tree
 
-    recording = source.open_source(path, sensor, reference)
-    with console.progress_bar("calibrating the light"):
+    light = _teller(method)
+    if source.is_tree(path):
+        with console.progress_bar("frames") as progress:
+            branches = reconstruct_tree(
+                path, out, read=lambda one: source.open_branch(one, sensor, reference), light=light,
+                form=form.value, workers=workers, progress=progress,
+            )  # fmt: skip
+        for branch in branches:
+            said = f"passed over: {branch.why}" if branch.why else _counted(branch.rows)
+            console.say(f"{branch.name}: {said}")
+        rows = tuple(row for branch in branches for row in branch.rows)
+        refused = {branch.name: branch.why for branch in branches if branch.why}
+    else:
+        recording = source.open_source(path, sensor, reference)
+        console.warn(recording.warnings)
+        with console.progress_bar("calibrating the light"):
+            reconstructor = light(recording)
+        with console.progress_bar("frames") as progress:
+            rows = reconstruct_folder(
+                recording, reconstructor, out, workers=workers, progress=progress, form=form.value
+            )
+        refused = {}
+        _draw(recording, reconstructor, rows, out / "figures", most=pictures)
+    _tell(rows, out, "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff")
+    statuses = Counter(row.status.split(":")[0] for row in rows)
+    bad = {row.frame: row.status for row in rows if row.status != "ok"}
+    console.hand_over({"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}, json)
+
+
+def _teller(method: str | None) -> Callable[[Recording], Reconstructor]:
+    def light(recording: Recording) -> Reconstructor:
         reconstructor = source.open_reconstructor(recording, method)
-    console.warn([*recording.warnings, *reconstructor.warnings])
-    with console.progress_bar("frames") as progress:
-        rows = reconstruct_folder(recording, reconstructor, out, workers=workers, progress=progress)
-    counts = Counter(row.status.split(":")[0] for row in rows)
+        console.warn([f"{recording.name}: {words}" for words in reconstructor.warnings])
+        return reconstructor
+
+    return light
+
+
+def _counted(rows: tuple[FrameResult, ...]) -> str:
+    good = sum(row.status == "ok" for row in rows)
+    return f"{good} of {len(rows)} frames became height maps"
+
+
+def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
+    console.say(f"{_counted(rows)}: {out}/{maps}, {out / 'depth.csv'}")
     bad = [row for row in rows if row.status != "ok"]
-    console.say(
-        f"{counts['ok']} of {len(rows)} frames became height maps: {out / 'depth'}/NAME.tiff, {out / 'depth.csv'}"
-    )
     console.say(*(f"  {row.frame}: {row.status}" for row in bad[:10]))
     if len(bad) > 10:
         console.say(f"  ... and {len(bad) - 10} more, all in {out / 'depth.csv'}")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
-    console.hand_over(
-        {"frames": len(rows), "statuses": dict(counts), "bad": {r.frame: r.status for r in bad}}, json
-    )
+
+
+def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameResult, ...], folder: Path, *,
+          most: int) -> None:  # fmt: skip
+    """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
+    from tactilevision.cli import moments
+    from tactilevision.plots import style
+    from tactilevision.plots.height import draw_height_and_frame
+    from tactilevision.recording import read_frame
+
+    depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
+    for number in moments.telling(recording, depth, most=most):
+        frame = read_frame(recording, number)
+        height = reconstructor.height_map(frame)
+        figure = draw_height_and_frame(reconstructor.rectified(frame), height)
+        path = folder / f"{Path(frame.name).stem}_depth.png"
+        style.save_png(figure, path)
+        console.say(f"wrote {path}")

@@ -37,6 +37,21 @@ def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recor
     return recording
 
 
+def is_tree(path: Path) -> bool:
+    """Whether frames have to be looked for below `path`: not a recording, a video, or one folder of pictures."""
+    from tactilevision.tree import find_sources
+
+    return path.is_dir() and find_sources(path) not in ((path,), ())
+
+
+def open_branch(path: Path, sensor: str | None, reference: Path | None) -> Recording:
+    """A source in a tree: a recording knows its own sensor and reference."""
+    from tactilevision.recording import layout
+
+    own = (path / layout.SETTINGS).is_file()
+    return open_source(path, None if own else sensor, None if own else reference)
+
+
 def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
     """Calibrate the light from the recording's own references, or use the method file that was named."""
     from tactilevision.reconstruct import build_reconstructor

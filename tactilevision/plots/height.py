@@ -25,8 +25,58 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     above.set_title(title or height.name or "Depth of the gel's surface")
     row, column = deepest_place(height)
     cut_lines(cuts, height, row, column)
-    above.axhline(row * height.mm_per_px[1], color="white", lw=0.6, ls=":")
-    above.axvline(column * height.mm_per_px[0], color="white", lw=0.6, ls=":")
+    _mark_cuts(above, height, row, column)
+    return figure
+
+
+@style.house_look
+def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
+    """The rectified frame with the depth's contours, the depth from above, and two cuts: one strip."""
+    figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
+    overlay(frame, rgb, height, None)
+    frame.set_title(title or height.name)
+    image = depth_image(above, height)
+    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
+    row, column = deepest_place(height)
+    cut_lines(cuts, height, row, column)
+    _mark_cuts(above, height, row, column)
+    above.set_title("Depth of the gel's surface")
+    return figure
+
+
+@style.house_look
+def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
+    """Which way the surface faces: its tilt in degrees, arrows towards the depth; the gel lit from above left."""
+    figure, (tilt, lit) = style.new_figure(10, 4.2, columns=2)
+    depth = np.where(height.valid, height.depth_mm, np.nan)
+    down_x, down_y = (
+        np.gradient(depth, height.mm_per_px[0], axis=1),
+        np.gradient(depth, height.mm_per_px[1], axis=0),
+    )
+    steep = np.hypot(down_x, down_y)
+    degrees = np.degrees(np.arctan(steep))
+    top = max(float(np.nanpercentile(degrees, 99.8)), 1.0) if np.isfinite(degrees).any() else 1.0
+    image = tilt.imshow(
+        degrees, cmap=style.DEPTH_MAP, vmin=0, vmax=top, extent=extent_mm(height), interpolation="none"
+    )
+    figure.colorbar(image, ax=tilt, label="tilt (degrees)", shrink=0.85)
+    step = max(1, max(depth.shape) // 28)
+    rows, columns = (np.arange(step // 2, n, step) for n in depth.shape)
+    some = np.ix_(rows, columns)
+    strong = steep[some] > 0.1 * np.nanmax(steep, initial=1e-9)
+    x, y = np.meshgrid(columns * height.mm_per_px[0], rows * height.mm_per_px[1])
+    tilt.quiver(
+        x[strong], y[strong], down_x[some][strong], down_y[some][strong], color="white", angles="xy", width=0.003
+    )
+    lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
+    scale_bar(lit, height)
+    for axes, words in (
+        (tilt, title or f"{height.name}: tilt, arrows point deeper"),
+        (lit, "Lit from above left"),
+    ):
+        axes.set_facecolor(style.INVALID)
+        axes.grid(False)
+        axes.set(xlabel="x (mm)", ylabel="y (mm)", title=words)
     return figure
 
 
@@ -99,7 +149,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     )
     if top - bottom > 0.02:
         axes.contour(
-            np.where(height.valid, height.depth_mm, 0.0),
+            np.ma.masked_where(~height.valid, height.depth_mm),
             levels=np.linspace(0, top, 8)[1:-1],  # at 0 it would trace the noise
             colors="white",
             linewidths=0.35,
@@ -132,6 +182,18 @@ def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
     axes.legend(loc="lower right")
 
 
+def _mark_cuts(axes: Axes, height: HeightMap, row: int, column: int) -> None:
+    axes.axhline(row * height.mm_per_px[1], color="white", lw=0.6, ls=":")
+    axes.axvline(column * height.mm_per_px[0], color="white", lw=0.6, ls=":")
+
+
+def _lit(down_x: Floats, down_y: Floats) -> Floats:
+    """Brightness (H, W), 0 to 1, of a matt surface under a lamp that stands at 45 degrees above left."""
+    lamp = np.array([-0.5, -0.5, np.sqrt(0.5)])
+    light = (lamp[0] * down_x + lamp[1] * down_y + lamp[2]) / np.sqrt(1 + down_x**2 + down_y**2)
+    return np.asarray(np.clip(light, 0, 1))
+
+
 def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | None) -> None:
     """Draw a frame, the contours of its depth, and the circle of the indenter's face, in mm on the picture."""
     extent = extent_mm(height)
@@ -139,7 +201,7 @@ def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | No
     top = float(np.nanmax(np.where(height.valid, height.depth_mm, np.nan))) if height.valid.any() else 0.0
     if top > 0.02:
         levels = np.array([0.25, 0.5, 0.75]) * top
-        depth = np.where(height.valid, height.depth_mm, 0.0)
+        depth = np.ma.masked_where(~height.valid, height.depth_mm)
         axes.contour(depth, levels=levels, colors="white", linewidths=0.5, extent=extent, origin="upper")
     if footprint is not None:
         middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)

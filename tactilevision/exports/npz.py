@@ -1,0 +1,26 @@
+"""NPZ, for numpy: depth_mm (H, W) float32 with NaN where it is not known, std_mm where it is, mm_per_px (x, y)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactilevision.files import replacing
+from tactilevision.height_files import masked
+from tactilevision.records import HeightMap
+
+
+def write_npz(path: Path | str, height: HeightMap) -> None:
+    """Write depth, its standard deviation, scale, time and name; read back with numpy.load, no pickle in it."""
+    content: dict[str, Any] = {
+        "depth_mm": masked(height),
+        "mm_per_px": np.array(height.mm_per_px),
+        "time_s": np.array(height.time_s),
+        "name": np.array(height.name),
+    }
+    if height.std_mm is not None:
+        content["std_mm"] = height.std_mm.astype(np.float32)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **content)
