@@ -34,22 +34,23 @@ def march(system: Equations, targets: Sequence[float], log: list[StepRecord]) ->
     was yielded before stays true.
     """
     last, before, step = at_rest(system.model), None, first_step(system)
+    patient = True
     for target in targets:
         whole = abs(target - _load(system, last))
         while abs(left := target - _load(system, last)) > 1e-12 * max(abs(target), whole):
             parts = np.ceil(abs(left) / step - 1e-9)
             aim = target if parts <= 1 else _load(system, last) + left / parts
-            outcome = solve_step(system, last, aim, _extrapolate(system, before, last, aim))
+            outcome = solve_step(system, last, aim, _extrapolate(system, before, last, aim), patient=patient)
             taken = abs(aim - _load(system, last))
             if isinstance(outcome, Failure):
                 log.append(StepRecord(float(aim), 0, float("nan"), outcome.why))
-                step = taken / 2
+                step, patient = taken / 2, True
                 if step < SMALLEST_CUT * whole:
                     raise ConvergenceError(_lost(system, last, aim, outcome))
                 continue
             log.append(StepRecord(float(aim), outcome.iterations, outcome.imbalance))
             step = max(step, taken * 2) if outcome.iterations <= QUICK else max(step, taken)
-            before, last = last, outcome
+            before, last, patient = last, outcome, False
         yield last
 
 

@@ -50,11 +50,12 @@ FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
 # Single contact points that change between stick and slip for ever keep the residual from 1e-6, not P from being
 # right.
 CHATTER_TOLERANCE = 1e-4
-VOLUME_TOLERANCE = 1e-9  # of each element's volume
-# A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step.
+VOLUME_TOLERANCE, CHATTER_VOLUME = 1e-9, 1e-6  # of each element's volume
+# A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step. But at
+# first touch stick and slip have the same extent however short the step is, and later points may change one by
+# one: there only patience helps.
 LATE, LATE_ERROR, WORST_ERROR = 5, 1e-2, 3.0
-# At first touch stick and slip have the same extent however short the step is: there only patience helps.
-MOST_AT_FIRST = 30
+MOST_WITH_PATIENCE = 30
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -72,16 +73,18 @@ def at_rest(model: Model) -> State:
     return State(np.zeros(mesh.size), np.zeros((len(mesh.dofs), 3)), history, 0.0, 0.0, 0, 0.0)
 
 
-def solve_step(system: Equations, last: State, target: float, guess: tuple[Floats, Floats]) -> State | Failure:
+def solve_step(
+    system: Equations, last: State, target: float, guess: tuple[Floats, Floats], *, patient: bool = False
+) -> State | Failure:
     """The equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u, pressure).
 
-    Where the guess has another depth than the target, the first iteration is the tangent predictor.
+    Where the guess has another depth than the target, the first iteration is the tangent predictor. `patient`
+    goes on where a shorter step would usually be cheaper.
     """
     model, mesh = system.model, system.model.mesh
     u, pressure = guess
     jump = 0.0 if system.by_force else -target - u[mesh.punch]
-    history, first = last.history, last.depth_mm == 0
-    most = MOST_AT_FIRST if first else MOST_ITERATIONS
+    history, most = last.history, MOST_WITH_PATIENCE if patient else MOST_ITERATIONS
     for iteration in range(most + 1):
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):
@@ -89,12 +92,13 @@ def solve_step(system: Equations, last: State, target: float, guess: tuple[Float
         solid = linearise(mesh, model.problem.law, model.problem.material, state, pressure)
         contact = contact_at(model, u, history, keep=iteration == 0)
         error = _imbalance(system, solid, contact, target)
-        late = iteration >= LATE and error > LATE_ERROR and not first
+        late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
             return Failure(f"the iteration diverges (residual {error:.1e})")
-        tolerance = FORCE_TOLERANCE if iteration <= LATE else CHATTER_TOLERANCE
-        settled = jump == 0 and (contact is None or iteration > 0) and error < tolerance
-        if settled and _volume_error(mesh, solid) < VOLUME_TOLERANCE:
+        chatters = iteration > LATE
+        settled = jump == 0 and (contact is None or iteration > 0)
+        settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)
+        if settled and _volume_error(mesh, solid) < (CHATTER_VOLUME if chatters else VOLUME_TOLERANCE):
             if corner_volumes(mesh, u).min() <= 0:
                 return Failure("the surface folds at the punch's edge")
             reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
