@@ -29,7 +29,7 @@ from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
-from tactilevision.sensors import rectify
+from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.surface import integrate
 from tactilevision.weights import find_model
 from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level
@@ -84,6 +84,10 @@ class Reconstructor:
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return HeightMap(surface, valid, self.sensor.mm_per_px, std)
 
+    def slope_map(self, frame: Frame) -> SlopeMap:
+        """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
+        return self._read(self.rectified(frame))[0]
+
     def _read(self, rgb: Bytes) -> tuple[SlopeMap, Bools]:
         if isinstance(self.method, CalibratedMethod):
             reading = self.method.read(rgb)
@@ -126,7 +130,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
     fit = PHOTOMETRIC[method or DEFAULT]
-    reference = make_reference(flats)
+    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     pictures = [
         BallPicture(
             rectify(sensor, read_image(ball.path, white_level=recording.white_level)),
@@ -192,8 +196,8 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
             free.append(rgb)
     if len(free) < LEAST_FREE:
         return method.reference
-    renewed = make_reference(free)
-    return Reference(renewed.rgb, renewed.noise_grey, renewed.usable & method.reference.usable)
+    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
 
 
 def free_frames(recording: Recording) -> list[Bytes]:
@@ -215,5 +219,7 @@ def free_frames(recording: Recording) -> list[Bytes]:
 def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]) -> Reconstructor:
     """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today."""
     if isinstance(method, CalibratedMethod):
-        return Reconstructor(sensor, method.with_reference(make_reference(flats)))
+        return Reconstructor(
+            sensor, method.with_reference(make_reference(flats, may_have_marks=may_have_marks(sensor)))
+        )
     return Reconstructor(sensor, method)

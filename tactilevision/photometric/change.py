@@ -4,6 +4,7 @@
 
 Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
 keeps dark places from blowing their noise up. Drift is applied to first order, as u - drift I0 / (I0 + s).
+Marks on the gel are filled from around, in I0 once and in u frame by frame.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.drift import Drift, DriftTracker
+from tactilevision.photometric.marks import fill, marked
 from tactilevision.photometric.reference import SATURATED, Reference
 from tactilevision.records import Bools, Bytes
 
@@ -28,7 +30,9 @@ class ColourChange:
     def __init__(self, reference: Reference) -> None:
         self.reference = reference
         self.tracker = DriftTracker(reference)
-        self._mean: Planes = np.ascontiguousarray(reference.rgb.transpose(2, 0, 1))
+        self._mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        if reference.marks is not None:
+            fill(self._mean, reference.marks.mask)
         self.scale: Planes = np.empty_like(self._mean)
         self.offset: Planes = np.empty_like(self._mean)
         self._settle()
@@ -50,15 +54,26 @@ class ColourChange:
             np.add((1.0 + constant + along_x * self.x)[None, :], (along_y * self.y)[:, None], out=self._work)
             self._work *= self.offset[c]
             self._out[c] -= self._work
+        if self.reference.marks is not None:
+            fill(self._out, marked(rgb, self.reference.marks))
         return self._out, drift, self.reference.usable & unsaturated(rgb)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        marks = self.reference.marks
+        hidden = None if marks is None else marked(rgb, marks) > 0
         for c, grey in enumerate(cv2.split(rgb)):
             np.subtract(grey, self._mean[c], out=self._work)
             self._work *= np.float32(share)
+            if hidden is not None:
+                self._work[hidden] = 0.0
             self._mean[c] += self._work
         self._settle()
+
+    @property
+    def level(self) -> Planes:
+        """The untouched picture (3, H, W) that changes are counted from, without its marks."""
+        return self._mean
 
     def _settle(self) -> None:
         np.add(self._mean, np.float32(SOFTENING_GREY), out=self.scale)

@@ -75,7 +75,7 @@ class CalibratedMethod:
         self.evaluate = self.law.evaluator(self.reference.shape)
         noise = self.evaluate.noise(self.change.noise)
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
-        dark = self.evaluate.noise(self.change.scale * darkness(self.reference.rgb.transpose(2, 0, 1)))
+        dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
         self.bias = (quiet[0] * self.calm, quiet[1] * self.calm)
         self.noise: Picture = quiet[2] * self.calm

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.marks import Marks, find_marks
 from tactilevision.records import Bools, Bytes
 
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
@@ -18,19 +19,21 @@ LEAST_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing o
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """`rgb` (H, W, 3) float32, the mean untouched picture; `noise_grey` (3,) of one reading; `usable` (H, W)."""
+    """`rgb` (H, W, 3) float32, the mean untouched picture; `noise_grey` (3,) of one reading; `usable` (H, W); the
+    gel's `marks`, None where it has none."""
 
     rgb: npt.NDArray[np.float32]
     noise_grey: tuple[float, float, float]
     usable: Bools
+    marks: Marks | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         return self.rgb.shape[0], self.rgb.shape[1]
 
 
-def make_reference(flats: Sequence[Bytes]) -> Reference:
-    """The reference out of one or more rectified pictures of the untouched gel.
+def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Reference:
+    """The reference out of one or more rectified pictures of the untouched gel; its marks, if it `may_have_marks`.
 
     Noise comes from the differences between flats, or of a single one from its finest detail. Raises
     InputError for no flats, sizes that differ, black or saturated ones, and ones that disagree (contact).
@@ -58,7 +61,8 @@ def make_reference(flats: Sequence[Bytes]) -> Reference:
             value=f"mean grey {mean.mean():.0f} of 255",
             remedy="Check the lights." if dark else "Shorten the exposure.",
         )
-    return Reference(mean, noise, usable)
+    marks = find_marks(np.rint(mean).astype(np.uint8)) if may_have_marks else None
+    return Reference(mean, noise, usable, marks)
 
 
 def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.photometric.lookup import Lookup
+from tactilevision.photometric.marks import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.polynomial import Polynomial
 from tactilevision.photometric.quiet import Quiet
@@ -34,6 +35,7 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
         "reference": method.reference.rgb,
         "noise_grey": np.asarray(method.reference.noise_grey),
         "usable": method.reference.usable,
+        "marks": np.array(method.reference.marks is not None),
         "relative_error": np.array(method.relative_error),
     }
     if method.quiet is not None:
@@ -63,7 +65,8 @@ def load_method(path: Path | str) -> CalibratedMethod:
     except (OSError, ValueError, zipfile.BadZipFile) as fault:
         raise InputError(f"the method cannot be read: {fault}", where=target) from fault
     red, green, blue = (float(value) for value in held["noise_grey"])
-    reference = Reference(held["reference"], (red, green, blue), held["usable"])
+    marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
+    reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
     quiet = Quiet(*held["quiet"]) if "quiet" in held else None
     law = _law(str(card["method"]), held, target)
     return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)

@@ -20,7 +20,15 @@ SENSORS: dict[str, Sensor] = {
     sensor.kind: sensor for sensor in (GELSLIM3, GELSLIM3_MARKERS, GELSIGHT_MINI, DIGIT, GELSIGHT_WEDGE)
 }
 
-__all__ = ["SENSORS", "get_sensor", "maps_from_corners", "maps_from_grid", "maps_from_lookup", "rectify"]
+__all__ = [
+    "SENSORS",
+    "get_sensor",
+    "maps_from_corners",
+    "maps_from_grid",
+    "maps_from_lookup",
+    "may_have_marks",
+    "rectify",
+]
 
 
 def get_sensor(kind: str, **overrides: Any) -> Sensor:
@@ -53,6 +61,11 @@ def get_sensor(kind: str, **overrides: Any) -> Sensor:
             remedy="Known are " + ", ".join([*SENSORS, "custom"]) + ".",
         )
     return _checked(dataclasses.replace(SENSORS[kind], **overrides))
+
+
+def may_have_marks(sensor: Sensor) -> bool:
+    """Whether marks are to be looked for: not where the catalogue knows that this kind has none."""
+    return sensor.has_markers or sensor.kind not in SENSORS
 
 
 def _checked(sensor: Sensor) -> Sensor:

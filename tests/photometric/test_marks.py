@@ -1,0 +1,117 @@
+"""Marks on the gel: found where there is a pattern, filled from around, and no slope made of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, places, presses
+
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    CalibratedMethod,
+    calibrate_from_balls,
+    load_method,
+    make_reference,
+    save_method,
+)
+from tactilevision.photometric.change import ColourChange
+from tactilevision.photometric.marks import fill, find_marks, marked
+from tactilevision.records import Bytes, Floats
+from tactilevision.sensors import get_sensor, may_have_marks
+
+SCALE = (MM_PER_PX, MM_PER_PX)
+
+
+def dots(shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
+    """Brightness (H, W) of a gel with dots of two pixels' radius, 14 px apart."""
+    y, x = np.indices(SHAPE, dtype=np.float64)
+    x, y = (x - shift_px[0]) % 14 - 7, (y - shift_px[1]) % 14 - 7
+    return 1.0 - 0.6 / (1.0 + np.exp((np.hypot(x, y) - 2.0) / 0.4))
+
+
+def with_dots(rgb: Bytes, shift_px: tuple[float, float] = (0.0, 0.0)) -> Bytes:
+    return np.rint(rgb * dots(shift_px)[..., None]).astype(np.uint8)
+
+
+def method(rng: np.random.Generator, *, may_have_marks: bool) -> CalibratedMethod:
+    reference = make_reference([with_dots(flat(rng)) for _ in range(3)], may_have_marks=may_have_marks)
+    shots = [
+        BallPicture(with_dots(picture(*ball(centre, contact, 4.0)[1:], rng)), 4.0)
+        for centre, contact in presses(10, rng)
+    ]
+    return calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"]).method
+
+
+def test_a_pattern_is_found_and_only_a_pattern() -> None:
+    rng = np.random.default_rng(0)
+    found = find_marks(with_dots(flat(rng)))
+    assert found is not None
+    dark = dots() < 0.7
+    assert found.mask[dark].mean() > 0.98
+    assert found.mask[dots() > 0.99].mean() < 0.1
+    assert find_marks(flat(rng)) is None
+    dirt = flat(rng)
+    for row, column in rng.integers((3, 3), (SHAPE[0] - 3, SHAPE[1] - 3), (150, 2)):
+        dirt[row - 2 : row + 2, column - 2 : column + 2] //= 3
+    assert find_marks(dirt) is None, "dirt strewn at random is no pattern"
+
+
+def test_marks_are_found_where_the_gel_has_carried_them() -> None:
+    rng = np.random.default_rng(0)
+    marks = find_marks(with_dots(flat(rng)))
+    assert marks is not None
+    moved = marked(with_dots(flat(rng), (5.0, 3.0)), marks)
+    assert moved[dots((5.0, 3.0)) < 0.7].mean() > 0.98
+
+
+def test_a_smooth_field_is_filled_smoothly() -> None:
+    x, y = places()
+    field = np.stack([0.1 * x - 0.2 * y, 0.01 * x * y]).astype(np.float32)
+    mask = (dots() < 0.95).astype(np.uint8)
+    holed = np.where(mask > 0, np.float32(9.0), field)
+    fill(holed, mask)
+    assert np.array_equal(holed[:, mask == 0], field[:, mask == 0])
+    inner = np.s_[:, 10:-10, 10:-10]
+    assert np.abs(holed - field)[inner].max() < 0.02 * np.ptp(field)
+
+
+def test_slopes_between_marks_carry_over_them() -> None:
+    rng = np.random.default_rng(2)
+    _, p, q = ball((0.8, -0.5), 1.9, 4.0)
+    frame = with_dots(picture(p, q, rng), (1.5, 1.0))
+    inside = np.hypot(p, q) > 0.15
+    errors = []
+    for filled in (True, False):
+        slopes = method(np.random.default_rng(1), may_have_marks=filled).slopes(frame)
+        off = np.hypot(slopes.dz_dx - p, slopes.dz_dy - q)[inside]
+        errors.append(float(np.sqrt(np.mean(off**2))))
+    assert errors[0] < 0.06
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_a_reference_that_is_followed_never_takes_marks_in() -> None:
+    rng = np.random.default_rng(1)
+    change = ColourChange(make_reference([with_dots(flat(rng))]))
+    before = change.level.copy()
+    for _ in range(20):
+        change.follow(with_dots(flat(rng), (5.0, 3.0)), 0.2)
+    taken = (before - change.level) / (before + 20.0)
+    assert np.percentile(taken, 99) < 0.1  # a mark would take half
+
+
+def test_marks_survive_the_disk(tmp_path: Path) -> None:
+    made = method(np.random.default_rng(1), may_have_marks=True)
+    again = load_method(save_method(made, tmp_path / "finger"))
+    frame = with_dots(flat(np.random.default_rng(5)), (1.0, 0.0))
+    assert np.array_equal(made.slopes(frame).dz_dx, again.slopes(frame).dz_dx)
+
+
+@pytest.mark.parametrize(
+    ("kind", "looked_for"), [("gelslim3", False), ("gelslim3_markers", True), ("digit", False)]
+)
+def test_marks_are_looked_for_where_there_may_be_some(kind: str, looked_for: bool) -> None:
+    assert may_have_marks(get_sensor(kind)) is looked_for
+    assert may_have_marks(get_sensor("custom", width_px=9, height_px=9, mm_per_px=0.1))
