@@ -78,6 +78,14 @@ class Model:
 
     def state(self, values: Floats, data: Observations) -> State:
         """The state after the last stage."""
+        if not any(getattr(e, "reads_force", False) for e in self.effects):
+            return self._pass(values, data)
+        first = self._pass(values, data)
+        second = self._pass(values, data.with_force(first.force_N))
+        return self._pass(values, data.with_force(_limit(data.normal_N, first.force_N, second.force_N)))
+
+    def _pass(self, values: Floats, data: Observations) -> State:
+        """All stages once, with the force in `data` for effects that read it."""
         places = self.slices_of(values.size)
         state = rest_state(data)
         stages = [(e.stage, e) for e in self.effects]
@@ -100,6 +108,14 @@ class Composable:
 
     def __add__(self: Any, effect: Effect) -> Model:
         return Model(self) + effect
+
+
+def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
+    """Where x -> f(x) comes to rest, from x, f(x), f(f(x)): Aitken's step, exact where f is a straight line."""
+    shrink = (once - start) - (twice - once)
+    safe = np.abs(shrink) > 1e-9 * (1 + np.abs(twice))
+    ratio = np.where(safe, (twice - once) / np.where(safe, shrink, 1.0), 0.0)
+    return np.asarray(np.where(np.abs(ratio) < 5, twice + ratio * (twice - once), twice))
 
 
 def rest_state(data: Observations) -> State:

@@ -100,7 +100,9 @@ class EffectBase:
 
     `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
     that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
-    beyond or below some depth, so that no small amplitude stands for it.
+    beyond or below some depth, so that no small amplitude stands for it; `reads_force` where it depends on the
+    normal force itself: the model then hands it the force that it predicts, for the measured one's noise would pass
+    for the effect.
     """
 
     key: ClassVar[str] = ""
@@ -111,6 +113,7 @@ class EffectBase:
     separated_by: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
     threshold: ClassVar[bool] = False
+    reads_force: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -1,10 +1,14 @@
 """The gel clings to the face while it is drawn off: the line of unloading goes on into tension down to pull-off.
 
-    P = K0 w for w < 0 in unloading, down to P_off = -sqrt(8 pi a^3 E* W),    E* = K0/(2 a)
+    P = K0 w for -w_c < w < 0 in unloading,    (w_c^2/2) dK0/da = 2 pi a W
 
-W work of adhesion in N/mm (1 J/m^2 = .001 N/mm). A flat punch's contact does not shrink before it lets
-go, so loading shows nothing. Letting go is spread over a tenth of P_off, so that a fit sees a slope. Vanishes
-at W = 0. Source: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
+W work of adhesion in N/mm (1 J/m^2 = .001 N/mm): the face lets go where the energy that a shrinking contact
+releases pays for it. dK0/da is the bonded layer's, which for a/h near 1 is far above the half-space's 2 E*; there
+w_c gives Kendall's pull-off sqrt(8 pi a^3 E* W). A flat punch's contact does not shrink before, so loading shows
+nothing. The depth at which one press lets go is known to a tenth of w_c (std), no better than the zero: within
+three std of w_c the reading itself says whether the face still held (more than half of K0 w), but for a share of a
+twentieth that keeps W in the middle of what was read. Vanishes at W = 0.
+Sources: Kendall, J. Phys. D 4 (1971) 1186; Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301.
 """
 
 from __future__ import annotations
@@ -16,7 +20,12 @@ import numpy as np
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
+from calibration.stiffness import punch_stiffness
 from tactilevision.records import Floats
+
+SPREAD, OPEN = 0.1, 3.0  # std of the depth at which the face lets go, and how many of them the reading decides
+LAW = 0.05  # share of the tension that follows the law alone
+STEP = 0.01  # of the radius, for the slope of the stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +58,29 @@ class Adhesion(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Tension before pull-off."""
+        if values[0] <= 0:
+            return state
         pulled = drawn_off(data) & (state.depth_mm < 0)
+        limit = np.sqrt(4 * np.pi * state.radius_mm * values[0] / _growth(state, data))
         tension = state.stiffness_N_per_mm * np.minimum(state.depth_mm, 0)
-        modulus = state.stiffness_N_per_mm / (2 * state.radius_mm)
-        limit = np.sqrt(8 * np.pi * state.radius_mm**3 * modulus * values[0])
-        over = (-tension - limit) / np.maximum(0.1 * limit, 1e-12)
-        clings = pulled / (1 + np.exp(np.clip(over, -50, 50)))
-        return replace(state, force_N=state.force_N + np.where(limit > 0, clings * tension, 0.0))
+        read = data.normal_N
+        held = np.where(read < tension / 2, 1.0, np.where(read == 0, 0.0, -1.0))  # 0 N sharp: nothing was read
+        over = (-state.depth_mm / limit - 1) / SPREAD
+        clings = (1 - LAW) * _holds(over - OPEN * held) + LAW * _holds(over)
+        return replace(state, force_N=state.force_N + pulled * clings * tension)
+
+
+def _holds(over: Floats) -> Floats:
+    """1 where the face holds, 0 where it has let go, smooth so that a fit sees a slope."""
+    return np.asarray(1 / (1 + np.exp(np.clip(2 * over, -50, 50))))
+
+
+def _growth(state: State, data: Observations) -> Floats:
+    """dK0/da (N,), N/mm^2: the slope of the layer's stiffness over its radius, at this state's own stiffness."""
+    nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
+    a, h = state.radius_mm, state.thickness_mm
+    inner, outer = (punch_stiffness(1.0, nu, a * (1 + side), h) for side in (-STEP, STEP))
+    return np.asarray(state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a))
 
 
 def drawn_off(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

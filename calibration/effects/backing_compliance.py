@@ -1,6 +1,6 @@
 """The rig and the gel's backing give: where the depth is the stage's, the gel's own is less by C P.
 
-    w -> w - C P,    P as measured
+    w -> w - C P
 
 Vanishes at C = 0. Nothing but E changes to first order on one punch. Source: definition of a series spring.
 """
@@ -26,6 +26,7 @@ class BackingCompliance(EffectBase):
     confused_with = ("youngs_modulus", "skin")
     separated_by = ("a press on bare backing", "the stage against the camera")
     source = "definition"
+    reads_force = True
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -1,7 +1,9 @@
-"""The clocks of depth and force differ: the force belongs to the depth a moment later, w(t) -> w(t + dt).
+"""The clocks of force and depth differ by dt = F/T clock minus camera clock: w(t) -> w(t - dt).
 
-Within a press w is taken as straight between its samples and held before and after them. Seen wherever the depth
-moves: more in fast presses, with opposite sign in unloading. Vanishes at dt = 0. Source: definition.
+What is stamped t on the F/T clock happened at t - dt of the camera's: the depth of that moment belongs to it.
+Within a press the depth goes straight through each phase, corners included, and stands still before and after.
+Seen wherever the depth moves: more in fast presses, with opposite sign in unloading. Vanishes at dt = 0.
+Source: definition.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import numpy as np
 
 from calibration.data import Observations
 from calibration.parameters import Parameter
+from calibration.path import depth_at
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
@@ -33,7 +36,12 @@ class ClockOffset(EffectBase):
         """dt."""
         return (
             Parameter(
-                "offset_s", "s", 0.0, (-0.2, 0.2), "how much later the depth is that belongs to a force", 0.02
+                "offset_s",
+                "s",
+                0.0,
+                (-0.2, 0.2),
+                "F/T clock minus camera clock, left in the data",
+                0.02,
             ),
         )
 
@@ -45,14 +53,6 @@ class ClockOffset(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Read the depth at another time."""
-        return replace(state, depth_mm=state.depth_mm + _moved(data, values[0]) - data.depth_mm)
-
-
-def _moved(data: Observations, offset_s: float) -> Floats:
-    """The depth read (N,) at t + offset, press by press."""
-    ends = [*data.first[1:], data.size]
-    parts = []
-    for start, end in zip(data.first, ends, strict=True):
-        time, depth = data.time_s[start:end], data.depth_mm[start:end]
-        parts.append(np.interp(time + offset_s, time, depth) if end - start > 1 else depth)
-    return np.concatenate(parts)
+        if values[0] == 0:
+            return state
+        return replace(state, depth_mm=state.depth_mm + depth_at(data, -values[0]) - data.depth_mm)

@@ -1,9 +1,10 @@
 """Stress softening: below the largest depth that a spot has seen, the gel is softer.
 
-    P -> P [1 - A (1 - (w/w_max)^2)],    w_max the largest depth so far at that spot, now included
+    P -> P [1 - A erf((w_max^2 - w^2)/m^2)],    w_max the largest depth so far at that spot, now included
 
-A linear measure of the energy below its maximum, the first term of Ogden and Roxburgh's damage function.
-Permanent: no wait heals it. Vanishes at A = 0. Source: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41.
+Ogden and Roxburgh's damage function with the squared depth for the energy; m is the depth over which the
+softening sets in below the maximum. Permanent: no wait heals it. Vanishes at A = 0.
+Source: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+SPOT_MM = 0.5  # presses nearer than this share what the gel went through
+
 
 @dataclass(frozen=True, slots=True)
 class Mullins(EffectBase):
-    """One amplitude."""
+    """An amplitude and a width."""
 
     key = "mullins"
     title = "the gel is softer where it was pressed before"
@@ -32,8 +35,11 @@ class Mullins(EffectBase):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """A."""
-        return (Parameter("softening", "1", 0.0, (0.0, 0.5), "how much softer at small depth", 0.05),)
+        """A and m."""
+        return (
+            Parameter("softening", "1", 0.0, (0.0, 0.5), "how much softer far below the largest depth", 0.05),
+            Parameter("width_mm", "mm", 0.3, (0.1, 1.0), "depth over which the softening sets in", 0.1),
+        )
 
     def missing(self, data: Observations) -> str:
         """What these data would need."""
@@ -43,21 +49,29 @@ class Mullins(EffectBase):
             return "no spot was pressed deeper before"
         return ""
 
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[0.03, width] for width in (0.15, 0.3, 0.6)])
+
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Soften below the past maximum."""
-        most = largest_past_depth(data)
-        part = np.clip(data.depth_mm / most, 0, 1) ** 2
-        return replace(state, force_N=state.force_N * (1 - values[0] * (1 - part)))
+        from scipy.special import erf
+
+        below = largest_past_depth(data) ** 2 - np.maximum(data.depth_mm, 0) ** 2
+        return replace(state, force_N=state.force_N * (1 - values[0] * erf(below / values[1] ** 2)))
 
 
-def largest_past_depth(data: Observations, same_spot_mm: float = 0.5) -> Floats:
-    """The largest depth (N,) that each sample's spot has seen up to it; unknown places count as one spot."""
-    place = np.nan_to_num(np.column_stack([data.presses.x_mm, data.presses.y_mm]))
-    spot = np.round(place / same_spot_mm)
+def spots(data: Observations) -> list[tuple[float, float]]:
+    """The place of each press on a grid of SPOT_MM; unknown places count as one spot."""
+    place = np.round(np.nan_to_num(np.column_stack([data.presses.x_mm, data.presses.y_mm])) / SPOT_MM)
+    return [(float(x), float(y)) for x, y in place]
+
+
+def largest_past_depth(data: Observations) -> Floats:
+    """The largest depth (N,) that each sample's spot has seen up to it."""
     seen: dict[tuple[float, float], float] = {}
     largest = np.empty(data.size)
-    for k, (start, end) in enumerate(zip(data.first, [*data.first[1:], data.size], strict=True)):
-        key = (float(spot[k, 0]), float(spot[k, 1]))
+    for key, start, end in zip(spots(data), data.first, [*data.first[1:], data.size], strict=True):
         run = np.maximum.accumulate(np.maximum(data.depth_mm[start:end], seen.get(key, 1e-6)))
         largest[start:end], seen[key] = run, float(run[-1])
     return largest

@@ -1,10 +1,12 @@
-"""The gel remembers the presses before: it is softer by what the wait has not healed.
+"""The gel remembers the presses before: it is softer by what the waits have not healed.
 
-    P -> P (1 - A s_p),    s_p = (1 + s_(p-1)) exp(-rest_p/tau),    s of the first press 0
+    P -> P - A q,    q' = (P - q)/tau during a press,    q -> q exp(-rest/tau) (P_max new / P_max old) between two
 
-One slow Prony state, filled by each press and emptied by each wait. A gel can lose all its stiffness, not more:
-the bracket is >= 0. Vanishes at A = 0.
-Source: the state equation of a Maxwell element, e.g. Christensen, Theory of Viscoelasticity (1982), sec. 1.5.
+One slow Maxwell branch at each spot, filled by each press and emptied by each wait; another punch at the spot
+finds it in proportion to its own force. Where a press is one point, nobody saw how it was filled: each press
+then fills it wholly, P -> P (1 - A s_p), s_p = (1 + s_(p-1)) exp(-rest_p/tau). A punch is never pulled: P >= 0.
+Vanishes at A = 0. Source: the state equation of a Maxwell element, e.g. Christensen, Theory of Viscoelasticity
+(1982), sec. 1.5.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.effects.mullins import spots
+from calibration.hereditary import relaxed
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
@@ -53,8 +57,40 @@ class Recovery(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Soften by what is left."""
-        kept = np.maximum(1 - values[0] * memory(data, values[1]), 0)
-        return replace(state, force_N=state.force_N * kept[data.press])
+        elastic = state.force_N
+        if data.is_curves:
+            lost = values[0] * carried(elastic, values[1], data)
+        else:
+            lost = values[0] * elastic * memory(data, values[1])[data.press]
+        return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))
+
+
+def carried(force_N: Floats, time_s: float, data: Observations) -> Floats:
+    """q (N,) of a branch that each spot keeps from press to press."""
+    fresh = relaxed(force_N, time_s, data)
+    ends = np.append(data.first[1:], data.size) - 1
+    largest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12)
+    spot = spots(data)
+    last: dict[tuple[float, float], tuple[int, float]] = {}
+    found = fresh.copy()
+    for k, (start, end) in enumerate(zip(data.first, ends, strict=True)):
+        left = 0.0
+        if spot[k] in last:
+            before, full = last[spot[k]]
+            rest = _rest(data, before, k)
+            left = full * float(np.exp(-rest / time_s) * largest[k] / largest[before])
+        since = data.time_s[start : end + 1] - data.time_s[start]
+        found[start : end + 1] += left * np.exp(-np.where(np.isfinite(since), np.maximum(since, 0), 0) / time_s)
+        last[spot[k]] = k, float(found[end])
+    return found
+
+
+def _rest(data: Observations, before: int, now: int) -> float:
+    """Seconds from the end of one press to the beginning of another: as stated, or by the clock."""
+    gap = float(data.time_s[data.first[now]] - data.time_s[data.first[before + 1] - 1])
+    stated = float(data.presses.rest_s[now])
+    rest = stated if not np.isfinite(gap) or (now == before + 1 and np.isfinite(stated)) else gap
+    return max(rest, 0.0) if np.isfinite(rest) else np.inf
 
 
 def memory(data: Observations, time_s: float) -> Floats:

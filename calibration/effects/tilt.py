@@ -1,13 +1,11 @@
 """The punch stands askew by theta: until its whole face touches, less of it presses.
 
-    w_eff = 2 a theta [(w + a theta)/(3 a theta)]^(3/2)    for -a theta < w < 2 a theta,    w_eff = w beyond,
+    w_up = a theta f(w/(a theta), a/h)    for -a theta < w < 2 a theta,    w_up = w beyond,
 
 w the depth of the face's centre; where the depth comes from the stage it counts from the first touch instead, and
-w = w_read - a theta. The whole face of a rigid flat punch is in contact with a half-space when the pressure
-(w + 2 theta x)/sqrt(a^2 - r^2) is nowhere negative, w >= 2 a theta, and the force is then that of the upright
-punch. Below, the power is the only one that starts from the first touch and joins there in value and slope.
-Vanishes at theta = 0. Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1 (pressure under a tilted
-punch).
+w = w_read - a theta. f is the exact contact without tension of a rigid flat face on a bonded layer, from the table
+of calibration.askew. The whole face lies on from w = 2 a theta: its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is
+then nowhere negative. Vanishes at theta = 0. Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.askew import upright
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
@@ -46,8 +45,12 @@ class Tilt(EffectBase):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Weaken the first touch."""
+        if values[0] <= 0:
+            return state
         reach = data.radius_mm * values[0]
         depth = state.depth_mm - (reach if data.depth_source == "stage" else 0.0)
-        safe = np.maximum(reach, 1e-12)
-        toe = 2 * safe * (np.clip(depth + safe, 0, 3 * safe) / (3 * safe)) ** 1.5
-        return replace(state, depth_mm=np.where(depth < 2 * reach, toe, depth))
+        found = depth.copy()
+        for radius in np.unique(data.presses.radius_mm):
+            mine = data.radius_mm == radius
+            found[mine] = reach[mine] * upright(depth[mine] / reach[mine], float(radius / data.gel.thickness_mm))
+        return replace(state, depth_mm=found)

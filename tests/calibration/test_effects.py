@@ -63,10 +63,10 @@ def data_for(effect: Effect) -> Observations:
 
 
 def planted(effect: Effect, values: Floats, data: Observations) -> Floats:
-    """The force with the effect; iterated, since the rig's give depends on the force itself."""
+    """The force with the effect; iterated where the effect depends on the force itself."""
     model = Model(FlatPunch()) + effect
     force = model.predict(np.concatenate([BASE, values]), data)
-    for _ in range(30 if effect.key == "backing_compliance" else 0):
+    for _ in range({"backing_compliance": 30, "adhesion": 2}.get(effect.key, 0)):
         force = model.predict(np.concatenate([BASE, values]), data.with_force(force))
     return force
 

@@ -1,0 +1,115 @@
+"""Formulas of effects against what can be known without them: solved contacts, energy, corners, integrals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_presses import GEL, indenter, observations
+
+from calibration.askew import PLACES, solve, upright
+from calibration.data import Observations
+from calibration.effects import EFFECTS
+from calibration.effects.recovery import carried
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model import Model
+from calibration.path import depth_at
+from calibration.stiffness import punch_stiffness
+
+LAW = np.array([0.2, 0.48, 0.85])
+
+
+def one_press(depth: np.ndarray, time: np.ndarray | None = None, **more: object) -> Observations:
+    return observations([depth], [indenter()], time_s=None if time is None else [time], **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.75, 1.5])
+def test_the_table_of_the_askew_punch_is_what_the_contact_gives(ratio: float) -> None:
+    """Fewer squares than the table was made with, so .003 apart."""
+    x = np.array([-0.5, 0.0, 0.5, 1.0, 1.5])
+    np.testing.assert_allclose(upright(x, ratio), solve(x, ratio, squares=33), atol=3e-3)
+
+
+def test_the_askew_punch_pushes_more_than_its_mean_depth_and_ends_upright() -> None:
+    """Without tension the gel only adds, the force grows, and from 2 a theta on the face lies whole."""
+    for ratio in (0.0, 0.5, 1.0):
+        found = upright(PLACES, ratio)
+        assert (np.diff(found) > 0).all()
+        assert (found >= PLACES - 1e-3).all()
+    np.testing.assert_array_equal(upright(np.array([-1.5, 2.0, 7.0]), 0.8), [0.0, 2.0, 7.0])
+    assert upright(np.zeros(1), 0.0) > upright(np.zeros(1), 1.0) > 2 / (3 * np.pi)  # springs: 2/(3 pi)
+
+
+def test_pull_off_pays_for_the_face_by_the_layers_own_energy() -> None:
+    """dU/da = 2 pi a W at the limit, U = K w^2/2, for a/h where the half-space would be wrong by half."""
+    a, h, work = 2.5, 3.0, 2e-4
+    pair = punch_stiffness(0.2, 0.48, np.array([a - 0.01, a + 0.01]), np.full(2, h))
+    limit = float(np.sqrt(4 * np.pi * a * work / (np.diff(pair)[0] / 0.02)))
+    depth = np.concatenate([[0.3], -limit * np.array([0.8, 1.25])])
+    force = (Model(FlatPunch()) + EFFECTS["adhesion"]).predict(np.append(LAW, work), one_press(depth))
+    stiffness = punch_stiffness(0.2, 0.48, np.array([a]), np.array([h]))[0]
+    assert force[1] == pytest.approx(-0.8 * stiffness * limit, rel=0.03)
+    assert force[2] == pytest.approx(0, abs=0.02 * stiffness * limit)
+
+
+def test_corners_that_no_sample_hit_are_found() -> None:
+    """Down at 1 mm/s to .5, held 2 s, up again: at any time the depth is that of the three lines."""
+    time = np.array([0.1, 0.2, 0.3, 1.0, 1.5, 2.3, 2.6, 2.8])
+    path_t, path_w = np.array([0.0, 0.5, 2.5, 3.0]), np.array([0.0, 0.5, 0.5, 0.0])
+    depth = np.interp(time, path_t, path_w)
+    phase = [["load"] * 3 + ["hold"] * 2 + ["hold"] + ["unload"] * 2]
+    data = one_press(depth, time, phase=phase)
+    for later in (-0.05, 0.05, 0.15):
+        inside = slice(1, -1)
+        np.testing.assert_allclose(depth_at(data, later)[inside], np.interp(time + later, path_t, path_w)[inside],
+                                   atol=1e-12)  # fmt: skip
+
+
+def test_a_positive_clock_offset_is_the_force_sensors_clock_running_ahead() -> None:
+    """F/T minus camera: a force stamped t belongs to the depth read at t - dt."""
+    time = np.linspace(0, 1, 21)
+    data = one_press(0.5 * time, time)
+    force = Model(FlatPunch()).predict(LAW, data.shifted(-0.5 * 0.1))
+    found = (Model(FlatPunch()) + EFFECTS["clock_offset"]).predict(np.append(LAW, 0.1), data)
+    np.testing.assert_allclose(found[4:], force[4:], atol=1e-12)
+
+
+def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
+    """Two steps of force at one spot by hand: 1 - exp(-t/tau), then its fading; a new spot knows nothing."""
+    time = [np.array([0.0, 1e-9, 10.0]), np.array([30.0, 30.0 + 1e-9, 40.0]), np.array([60.0, 60.0 + 1e-9, 70.0])]
+    data = observations([np.full(3, 0.3)] * 3, [indenter()] * 3, time_s=time, place_mm=[(0, 0), (0, 0), (5, 0)])
+    data = replace(data, presses=replace(data.presses, rest_s=np.full(3, 20.0)))
+    force = np.tile([0.0, 1.0, 1.0], 3)
+    found = carried(force, 25.0, data)
+    first = 1 - np.exp(-10 / 25)
+    left = first * np.exp(-20 / 25)
+    np.testing.assert_allclose(found[[2, 3, 5]], [first, left, first + left * np.exp(-10 / 25)], rtol=1e-6)
+    np.testing.assert_allclose(found[6:], [0, 0, first], atol=1e-6)
+
+
+def test_softening_runs_from_its_full_size_to_nothing_at_the_largest_depth() -> None:
+    data = one_press(np.array([0.3, 0.9, 0.9, 0.05]))
+    bare = Model(FlatPunch()).predict(LAW, data)
+    force = (Model(FlatPunch()) + EFFECTS["mullins"]).predict(np.append(LAW, [0.1, 0.3]), data)
+    np.testing.assert_allclose(force / bare, [1, 1, 1, 0.9], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("radius", "strain", "by_elements"), [(1.8, 0.1, 1.0606), (2.55, 0.15, 1.1602)])
+def test_sticking_bends_the_curve_as_finite_elements_have_it(
+    radius: float, strain: float, by_elements: float
+) -> None:
+    """Force of no slip over no friction, nu .48 (mechanics.punch_fem)."""
+    data = observations([np.array([strain * GEL.thickness_mm])], [indenter(radius_mm=radius)])
+    force = [(Model(FlatPunch()) + EFFECTS["friction"]).predict(np.append(LAW, q), data)[0] for q in (0.0, 1.0)]
+    assert force[1] / force[0] == pytest.approx(by_elements, abs=0.004)
+
+
+def test_the_rigs_give_is_taken_from_the_models_own_force_not_from_the_noise() -> None:
+    """P = f(w - C P) holds, whatever was measured."""
+    depth = np.linspace(0.05, 0.6, 9)
+    data, model = one_press(depth), Model(FlatPunch()) + EFFECTS["backing_compliance"]
+    values = np.append(LAW, 0.05)
+    noisy = data.with_force(0.3 * np.random.default_rng(0).standard_normal(9))
+    force = model.predict(values, noisy)
+    np.testing.assert_allclose(force, Model(FlatPunch()).predict(LAW, data.shifted(-0.05 * force)), rtol=5e-3)
