@@ -28,6 +28,7 @@ from tactilevision.records import Floats, Pair
 Array = npt.NDArray[np.floating[Any]]
 MOST_PIXELS = 1500  # of the window; more only slow the fit down
 ROUNDS = 20
+LEAST_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,14 @@ def _window(
     y, x = np.meshgrid((rows - start[1]) * mm_per_px[1], (columns - start[0]) * mm_per_px[0], indexing="ij")
     take = np.hypot(x, y) <= reach * mm_per_px[0]
     if usable is not None:
-        take &= usable[np.ix_(rows, columns)]
+        here, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
+        if take.sum() < LEAST_SEEN * here:
+            raise InputError(
+                "the ball was pressed where the light is saturated or too dark",
+                where="ball press",
+                value=f"{100 * take.sum() / max(here, 1):.0f} % of its place can be used",
+                remedy="Press it elsewhere, or dim the light.",
+            )
     return np.asarray(change[np.ix_(rows, columns)][take], np.float64), x[take], y[take]
 
 

@@ -180,3 +180,19 @@ def test_flats_that_cannot_be_used_are_named() -> None:
     touched = picture(*ball((0.0, 0.0), 1.5, RADIUS_MM)[1:], rng)
     with pytest.raises(InputError, match="contact"):
         make_reference([flat(rng), flat(rng), touched])
+
+
+def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
+    def glaring(rgb: np.ndarray) -> np.ndarray:
+        rgb = rgb.copy()
+        rgb[: SHAPE[0] // 3, : SHAPE[1] // 3] = 255
+        return rgb
+
+    rng = np.random.default_rng(0)
+    reference = make_reference([glaring(flat(rng)) for _ in range(3)])
+    lost = (SHAPE[1] / 7, SHAPE[0] / 7)
+    shots = [BallPicture(glaring(p.rgb), RADIUS_MM) for p in pictures(12)]
+    shots.append(BallPicture(shots[0].rgb, RADIUS_MM, centre_px=lost, contact_radius_px=10.0, name="lost"))
+    found = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"])
+    assert found.balls[-1] is None
+    assert any("lost left out" in warning for warning in found.warnings)
