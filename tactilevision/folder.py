@@ -6,11 +6,9 @@ Each frame's map is written whole under its own name before the frame counts as 
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
@@ -24,7 +22,7 @@ from tactilevision.height_files import masked, write_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Frame, HeightMap
-from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, first_frame, run_job
+from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
 
 TABLE = "depth.csv"
 MAPS, STORE = "depth", "depth.zarr"
@@ -110,7 +108,9 @@ def reconstruct_folder(
                          remedy="Rename one: each frame's map is stored under its name.")  # fmt: skip
     clear_leftovers(out / MAPS)
     scratch = out / SCRATCH if form == "zarr" else None
-    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, _way_of_reading(recording, reconstructor)))
+    journal = Journal(
+        out / JOURNAL, fingerprint_of(recording, form, way_of_reading(recording, reconstructor.height_map))
+    )
     job = DepthJob(reconstructor, out / MAPS, scratch)
     sensor = reconstructor.sensor
 
@@ -159,13 +159,3 @@ def table(rows: Iterable[FrameResult]) -> str:
         numbers = (row.peak_mm, row.contact_area_mm2, row.ms)
         writer.writerow([row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers)])
     return text.getvalue()
-
-
-def _way_of_reading(recording: Recording, reconstructor: Reconstructor) -> str:
-    """The first frame's map: another method, or another calibration of it, gives another one."""
-    frame = first_frame(recording)
-    if frame is not None:
-        with suppress(InputError):
-            depth = np.ascontiguousarray(reconstructor.height_map(frame).depth_mm)
-            return hashlib.sha256(depth.tobytes()).hexdigest()
-    return ""

@@ -326,7 +326,7 @@ class TractionMap:
     border, ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz)
     about the pad's centre, r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the
     force found without it minus the measured one, and `mismatch_sigma` its largest component over the
-    standard deviation expected of it.
+    standard deviation expected of it. `depth_mm` is the greatest depth of what touches.
     What was not measured is NaN.
     """
 
@@ -343,5 +343,6 @@ class TractionMap:
     moment_std_Nmm: tuple[float, float, float] | None = None
     mismatch_N: tuple[float, float, float] | None = None
     mismatch_sigma: float | None = None
+    depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""

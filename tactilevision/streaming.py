@@ -24,9 +24,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.recording import BadFrame, Recording, iter_frames
-from tactilevision.records import Frame
+from tactilevision.records import Frame, HeightMap
 
 Row = tuple[str, ...]
 Progress = Callable[[int, int], None]
@@ -117,9 +118,13 @@ def fingerprint_of(recording: Recording, *parts: object) -> str:
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def first_frame(recording: Recording) -> Frame | None:
-    """The first frame that can be read."""
-    return next((frame for frame in iter_frames(recording) if isinstance(frame, Frame)), None)
+def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
+    """A hash of the first frame's map: another method, or another calibration of it, gives another one."""
+    frame = next((frame for frame in iter_frames(recording) if isinstance(frame, Frame)), None)
+    if frame is not None:
+        with suppress(InputError):
+            return hashlib.sha256(np.ascontiguousarray(height_map(frame).depth_mm).tobytes()).hexdigest()
+    return ""
 
 
 def as_line(row: Row) -> str:

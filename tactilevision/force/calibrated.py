@@ -25,6 +25,22 @@ class Sensitivity:
     values: tuple[float, float]
     force_N: Floats
 
+    def change_percent(self, found: TractionMap) -> tuple[float, float]:
+        """By how much fz moves at either end, in percent of `found`."""
+        now = found.resultant_N[2]
+        low, high = (100 * (float(force) / now - 1) if now > 0 else 0.0 for force in self.force_N[:, 2])
+        return low, high
+
+    def as_json(self, found: TractionMap) -> dict[str, Any]:
+        """For a program: the parameter's interval, the forces at its ends, and the change against `found`."""
+        return {
+            "parameter": self.parameter,
+            "unit": self.unit,
+            "interval95": list(self.values),
+            "force_N": self.force_N.tolist(),
+            "change_percent": list(self.change_percent(found)),
+        }
+
 
 def read_material(path: Path | str) -> Material:
     """E, nu and their covariance from calibration.json; where no covariance stands there, from the two std.
@@ -49,10 +65,11 @@ def read_material(path: Path | str) -> Material:
 
 
 def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear: ShearMap | None = None, *,
-                         settings: ForceSettings | None = None) -> tuple[Sensitivity, Sensitivity]:  # fmt: skip
-    """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance.
+                         settings: ForceSettings | None = None) -> tuple[Sensitivity, ...]:  # fmt: skip
+    """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance, the other of
+    the two held; then with both, as far as they vary together (to first order).
 
-    The other of the two is held. Raises InputError where the material has no covariance.
+    Raises InputError where the material has no covariance.
     """
     if material.covariance is None:
         raise InputError("the material says nothing of its own uncertainty", where="material_sensitivity",
@@ -70,7 +87,19 @@ def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear:
     return (
         Sensitivity("youngs_modulus", "MPa", (moduli[0], moduli[1]), by_modulus),
         Sensitivity("poisson_ratio", "", (ratios[0], ratios[1]), by_ratio),
+        _both(np.stack([by_modulus, by_ratio]), np.array([moduli, ratios]), material.covariance),
     )
+
+
+def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
+    """`ends_N` (2, 2, 3) by parameter and end, `values` (2, 2).
+
+    A stiffness that is well known while E and nu are not shows here: the two then move the force by little.
+    """
+    slope = (ends_N[:, 1] - ends_N[:, 0]) / np.maximum(values[:, 1] - values[:, 0], 1e-12)[:, None]
+    half = 1.96 * np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", slope, covariance, slope), 0))
+    now = ends_N[0].mean(axis=0)  # the force is proportional to E
+    return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
 
 
 def check_sensor(found: TractionMap, measured_N: Floats) -> str:

@@ -23,22 +23,25 @@ FAINTEST = 0.02
 SIGMAS = 3.0
 SURE = 5.0  # standard deviations that the deepest cell of a patch stands out by
 HIGHEST_RISE = 0.01  # quantile of the depths
+TINY = 1e-12
 COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
 
 
-def candidate_cells(depth_mm: Floats, std_mm: float, known: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells that may touch; empty where nothing does."""
+def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArray[np.intp]:
+    """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns); empty where
+    nothing does.
+    """
     seen = depth_mm[known]
     if seen.size == 0:
         return np.zeros(0, dtype=np.intp)
-    deep = known & (depth_mm > max(SIGMAS * std_mm, SHALLOWEST * float(seen.max())))
+    deep = known & (depth_mm > np.maximum(SIGMAS * std_mm, SHALLOWEST * float(seen.max())))
     neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
     deep &= neighbours > COMPANY - 0.5
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
     rise = max(0.0, -float(np.quantile(seen, HIGHEST_RISE)))
-    sure = maximum(depth_mm, patches, np.arange(count + 1)) > max(SURE * std_mm, rise)
+    sure = maximum(depth_mm / np.maximum(SURE * std_mm, rise + TINY), patches, np.arange(count + 1)) > 1
     sure[0] = False
     return np.flatnonzero(sure[patches])
 

@@ -3,7 +3,8 @@
 Set up once for a gel, a material and a view; each call narrows the contact, solves for the tractions, corrects for
 large depth and propagates what is not known. A call changes nothing but the first, which learns the view's size.
 
-Standard deviation of the resultant: noise of the depth and shear through the linear map; the material's own
+Standard deviation of the resultant: noise of the depth and shear through the linear map; an error of the depth
+that the whole contact shares, pushed through the same map as one; the material's own
 covariance; MODEL_STD of the resultant for cells and mask (rms error over random contacts without noise,
 benchmarks); STICK_STD of the normal force where no shear is measured, since sticking stiffens a punch by up to
 4.7 %; and, where the contact is cut by a border, the force that would lie there if the border's pressure went
@@ -12,7 +13,7 @@ on for half its width.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,14 +40,15 @@ class ForceSettings:
     """How forces are found. None of these is set by case.
 
     `spacing_mm` of the cells; `depth_std_mm` of one pixel where the height map does not state it (None: from the
-    map itself); `depth_correlation_px` over which pixels share their error; `adhesive` lets the gel be pulled;
+    map itself); `depth_correlation_px` over which pixels share their error (None: a whole contact shares it, as in
+    a map integrated from slopes); `adhesive` lets the gel be pulled;
     `sides` accounts for the gel's free sides; `large_depth` for its large strain (False: linear elasticity
     throughout); `cell_std` also works out the deviation of every single traction.
     """
 
     spacing_mm: float = 0.5
     depth_std_mm: float | None = None
-    depth_correlation_px: float = 1.0
+    depth_correlation_px: float | None = None
     adhesive: bool = False
     sides: bool = True
     large_depth: bool = True
@@ -60,8 +62,9 @@ class ForceField:
                  settings: ForceSettings | None = None) -> None:  # fmt: skip
         self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
+        alike = self.settings.depth_correlation_px
         self._noise = PixelNoise(
-            self.settings.depth_std_mm, self.settings.depth_correlation_px, STILL * gel.thickness_mm
+            self.settings.depth_std_mm, np.inf if alike is None else alike, STILL * gel.thickness_mm
         )
         self.compliance: GelCompliance | None = None if view_px is None else self._set_up(view_px)
 
@@ -76,6 +79,13 @@ class ForceField:
         found = self._free(self.compliance, height, shear)
         return found if measured is None else constrain(found, measured)
 
+    def touched(self, height: HeightMap) -> bool:
+        """Whether anything may touch: quick, so that a free gel costs no shear. Raises as a call does."""
+        if self.compliance is None:
+            self.compliance = self._set_up(height.depth_mm.shape)
+        seen = observe(self.compliance.grid, height, None, noise=self._noise, inside=self.compliance.inside)
+        return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)) > 0
+
     def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, self.settings.spacing_mm)
         return gel_compliance(self.gel, grid, poisson_ratio=self.material.poisson_ratio, sides=self.settings.sides)
@@ -83,15 +93,16 @@ class ForceField:
     def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
         grid = compliance.grid
         seen = observe(grid, height, shear, noise=self._noise, inside=compliance.inside)
-        flags = list(seen.flags) + ([] if len(seen.displacement_mm) == 3 else [NO_SHEAR])
+        flags = list(seen.flags)
         flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
-        cells = candidate_cells(seen.displacement_mm[-1], float(seen.std_mm[-1]), seen.known)
+        cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)
         found = self._solve(compliance, seen, cells) if len(cells) else None
         if found is None or len(found.cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
-            least = max(SURE * float(seen.std_mm[-1]), -float(seen.displacement_mm[-1].min()))
+            least = max(SURE * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min()))
             unseen = 2 * grid.spacing_mm * reduced * least
-            return _nothing(grid, height, (*flags, NO_CONTACT), len(seen.displacement_mm), unseen)
+            return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
+        flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
         if cut_by_border(found.cells, seen.known):
             flags.append(CUT)
         return self._report(compliance, seen, found, height, tuple(flags))
@@ -114,6 +125,8 @@ class ForceField:
         total = weights @ found.traction.ravel()
         noise = np.repeat(seen.std_mm, len(found.cells))
         variance = np.diag(found.propagate(weights, noise)).copy()
+        if not np.isfinite(self._noise.correlation_px):
+            variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
         variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
@@ -130,7 +143,8 @@ class ForceField:
             errors[3 - parts :, found.cells] = found.cell_std(noise) * scale
         if parts == 1:
             fields[:2], total[[0, 1, 5]], std[[0, 1, 5]] = np.nan, np.nan, np.nan
-        return _as_map(grid, fields, errors, total, std, flags, height)
+        deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
+        return replace(_as_map(grid, fields, errors, total, std, flags, height), depth_mm=deepest)
 
     def _stiffening(self, grid: NodeGrid, seen: Observation, found: Solution) -> tuple[Floats, Floats]:
         if not self.settings.large_depth:
@@ -180,14 +194,12 @@ def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats) -
     return np.asarray(np.concatenate([np.zeros(3 - len(force)), force]) ** 2)
 
 
-def _nothing(
-    grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], parts: int, unseen_N: float
-) -> TractionMap:
-    """No contact: zero force, to within a punch of one cell's radius pressed in by what a candidate needs."""
+def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:
+    """No contact: zero force along each axis, to within a punch of one cell's radius, pressed in by what a
+    candidate needs.
+    """
     fields = np.zeros((3, grid.shape[0] * grid.shape[1]))
     total, std = np.zeros(6), np.array([unseen_N] * 3 + [np.nan] * 3)
-    if parts == 1:
-        fields[:2], total[[0, 1, 5]] = np.nan, np.nan
     return _as_map(grid, fields, np.full_like(fields, np.nan), total, std, flags, height)
 
 

@@ -77,6 +77,13 @@ class Solution:
         full = (once + self.subcell * self.gain(once)) * std_mm
         return np.asarray(full @ full.T)
 
+    def shift(self, weights: Floats, depth_mm: Floats) -> Floats:
+        """What weights (K, nC) @ traction gains (K,) where the depth (C,) of all cells is greater at once."""
+        depths = np.zeros(self.traction.size)
+        depths[-len(depth_mm) :] = depth_mm
+        once = lapack.dpotrs(self.factor, depths, lower=1)[0]
+        return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
+
     def cell_std(self, std_mm: Floats) -> Floats:
         """Standard deviation (n, C) of each traction; that the components are coupled is left out (2 % of it)."""
         count, found = len(self.cells), np.empty_like(self.traction)

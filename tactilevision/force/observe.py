@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from tactilevision.errors import InputError
@@ -24,18 +25,21 @@ SPARSE = 4  # every fourth pixel of a map of standard deviations says enough
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each; `known` cells; `flags`."""
+    """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each, from cell to cell; `known`
+    cells; `flags`. `depth_std_mm` (rows, columns) is of the depth itself, errors that a whole contact shares
+    included."""
 
     displacement_mm: Floats
     std_mm: Floats
     known: Bools
     flags: tuple[str, ...]
+    depth_std_mm: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class PixelNoise:
     """What is known of a height map's noise beforehand: `std_mm` of a pixel (None: from the map itself), alike
-    over `correlation_px`; `away_mm` from the contact the gel lies still."""
+    over `correlation_px` (infinite: over a whole contact); `away_mm` from the contact the gel lies still."""
 
     std_mm: float | None
     correlation_px: float
@@ -61,13 +65,13 @@ def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise:
         depth_px, finite = material_depth(depth_px, finite, shear)
     depth, known = cell_means(grid, depth_px, finite)
     known &= inside
-    std = _depth_std(grid, height, noise, depth, known)
+    std, whole = _depth_std(grid, height, noise, depth, known)
     if shear is None:
-        return Observation(depth[None], np.array([std]), known, tuple(flags))
+        return Observation(depth[None], np.array([std]), known, tuple(flags), whole)
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
     side = mean_std(grid, float(np.median(np.atleast_2d(shear.std_mm)[::SPARSE, ::SPARSE])), shear.correlation_px)
-    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known,
-                       tuple(dict.fromkeys([*shear.flags, *flags])))  # fmt: skip
+    said = tuple(dict.fromkeys([*shear.flags, *flags]))
+    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole)
 
 
 def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
@@ -111,15 +115,32 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
 
-def _depth_std(grid: NodeGrid, height: HeightMap, noise: PixelNoise, depth: Floats, known: Bools) -> float:
-    if height.std_mm is not None:
-        stated = height.std_mm[::SPARSE, ::SPARSE]
-        stated = stated[height.valid[::SPARSE, ::SPARSE] & np.isfinite(stated)]
-        if stated.size:
-            return mean_std(grid, float(np.median(stated)), noise.correlation_px)
-    if noise.std_mm is not None:
-        return mean_std(grid, noise.std_mm, noise.correlation_px)
-    return max(noise_of_cells(depth, known), unevenness(grid, depth, known, noise.away_mm))
+def _depth_std(
+    grid: NodeGrid, height: HeightMap, noise: PixelNoise, depth: Floats, known: Bools
+) -> tuple[float, Floats]:
+    """Standard deviation from cell to cell, and (rows, columns) of the depth itself.
+
+    An error that a whole contact shares does not roughen it: from cell to cell only what is seen there counts.
+    """
+    stated: Array | None = height.std_mm
+    if stated is None and noise.std_mm is not None:
+        stated = np.broadcast_to(np.float64(noise.std_mm), height.depth_mm.shape)
+    if stated is None:
+        std = max(noise_of_cells(depth, known), unevenness(grid, depth, known, noise.away_mm))
+        return std, np.full(grid.shape, std)
+    at_cells = np.asarray(stated[_centres(grid)], dtype=np.float64)
+    usual = float(np.median(at_cells[known])) if known.any() else 0.0
+    at_cells = np.where(np.isfinite(at_cells), at_cells, usual)
+    share = mean_std(grid, 1.0, noise.correlation_px)
+    return (noise_of_cells(depth, known) if share >= 1 else share * usual), share * at_cells
+
+
+def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
+    (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
+    row = np.round(grid.y_mm / sy + (height - 1) / 2).astype(np.intp)
+    column = np.round(grid.x_mm / sx + (width - 1) / 2).astype(np.intp)
+    return row[:, None], column[None, :]
 
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:

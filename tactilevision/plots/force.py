@@ -1,6 +1,4 @@
-"""Pictures of force on the gel: tractions, deformation with arrows, resultant against time, and what E and nu
-do.
-"""
+"""Pictures of force on the gel: deformation and tractions of one frame, and what E and nu do to the resultant."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ import numpy as np
 
 from tactilevision.force.calibrated import Sensitivity
 from tactilevision.plots import style
-from tactilevision.plots.height import depth_image
+from tactilevision.plots.height import deepest_place, depth_image
 from tactilevision.records import Floats, HeightMap, ShearMap, TractionMap
 
 if TYPE_CHECKING:
@@ -23,59 +21,88 @@ NAMES = ("x", "y", "z")
 
 @style.house_look
 def draw_force(found: TractionMap, height: HeightMap, shear: ShearMap | None = None, *, title: str = "") -> Figure:
-    """Four maps: depth with the motion of the surface and the force's arrows, then t_x, t_y and t_z."""
-    figure, axes = style.new_figure(11, 8, rows=2, columns=2)
-    image = depth_image(axes[0], height)
-    figure.colorbar(image, ax=axes[0], label="depth into the gel (mm)", shrink=0.8)
-    if shear is not None:
-        _motion_arrows(axes[0], shear)
-    _force_arrows(axes[0], found, height)
-    axes[0].set_title(title or found.name or "Depth, surface motion (white), force (orange)")
-    fields = (found.t_x, found.t_y, found.t_z)
-    tangential = max(
-        (float(np.nanmax(np.abs(t), initial=0.0)) for t in fields[:2] if np.isfinite(t).any()), default=0
-    )
-    for axis, field, name in zip(axes[1:], fields, NAMES, strict=True):
+    """Depth with the motion of the surface and the force's arrows, a cut with arrows of traction, t_x, t_y, t_z.
+
+    Where the shear is not known t_x and t_y are left out, and the title says so.
+    """
+    whole = bool(np.isfinite(found.t_x).all())
+    figure, axes = style.new_figure(15, 7.6 if whole else 4.2, rows=2 if whole else 1, columns=3)
+    above, cut, *maps = axes
+    image = depth_image(above, height)
+    figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.8)
+    if shear is not None and whole:
+        _motion_arrows(above, shear)
+        _force_arrows(above, found, height)
+    above.set_title(title or found.name)
+    _cut(cut, found, height)
+    fields = {"z": found.t_z} | ({"x": found.t_x, "y": found.t_y} if whole else {})
+    tangential = max((float(np.abs(fields[n]).max()) for n in ("x", "y") if n in fields), default=0.0)
+    for axis, (name, field) in zip(maps, fields.items(), strict=False):
         limit = max(float(np.nanmax(np.abs(field), initial=0.0)) if name == "z" else tangential, 1e-6)
         _traction_image(figure, axis, found, 1e3 * field, 1e3 * limit, name)
-    return figure
-
-
-@style.house_look
-def draw_resultants(time_s: Floats, force_N: Floats, std_N: Floats, measured_N: Floats | None = None) -> Figure:
-    """Resultant (T, 3) against time with two standard deviations, and the F/T reading where there is one."""
-    figure, axes = style.new_figure(8, 6.5, rows=3)
-    for axis, name, colour, k in zip(axes, NAMES, (style.BLUE, style.GREEN, style.ORANGE), range(3), strict=True):
-        axis.plot(time_s, force_N[:, k], color=colour, label="from the picture")
-        low, high = (force_N[:, k] + s * 2 * std_N[:, k] for s in (-1, 1))
-        axis.fill_between(time_s, low, high, color=colour, alpha=0.2, lw=0)
-        if measured_N is not None and np.isfinite(measured_N[:, k]).any():
-            axis.plot(time_s, measured_N[:, k], color=style.GREY, lw=1, ls="--", label="F/T sensor")
-        axis.set(ylabel=f"f{name} (N)")
-    axes[0].legend(loc="upper left", ncols=2)
-    axes[0].set_title("Force on the gel, with two standard deviations")
-    axes[-1].set(xlabel="time (s)")
+    if whole:
+        _said(maps[-1], found)
     return figure
 
 
 @style.house_look
 def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figure:
-    """How far the resultant's size moves over the 95 % interval of each parameter: why calibration matters."""
-    figure, (axes,) = style.new_figure(6.5, 2.6)
-    now = float(np.sqrt(np.nansum(np.square(found.resultant_N))))
+    """How far fz moves over the 95 % interval of each parameter, beside what all the rest leaves unknown."""
+    figure, (axes,) = style.new_figure(7.5, 1.3 + 0.55 * (len(ranges) + 1))
+    labels = [entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
+              for entry in ranges]  # fmt: skip
+    half = 1.96 * 100 * found.resultant_std_N[2] / max(found.resultant_N[2], 1e-9)
+    widest = half
     for row, entry in enumerate(ranges):
-        sizes = np.sqrt(np.nansum(np.square(entry.force_N), axis=1))
-        change = 100 * (sizes / now - 1) if now > 0 else np.zeros(2)
-        axes.barh(row, change[1] - change[0], left=change[0], color=style.CYCLE[row], height=0.5)
-        span = f"{entry.values[0]:.4g} to {entry.values[1]:.4g} {entry.unit}".strip()
-        axes.annotate(span, (float(change.max()), row), xytext=(5, 0), textcoords="offset points", va="center")
-    axes.axvline(0, color=style.GREY, lw=0.8)
-    axes.set_yticks(range(len(ranges)), [entry.parameter.replace("_", " ") for entry in ranges])
-    axes.margins(x=0.35)
-    axes.set(
-        xlabel="change of the resultant (%)", title="What the calibration's own 95 % interval does to the force"
-    )
+        low, high = sorted(entry.change_percent(found))
+        widest = max(widest, -low, high)
+        axes.barh(row, high - low, left=low, color=style.CYCLE[row], height=0.5)
+        words = f"{low:+.1f} to {high:+.1f} %"
+        if np.isfinite(entry.values).all():
+            words += f"   ({entry.values[0]:.4g} to {entry.values[1]:.4g} {entry.unit}".rstrip() + ")"
+        place = (max(high, 0.0), row)
+        axes.annotate(words, place, xytext=(6, 0), textcoords="offset points", va="center")
+    axes.barh(len(ranges), 2 * half, left=-half, color=style.GREY, height=0.5)
+    axes.annotate(f"± {half:.1f} %", (half, len(ranges)), xytext=(6, 0), textcoords="offset points", va="center")
+    axes.axvline(0, color="black", lw=0.8)
+    axes.set_yticks(range(len(ranges) + 1), [*labels, "with depth and all else"])
+    axes.set_xlim(-1.1 * widest, 2.6 * widest)
+    axes.invert_yaxis()
+    title = f"What the calibration's own 95 % interval does to fz = {found.resultant_N[2]:.3f} N"
+    axes.set(xlabel="change of fz (%)", title=title)
     return figure
+
+
+def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
+    """Depth along x through the deepest place, the traction in that row as arrows whose tips touch the surface."""
+    row, _ = deepest_place(height)
+    middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
+    x = np.arange(height.depth_mm.shape[1]) * height.mm_per_px[0]
+    depth = np.where(height.valid[row], height.depth_mm[row], np.nan)
+    axes.plot(x, depth, color=style.BLUE)
+    axes.fill_between(x, depth, float(np.nanmax(depth, initial=0.1)) * 1.12, color=style.SKY, alpha=0.15, lw=0)
+    cell = int(np.clip(round((row * height.mm_per_px[1] - middle[1] - found.first_mm[1]) / found.mm_per_px[1]), 0,
+                       found.t_z.shape[0] - 1))  # fmt: skip
+    touching = np.flatnonzero(np.nan_to_num(found.t_z[cell]) > 0)
+    places = found.first_mm[0] + found.mm_per_px[0] * touching + middle[0]
+    if touching.size:
+        down, along = found.t_z[cell, touching], np.nan_to_num(found.t_x[cell, touching])
+        top = float(np.hypot(down, along).max())
+        axes.quiver(places, np.interp(places, x, height.depth_mm[row]), along, -down, color=style.RED, pivot="tip",
+                    scale=top / 0.35, scale_units="height", width=0.004)  # fmt: skip
+        axes.text(0.99, 0.98, f"longest arrow {1e3 * top:.0f} kPa", transform=axes.transAxes, ha="right", va="top",
+                  fontsize=8, color=style.RED)  # fmt: skip
+    low, high = float(np.nanmin(depth, initial=0.0)), float(np.nanmax(depth, initial=0.1))
+    axes.set_ylim(high * 1.12, low - 0.55 * (high - low))
+    axes.set(xlabel="x (mm)", ylabel="depth into the gel (mm)", title="Cut through the deepest place")
+
+
+def _said(axes: Axes, found: TractionMap) -> None:
+    """The resultant and what limits it, in words under the last map's title."""
+    if found.flags:
+        axes.text(
+            0, -0.22, "; ".join(found.flags), transform=axes.transAxes, fontsize=8, color=style.GREY, va="top"
+        )
 
 
 def _traction_image(
@@ -90,8 +117,8 @@ def _traction_image(
     image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=extent, interpolation="none")
     figure.colorbar(image, ax=axes, label=f"t_{name} (kPa)", shrink=0.8)
     force, std = found.resultant_N[NAMES.index(name)], found.resultant_std_N[NAMES.index(name)]
-    said = f"{force:.3f} ± {std:.3f} N" if np.isfinite(force) else "not measured"
-    axes.set_title(f"traction along {name}: {said}")
+    unknown = "" if np.isfinite(found.t_x).all() else "; fx, fy not measured"
+    axes.set_title(f"f{name} = {force:.3f} ± {1.96 * std:.3f} N (95 %){unknown}")
     axes.grid(False)
     axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)")
 
@@ -107,14 +134,12 @@ def _motion_arrows(axes: Axes, shear: ShearMap) -> None:
     if largest > 0:
         axes.quiver(x[known] * sx, y[known] * sy, u, v, color="white", angles="xy", scale_units="xy",
                     scale=largest / (1.5 * step * min(sx, sy)), width=0.002)  # fmt: skip
-        axes.text(0.99, 0.01, f"longest arrow {1e3 * largest:.0f} µm", color="white", transform=axes.transAxes,
-                  ha="right", va="bottom", fontsize=8)  # fmt: skip
+        axes.text(0.99, 0.01, f"motion (white), longest {1e3 * largest:.0f} µm", color="white",
+                  transform=axes.transAxes, ha="right", va="bottom", fontsize=8)  # fmt: skip
 
 
 def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     """Tangential traction on the cells that touch, on the height map's own axes."""
-    if not np.isfinite(found.t_x).all():
-        return
     rows, columns = np.nonzero(np.nan_to_num(found.t_z) > 0)
     t = np.stack([found.t_x[rows, columns], found.t_y[rows, columns]])
     largest = float(np.hypot(*t).max(initial=0.0))
@@ -123,5 +148,7 @@ def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
     x = found.first_mm[0] + columns * found.mm_per_px[0] + middle[0]
     y = found.first_mm[1] + rows * found.mm_per_px[1] + middle[1]
-    axes.quiver(x, y, *t, color=style.ORANGE, angles="xy", scale_units="xy",
+    axes.quiver(x, y, *t, color=style.RED, angles="xy", scale_units="xy",
                 scale=largest / (3 * found.mm_per_px[0]), width=0.003)  # fmt: skip
+    axes.text(0.99, 0.99, f"traction (red), longest {1e3 * largest:.1f} kPa", color="white",
+              transform=axes.transAxes, ha="right", va="top", fontsize=8)  # fmt: skip

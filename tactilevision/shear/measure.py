@@ -1,6 +1,11 @@
-"""Two frames -> tangential displacement of the gel's surface, with its standard deviation."""
+"""Two frames -> tangential displacement of the gel's surface, with its standard deviation.
+
+What the untouched frame says is read once; then each frame is held against it.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,35 +20,76 @@ from tactilevision.shear.markers import (
     hull,
     spread_motion,
 )
-from tactilevision.shear.texture import CORRELATION_PX, follow_texture
+from tactilevision.shear.texture import CORRELATION_PX, Texture, follow_texture, read_texture
 
 STEP_PX = 4
 LOST = "markers lost"
+NOTHING_TO_FOLLOW = "the gel shows neither markers nor texture to follow"
+LEAST_KNOWN = 0.5  # share of the view that must show texture
+
+
+@dataclass(frozen=True, slots=True)
+class Untouched:
+    """The untouched gel, ready to be compared with: its `markers` (N, 2) in pixels, its `texture`, or neither."""
+
+    shape: tuple[int, int]
+    mm_per_px: Pair
+    markers: Floats | None = None
+    texture: Texture | None = None
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is anything to follow."""
+        return self.markers is not None or self.texture is not None
+
+    def shear(self, frame: Bytes) -> ShearMap:
+        """Displacement since then of what a rectified frame (H, W, 3) shows, at places of the untouched one.
+
+        Without anything to follow no pixel is valid, and a flag says so. Where more than a tenth of the markers
+        are not found again the map is flagged. Raises InputError for a frame of another size.
+        """
+        if frame.shape != (*self.shape, 3):
+            raise InputError("the two frames are of one size, (H, W, 3)", where="measure_shear",
+                             value=(self.shape, frame.shape))  # fmt: skip
+        if self.markers is not None:
+            return _by_markers(self.markers, frame, self.mm_per_px)
+        if self.texture is None:
+            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
+        motion, std_px, valid = follow_texture(self.texture, frame)
+        scale = np.array(self.mm_per_px)
+        return ShearMap(
+            u_x_mm=motion[..., 0] * scale[0],
+            u_y_mm=motion[..., 1] * scale[1],
+            valid=valid,
+            mm_per_px=self.mm_per_px,
+            std_mm=std_px * float(scale.mean()),
+            correlation_px=CORRELATION_PX,
+        )
+
+
+def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> Untouched:
+    """Read a rectified frame (H, W, 3) of the untouched gel.
+
+    `markers` True or False says whether the gel carries marks; None: looked for. Without marks the texture of the
+    ink is followed, where it stands out of the noise over half of the view. Raises InputError where markers are
+    promised but too few are found.
+    """
+    if reference.ndim != 3 or reference.shape[2] != 3:
+        raise InputError("a frame is (H, W, 3)", where="read_untouched", value=reference.shape)
+    shape = (reference.shape[0], reference.shape[1])
+    places = find_markers(reference) if markers is not False else np.zeros((0, 2))
+    if markers and len(places) < FEWEST:
+        raise InputError("too few markers in the reference frame to follow the gel", where="read_untouched",
+                         value=len(places), remedy="Say markers=False to follow the ink's texture.")  # fmt: skip
+    if markers or (markers is None and are_markers(places)):
+        return Untouched(shape, mm_per_px, markers=places)
+    texture = read_texture(reference)
+    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= LEAST_KNOWN else None)
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
-    """Displacement since `reference` (the untouched gel), both rectified (H, W, 3), at places of `reference`.
-
-    `markers` True or False says whether the gel carries marks; None: looked for. Without marks the texture
-    of the ink is followed. Where more than a tenth of the markers are not found again the map is flagged.
-    Raises InputError for frames that do not match, and where markers are promised but too few are found.
-    """
-    if reference.shape != frame.shape or reference.ndim != 3:
-        raise InputError("the two frames are of one size, (H, W, 3)", where="measure_shear",
-                         value=(reference.shape, frame.shape))  # fmt: skip
-    places = find_markers(reference) if markers is not False else np.zeros((0, 2))
-    if markers or (markers is None and are_markers(places)):
-        return _by_markers(places, frame, mm_per_px)
-    motion, std_px, valid = follow_texture(reference, frame)
-    scale = np.array(mm_per_px)
-    return ShearMap(
-        u_x_mm=motion[..., 0] * scale[0],
-        u_y_mm=motion[..., 1] * scale[1],
-        valid=valid,
-        mm_per_px=mm_per_px,
-        std_mm=std_px * float(scale.mean()),
-        correlation_px=CORRELATION_PX,
-    )
+    """Displacement of `frame` since `reference`, once; for many frames keep what `read_untouched` gives."""
+    return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
 def marker_motion(reference: Bytes, frame: Bytes, guess_px: Floats | None = None) -> MarkerMotion:
@@ -52,16 +98,12 @@ def marker_motion(reference: Bytes, frame: Bytes, guess_px: Floats | None = None
 
 
 def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
-    if len(places) < FEWEST:
-        raise InputError("too few markers in the reference frame to follow the gel", where="measure_shear",
-                         value=len(places), remedy="Say markers=False to follow the ink's texture.")  # fmt: skip
     motion = follow_markers(places, find_markers(frame))
     shape = (frame.shape[0], frame.shape[1])
     found = int(motion.found.sum())
     flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
     if found < FEWEST:
-        nothing = np.zeros(shape)
-        return ShearMap(nothing, nothing, np.zeros(shape, dtype=bool), mm_per_px, flags=flags)
+        return _nothing(shape, mm_per_px, flags)
     dense, std_px = spread_motion(motion, shape, STEP_PX)
     spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))
     return ShearMap(
@@ -73,3 +115,8 @@ def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
         correlation_px=spacing,
         flags=flags,
     )
+
+
+def _nothing(shape: tuple[int, int], mm_per_px: Pair, flags: tuple[str, ...]) -> ShearMap:
+    unknown = np.zeros(shape)
+    return ShearMap(unknown, unknown, np.zeros(shape, dtype=bool), mm_per_px, flags=flags)

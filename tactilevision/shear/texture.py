@@ -10,6 +10,8 @@ known.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -33,31 +35,48 @@ def grain(rgb: Bytes) -> tuple[Floats, Floats]:
     return np.asarray(fine / scale, dtype=np.float64), np.asarray(noise / scale, dtype=np.float64)
 
 
-def follow_texture(before: Bytes, after: Bytes) -> tuple[Floats, Floats, Bools]:
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """The untouched gel's grain, made ready once: `picture` for the flow, `noise` (H, W), `slope` its mean square
+    gradient, `known` (H, W) where it stands out of the noise."""
+
+    picture: Bytes
+    noise: Floats
+    slope: Floats
+    known: Bools
+
+
+def read_texture(before: Bytes) -> Texture:
+    """The texture of an untouched frame (H, W, 3)."""
+    first, noise = grain(before)
+    slope = cv2.GaussianBlur((np.gradient(first, axis=1) ** 2 + np.gradient(first, axis=0) ** 2) / 2, (0, 0),
+                             CORRELATION_PX)  # fmt: skip
+    return Texture(_as_bytes(first), noise, np.asarray(slope, dtype=np.float64), noise * TEXTURE_OVER_NOISE < 1)
+
+
+def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools]:
     """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where
     valid.
     """
-    (first, noise), (second, _) = grain(before), grain(after)
+    second = grain(after)[0]
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)
     flow.setUseSpatialPropagation(True)
-    images = [_as_bytes(first), _as_bytes(second)]
+    images = [before.picture, _as_bytes(second)]
     forth = flow.calc(images[0], images[1], None)
     back = flow.calc(images[1], images[0], None)
-    x, y = np.meshgrid(np.arange(first.shape[1], dtype=np.float32), np.arange(first.shape[0], dtype=np.float32))
+    rows, columns = second.shape
+    x, y = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
     returned = cv2.remap(
         back, x + forth[..., 0], y + forth[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     miss = ((forth + returned) ** 2).mean(axis=2) / 2
     variance = cv2.GaussianBlur(miss, (0, 0), CORRELATION_PX)
-    inside = (x + forth[..., 0] >= 0) & (x + forth[..., 0] <= first.shape[1] - 1)
-    inside &= (y + forth[..., 1] >= 0) & (y + forth[..., 1] <= first.shape[0] - 1)
-    slope = cv2.GaussianBlur((np.gradient(first, axis=1) ** 2 + np.gradient(first, axis=0) ** 2) / 2, (0, 0),
-                             CORRELATION_PX)  # fmt: skip
-    least = 2 * noise**2 / (CORRELATION_PX**2 * np.maximum(slope, 1e-12))
+    inside = (x + forth[..., 0] >= 0) & (x + forth[..., 0] <= columns - 1)
+    inside &= (y + forth[..., 1] >= 0) & (y + forth[..., 1] <= rows - 1)
+    least = 2 * before.noise**2 / (CORRELATION_PX**2 * np.maximum(before.slope, 1e-12))
     std = np.asarray(np.sqrt(variance + least), dtype=np.float64)
-    textured = noise * TEXTURE_OVER_NOISE < 1
-    return forth.astype(np.float64), std, textured & inside & (std < ROUND_TRIP_PX)
+    return forth.astype(np.float64), std, before.known & inside & (std < ROUND_TRIP_PX)
 
 
 def _noise(light: np.ndarray) -> float:

@@ -10,10 +10,12 @@ from typing import cast
 import cv2
 import numpy as np
 import pytest
+import zarr
 from planted_forces import SCALE, VIEW, hertz, measured
 
 from tactilevision.errors import InputError
-from tactilevision.force.folder import force_folder
+from tactilevision.force.folder import force_folder, force_job
+from tactilevision.force.readings import Readings
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import ForceSeries, Frame, Gel, HeightMap, Material, Press, Sensor
@@ -62,10 +64,8 @@ def recorded(folder: Path) -> Recording:
 def test_every_frame_has_its_row_and_every_good_one_its_tractions(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     seen: list[tuple[int, int]] = []
-    rows = force_folder(
-        recording, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out",
-        progress=lambda done, whole: seen.append((done, whole)),
-    )  # fmt: skip
+    job = force_job(recording, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")
+    rows = force_folder(recording, job, workers=1, progress=lambda done, whole: seen.append((done, whole)))
     assert seen[-1] == (5, 5)
     assert [row.frame for row in rows] == list(recording.frame_names)
     with (tmp_path / "out" / "resultants.csv").open() as file:
@@ -85,8 +85,61 @@ def test_every_frame_has_its_row_and_every_good_one_its_tractions(tmp_path: Path
         assert stacks["t_z"][2].sum() * 0.25 == pytest.approx(float(table[2]["fz_N"]), rel=1e-5)
 
 
+def test_what_was_cut_off_goes_on_and_zarr_holds_the_same(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    known, material = cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48)
+
+    def stop(done: int, whole: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    job = force_job(recording, known, material, tmp_path / "npz")
+    with pytest.raises(KeyboardInterrupt):
+        force_folder(recording, job, workers=1, progress=stop)
+    assert not (tmp_path / "npz" / "tractions.npz").exists(), "half a result is none"
+    told: list[int] = []
+    force_folder(recording, job, workers=1, progress=lambda done, whole: told.append(done))
+    assert told == [2, 3, 4, 5]
+    stored = force_job(recording, known, material, tmp_path / "zarr", form="zarr")
+    force_folder(recording, stored, workers=1)
+    group = zarr.open_group(str(tmp_path / "zarr" / "tractions.zarr"), mode="r")
+    with np.load(tmp_path / "npz" / "tractions.npz", allow_pickle=False) as stacks:
+        np.testing.assert_array_equal(np.asarray(group["t_z"])[:3], stacks["t_z"])
+    assert np.isnan(np.asarray(group["t_z"])[3:]).all()
+    assert list(group["frame"][:]) == list(recording.frame_names)
+    for out in ("npz", "zarr"):
+        assert [path.name for path in (tmp_path / out).iterdir() if path.name.startswith(".")] == []
+
+
+def test_another_material_starts_anew(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    known = cast(Reconstructor, Known(recording.sensor))
+
+    def stop(done: int, whole: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        force_folder(recording, force_job(recording, known, Material(0.2, 0.48), tmp_path / "out"), workers=1,
+                     progress=stop)  # fmt: skip
+    rows = force_folder(recording, force_job(recording, known, Material(0.4, 0.48), tmp_path / "out"), workers=1)
+    assert rows[2].resultant_N[2] == pytest.approx(1.0, rel=0.08)
+
+
+def test_a_sensor_that_stood_at_its_end_is_found_and_noise_is_not(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    assert recording.forces is not None
+    rng = np.random.default_rng(1)
+    noisy = recording.forces.force_N + rng.normal(0, 0.01, recording.forces.force_N.shape)
+    press = recording.presses[0]
+    free = replace(recording, forces=replace(recording.forces, force_N=noisy))
+    assert not Readings(free).clipped(press)
+    cut = np.minimum(noisy, 0.7)
+    assert Readings(replace(recording, forces=replace(recording.forces, force_N=cut))).clipped(press)
+
+
 def test_a_gel_that_is_not_described_is_asked_for(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     bare = replace(recording, sensor=replace(recording.sensor, gel=None))
     with pytest.raises(InputError, match="thickness"):
-        force_folder(bare, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")
+        force_job(bare, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")

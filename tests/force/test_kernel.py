@@ -73,5 +73,16 @@ def test_a_single_deep_cell_is_noise_and_a_group_is_a_contact() -> None:
     depth = np.zeros((20, 20))
     depth[3, 3] = 0.1
     depth[10:13, 10:13] = 0.1
-    assert len(candidate_cells(depth, 0.001, np.ones((20, 20), dtype=bool))) == 9
-    assert len(candidate_cells(depth, 0.001, np.zeros((20, 20), dtype=bool))) == 0
+    known, std = np.ones((20, 20), dtype=bool), np.full((20, 20), 0.001)
+    assert len(candidate_cells(depth, std, known)) == 9
+    assert len(candidate_cells(depth, std, ~known)) == 0
+
+
+def test_where_the_map_is_less_sure_more_is_asked_for() -> None:
+    depth = np.zeros((20, 20))
+    depth[2:5, 2:5] = depth[10:13, 10:13] = 0.1
+    std = np.full((20, 20), 0.005)
+    std[:6, :6] = 0.03  # a corner that the light hardly reaches
+    kept = candidate_cells(depth, std, np.ones((20, 20), dtype=bool))
+    assert len(kept) == 9
+    assert kept.min() >= 200
