@@ -6,14 +6,17 @@ For every press i and block of the height map (surface_view.py)
     D = 1 (+ e_i) under the face, -rise/depth at the *seen* radius beside it,
 
 u_i the depth on the map's own scale (its gain does not matter: only the ratio of rise to depth speaks), g, t, s
-its zero plane, e_i the error of the step at the punch's wall, and small shifts of the centre. All these are linear
-and eliminated for each press; nu, h, mu and the map's gain are left, with their priors, for a few steps of least
-squares. The noise of the block means is estimated from the residuals (variance, correlation length, a white part),
-and the interval is widened to the scatter that the presses really show. It holds for a wide gel, a punch that
-stands straight within a few hundredths, and depths within the range of the profile's source.
+its zero plane (and its bowl, where the light may drift), e_i the error of the step at the punch's wall, and small
+shifts of the centre. All these are linear and eliminated for each press; nu, h, mu, the map's gain and what is open
+of the profile's shape are left, with their priors, for a few steps of least squares. A view without the face needs
+a certified depth; the gain then links the two. The noise of the block means is estimated from the residuals
+(variance, correlation length, a white part), and the interval is widened to the scatter that really shows: between
+presses, between depths (rise over depth is one function at all of them), between directions from the punch (a light
+that is read wrong errs alike in all presses). It holds for a wide gel, a punch that stands straight within a few
+hundredths, and depths within the range of the profile's source.
 
 Source: the profile is profile.py's; elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10
-(1973) 413; widening: White, Econometrica 48 (1980) 817, clustered by press.
+(1973) 413; widening: White, Econometrica 48 (1980) 817, in clusters.
 """
 
 from __future__ import annotations
@@ -44,6 +47,8 @@ START = 0.45
 AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
 PINNED = 1e-6  # standard deviation of what is taken as known
 FEWEST_CLUSTERS = 4
+SECTORS = 8  # of directions from the punch
+SAME_DEPTH = 0.1
 LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
 NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
 
@@ -54,7 +59,8 @@ class BulgeSettings:
 
     `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach` thicknesses beyond
     it. `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it
-    (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain.
+    (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain,
+    `bowl_std_per_mm` that of the zero plane's curvature.
     """
 
     block_mm: float = 1.0
@@ -63,6 +69,7 @@ class BulgeSettings:
     blur_mm: float = 0.0
     step_std: float = 0.0
     gain_std: float = 0.05
+    bowl_std_per_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +77,7 @@ class BulgeFit:
     """nu from the picture, with what was fitted beside it.
 
     `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
-    friction_share (of friction's full effect), gain. `press_estimates` (n,): nu as each press alone would move it;
+    friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates` (n,): nu as each press alone would move it;
     `effective_samples` counts independent readings; `residual_mm` is the rms of the block means' misfit;
     `left_out` names the views that were not used.
     """
@@ -102,7 +109,8 @@ class _Task:
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         low, high = self.model.poisson_range
-        return np.array([low, *LOWER]), np.array([high, *UPPER])
+        free = np.ones(len(self.model.shape_error))
+        return np.array([low, *LOWER, *-free]), np.array([high, *UPPER, *free])
 
 
 def fit_poisson_ratio(
@@ -159,7 +167,8 @@ def _presses(
     for view in views:
         reach = view.radius_mm + settings.reach * thickness_mm
         blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
-        press = prepare(blocks, blur_mm=settings.blur_mm, step_std=settings.step_std)
+        press = prepare(blocks, blur_mm=settings.blur_mm, step_std=settings.step_std,
+                        bowl_std_per_mm=settings.bowl_std_per_mm)  # fmt: skip
         low, high = model.a_over_h_range
         if press is None or not low <= view.radius_mm / thickness_mm <= high:
             continue
@@ -187,13 +196,15 @@ def _task(
                          where="fit_poisson_ratio", value=len(views),
                          remedy="Take a wider view, other depths, or the linear model.")  # fmt: skip
     friction_std = SHARE_STD if model.frictional else PINNED
-    std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std])
-    return _Task(presses, thickness[0], np.array([START, 0.0, LIKELY_SHARE, 1.0]), std, model)
+    shape = [std for _, std in model.shape_error]
+    std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])
+    start = np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))])
+    return _Task(presses, thickness[0], start, std, model)
 
 
 def _joint(task: _Task, theta: Floats) -> Joint:
-    nu, log_thickness, friction, gain = (float(value) for value in theta)
-    return Joint(nu, task.thickness_mm * float(np.exp(log_thickness)), friction, gain)
+    nu, log_thickness, friction, gain, *shape = (float(value) for value in theta)
+    return Joint(nu, task.thickness_mm * float(np.exp(log_thickness)), friction, gain, tuple(shape))
 
 
 def _residuals(
@@ -229,7 +240,8 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     other = _residuals(task, theta, white, rise_factor=1 + task.model.relative_error)
     pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
     systematic = float((covariance @ pull)[0])
-    shown = _clustered(covariance, information, scores)
+    groups = (scores, _by_direction(white, slopes, now), _by_depth(white, scores))
+    shown = max(_clustered(covariance, information, part) for part in groups)
     return BulgeFit(
         poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
         names=NAMES,
@@ -245,7 +257,7 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
 
 
 def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
-    """Derivative of each press's residual by the joint unknowns, (n + 10, 4) each; inwards at a bound."""
+    """Derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a bound."""
     base = _residuals(task, theta, white)
     columns = []
     for index in range(len(theta)):
@@ -256,8 +268,33 @@ def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Flo
     return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
 
 
+def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
+    """Scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
+
+    A map that reads one light wrong errs alike in one direction in every press.
+    """
+    total = np.zeros((SECTORS, slopes[0].shape[1]))
+    for press, slope, part in zip(white, slopes, now, strict=True):
+        count, blocks = len(press.goal), press.press.blocks
+        misfit = np.linalg.solve(press.whitener, part[:count])
+        scores = (press.whitener.T @ slope[:count]) * misfit[:, None]
+        turn = np.arctan2(blocks.y_mm, blocks.x_mm) / (2 * np.pi) % 1.0
+        np.add.at(total, np.minimum((SECTORS * turn).astype(int), SECTORS - 1), scores)
+    return total
+
+
+def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
+    """Scores (groups, k) of the presses of about one depth: what a model has wrong there, repeats do not mend."""
+    depth = np.array([true_depth(press.press, 1.0) for press in white])
+    order = np.argsort(depth)
+    group = np.concatenate([[0], np.cumsum(np.diff(depth[order]) > SAME_DEPTH * depth[order][1:])])
+    total = np.zeros((int(group[-1]) + 1, scores.shape[1]))
+    np.add.at(total, group, scores[order])
+    return total
+
+
 def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
-    """Half of the 95 % interval of nu that the presses' own scatter shows; 0 for fewer than four presses."""
+    """Half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
     from scipy.stats import t
 
     count = len(scores)

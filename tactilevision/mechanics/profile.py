@@ -108,7 +108,8 @@ class ProfileModel:
     """Where the profile comes from, how well it is known, and where it ends.
 
     `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
-    average away; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
+    average away; `shape_error` pairs ((r - a)/h, std of the rise over the depth there): what edge, law and solver
+    leave open of its shape; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
     """
 
     source: ProfileSource
@@ -118,9 +119,15 @@ class ProfileModel:
     poisson_range: tuple[float, float] = (0.0, 0.4999)
     a_over_h_range: tuple[float, float] = A_OVER_H_RANGE
     deepest: float = 0.3
+    shape_error: tuple[tuple[float, float], ...] = ()
 
 
-LINEAR = ProfileModel(linear_profile, "linear layer theory, frictionless", 0.06)
+LINEAR = ProfileModel(
+    linear_profile,
+    "linear layer theory, frictionless",
+    relative_error=0.06,
+    shape_error=((0.1, 0.03), (0.25, 0.025), (0.5, 0.015), (0.9, 0.006), (1.6, 0.004)),
+)
 
 
 def friction_share(friction: float) -> float:
