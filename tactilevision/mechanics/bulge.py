@@ -7,13 +7,13 @@ For every press i and block of the height map (surface_view.py)
 
 u_i the depth on the map's own scale (its gain does not matter: only the ratio of rise to depth speaks), g, t, s
 its zero plane (and its bowl, where the light may drift), e_i the error of the step at the punch's wall, and small
-shifts of the centre. All these are linear and eliminated for each press; nu, h, mu, the map's gain and what is open
-of the profile's shape are left, with their priors, for a few steps of least squares. A view without the face needs
-a certified depth; the gain then links the two. The noise of the block means is estimated from the residuals
-(variance, correlation length, a white part), and the interval is widened to the scatter that really shows: between
-presses, between depths (rise over depth is one function at all of them), between directions from the punch (a light
-that is read wrong errs alike in all presses). It holds for a wide gel, a punch that stands straight within a few
-hundredths, and depths within the range of the profile's source.
+shifts of the centre. All these are linear and eliminated for each press; nu, h, mu, the map's gain and what is
+open of the profile's shape are left, with their priors, for a few steps of least squares. A view without the face
+needs a certified depth; the gain then links the two. The noise of the block means is estimated from the residuals
+(variance, correlation length, a white part), and the interval is widened to the scatter that really shows:
+between presses, between depths (rise over depth is one function at all of them), between directions from the
+punch (a light that is read wrong errs alike in all presses). It holds for a wide gel, a punch that stands
+straight within a few hundredths, and depths within the range of the profile's source.
 
 Source: the profile is profile.py's; elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10
 (1973) 413; widening: White, Econometrica 48 (1980) 817, in clusters.
@@ -76,10 +76,10 @@ class BulgeSettings:
 class BulgeFit:
     """nu from the picture, with what was fitted beside it.
 
-    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated one),
-    friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates` (n,): nu as each press alone would move it;
-    `effective_samples` counts independent readings; `residual_mm` is the rms of the block means' misfit;
-    `left_out` names the views that were not used.
+    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated
+    one), friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates`
+    (n,): nu as each press alone would move it; `effective_samples` counts independent readings; `residual_mm`
+    is the rms of the block means' misfit; `left_out` names the views that were not used.
     """
 
     poisson_ratio: Estimate

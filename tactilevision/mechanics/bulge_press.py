@@ -110,8 +110,8 @@ def _shape(r_mm: Floats, press: Press, joint: Joint, model: ProfileModel) -> Flo
 class WhitePress:
     """A press whose blocks have been made independent, of unit variance: W (.), W' W = covariance^-1.
 
-    `whitener` (n, n) is W; `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the profile; `mean`, `mean_x`,
-    `mean_y` (n, m) as in Blocks; `std` (UNKNOWNS,) the prior of each unknown.
+    `whitener` (n, n) is W; `goal` (n,) the depths; `plain` (n, 9) the columns that do not depend on the
+    profile; `mean`, `mean_x`, `mean_y` (n, m) as in Blocks; `std` (UNKNOWNS,) the prior of each unknown.
     """
 
     press: Press
