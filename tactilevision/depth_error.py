@@ -5,13 +5,15 @@
 noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
 the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures, as
 errors of the light's colour over wide areas make it; zero: the zero plane's; gain: how far the depth scale of
-balls that were held out of the calibration scattered; wall: where slopes are steeper than any ball showed, as
-much again as such a slope drops over the wall's width may be missing, and all behind the wall stands on it.
+balls that were held out of the calibration scattered; wall: how far the step of a restored wall may be off
+(`walls.py`), and where slopes steeper than any ball showed belong to no round face, as much again as such a slope
+drops over the wall's width; all behind the wall stands on it.
 Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -21,6 +23,7 @@ import numpy.typing as npt
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.surface import integrate
+from tactilevision.walls import Wall, window_of
 from tactilevision.zero_plane import ZeroPlane
 
 Picture = npt.NDArray[np.float32]
@@ -39,13 +42,18 @@ class DepthError:
         waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
         self.variance = _noise_variance(method.noise, mm_per_px) + np.float32(waves_mm**2)
 
-    def std_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane) -> Picture:
-        """Standard deviation (H, W) of `depth` (H, W), mm."""
+    def std_mm(
+        self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane, walls: Sequence[Wall] = ()
+    ) -> Picture:
+        """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored."""
         total = np.square(depth, dtype=np.float32)
         total *= np.float32(self.gain**2)
         total += self.variance
         total += np.float32(zero.std_mm**2)
-        wall = self.wall_mm(depth, slopes)
+        for restored in walls:
+            window, x, y = window_of(depth.shape, restored.centre_mm, self.mm_per_px, restored.radius_mm)
+            total[window] += np.float32(restored.std_mm**2) * (x * x + y * y < restored.radius_mm**2)
+        wall = 0.0 if walls else self.wall_mm(depth, slopes)
         if wall > 0:
             total += np.float32(wall**2) * (depth > 0.5 * depth.max())
         return np.asarray(np.sqrt(total, out=total))

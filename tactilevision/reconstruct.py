@@ -1,6 +1,7 @@
 """Sensor in, frame in, height map out.
 
-rectify -> slopes (photometric) -> surface (Poisson) -> zero plane of the untouched gel.
+rectify -> slopes (photometric) -> steep walls round flat faces restored -> surface (Poisson) -> zero plane of the
+untouched gel.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.surface import integrate
+from tactilevision.walls import find_walls, restore
 from tactilevision.weights import find_model
 from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level
 
@@ -42,6 +44,9 @@ SLOPE_BLOCKS = 600
 FREE_SHARE = 0.985  # of the blocks that follow the light's drift: the rest is noise
 LEAST_FREE, MOST_FREE = 4, 16
 MOST_WAVES = 8
+READABLE = (
+    0.8  # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
+)
 
 
 class Reconstructor:
@@ -56,6 +61,8 @@ class Reconstructor:
         self.sensor, self.method, self.calibration = sensor, method, calibration
         self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
         self.zero: ZeroPlane | None = None
+        steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
+        self.readable = READABLE * float(steepest) if steepest else None
         self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -74,13 +81,15 @@ class Reconstructor:
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
         slopes, untouched = self._read(rgb)
+        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if self.readable else []
+        restore(slopes, walls, self.sensor.mm_per_px)
         surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         gel = self.sensor.gel
         self.zero = find_zero_plane(
             surface, untouched, self.sensor.mm_per_px, thickness_mm=gel.thickness_mm if gel else None
         )
         level(surface, self.zero)
-        std = self.error.std_mm(surface, slopes, self.zero) if self.error else None
+        std = self.error.std_mm(surface, slopes, self.zero, walls) if self.error else None
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return HeightMap(surface, valid, self.sensor.mm_per_px, std)
 

@@ -1,0 +1,180 @@
+"""Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tactilevision.records import Floats, Pair, SlopeMap
+
+LEAST_STEEP = 12  # pixels; fewer are noise
+LEAST_RADIUS_PX = 6.0
+LEAST_ROUND = 1 / 3  # of the rim in the picture
+OFF_ROUND_PX = 1.0  # spread of the flank about a circle
+SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
+BIN_PX = 0.5
+INNER_PX, OUTER = 12.0, 0.6  # the profile reaches this far inside the rim, and this part of the radius outside
+HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
+
+
+@dataclass(frozen=True, slots=True)
+class Rim:
+    """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma.
+
+    `slopes` (K, J) towards the centre, in K sectors, at `places_mm` (J,) from it; NaN where unseen.
+    """
+
+    centre_mm: Pair
+    radius_mm: float
+    blur_mm: float
+    places_mm: Floats
+    slopes: Floats
+
+
+def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
+    """Sharp round rims about regions that are anywhere steeper than `limit`."""
+    p, q = slopes.dz_dx[::2, ::2], slopes.dz_dy[::2, ::2]  # a rim is long, and a frame has little time
+    squared = np.asarray(p * p + q * q, np.float32)
+    beyond = squared > limit**2
+    if 4 * np.count_nonzero(beyond) < LEAST_STEEP:
+        return []
+    gentle = np.asarray(squared > 0.25 * limit**2, np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    )
+    steep = 4 * np.bincount(labels[beyond], minlength=count)
+    sizes = 2 * stats[:, (cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT)].min(axis=1)
+    found = []
+    for label in np.flatnonzero((steep >= LEAST_STEEP) & (sizes > LEAST_RADIUS_PX))[:8]:
+        if label == 0:
+            continue
+        rows, columns = np.nonzero(labels == label)
+        x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
+        rim = _measure(
+            slopes, mm_per_px, _circle(np.asarray(x), np.asarray(y), squared[rows, columns].astype(np.float64))
+        )
+        if rim is not None:
+            found.append(rim)
+    return found
+
+
+def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> Rim | None:
+    """The rim near a circle, None where it is not round and sharp."""
+    px = min(mm_per_px)
+    x, y, radius = circle
+    ring = None
+    for _ in range(3):
+        if not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+            return None
+        if ring is None:
+            ring = _Ring(slopes, mm_per_px, (x, y), (radius - (INNER_PX + 4) * px, (1 + OUTER) * radius + 12 * px))
+        profiles = ring.profiles((x, y), radius, px)
+        if profiles is None:
+            return None
+        places, values, angles = profiles
+        flanks = _flanks(places, values)[0]
+        good = np.isfinite(flanks)
+        if good.mean() < LEAST_ROUND:
+            return None
+        (_, shift_x, shift_y), spread = _harmonics(angles[good], flanks[good])
+        if spread > OFF_ROUND_PX * px:
+            return None
+        with np.errstate(all="ignore"):
+            half, quarter = _flanks(places, np.nanmean(values, axis=0)[None])[:, 0]
+        if not np.isfinite(half + quarter):
+            return None
+        blur = (half - quarter) / (QUARTER - HALF)
+        centre = (x, y)
+        x, y, radius = x + shift_x, y + shift_y, half + HALF * blur
+    return Rim(centre, radius, blur, places, values) if blur < SHARP * radius else None
+
+
+class _Ring:
+    """Pixels between two distances from a first centre, flat (N,): their places and slopes."""
+
+    def __init__(self, slopes: SlopeMap, mm_per_px: Pair, centre_mm: Pair, bounds_mm: Pair) -> None:
+        height, width = slopes.dz_dx.shape
+        columns, rows = (
+            np.arange(max(0, int((c - bounds_mm[1]) / step)), min(n, int((c + bounds_mm[1]) / step) + 2))
+            for c, step, n in zip(centre_mm, mm_per_px, (width, height), strict=True)
+        )
+        x, y = columns * mm_per_px[0], rows * mm_per_px[1]
+        squared = (x[None, :] - centre_mm[0]) ** 2 + (y[:, None] - centre_mm[1]) ** 2
+        take = (squared < bounds_mm[1] ** 2) & (squared > max(bounds_mm[0], 1e-9) ** 2)
+        window = (
+            (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if len(rows) * len(columns) else ()
+        )
+        if slopes.valid is not None:
+            take &= slopes.valid[window]
+        at = np.nonzero(take)
+        self.x, self.y = x[at[1]], y[at[0]]
+        self.p, self.q = slopes.dz_dx[window][at], slopes.dz_dy[window][at]
+
+    def profiles(self, centre_mm: Pair, radius: float, px: float) -> tuple[Floats, Floats, Floats] | None:
+        """Distances (J,), slopes towards the centre (K, J) in K sectors, NaN where unseen, the sectors' angles."""
+        dx, dy = self.x - centre_mm[0], self.y - centre_mm[1]
+        r = np.hypot(dx, dy)
+        sectors = int(np.clip(0.8 * radius / px, 8, 32))
+        inner = max(0.4 * radius, radius - INNER_PX * px)
+        step = BIN_PX * px
+        bins = int(((1 + OUTER) * radius + 8 * px - inner) / step)
+        at = np.floor((r - inner) / step).astype(np.intp)
+        use = (at >= 0) & (at < bins)
+        if not use.any():
+            return None
+        sector = ((np.arctan2(dy[use], dx[use]) / (2 * np.pi) + 1.0) * sectors).astype(np.intp) % sectors
+        inward = -(self.p[use] * dx[use] + self.q[use] * dy[use]) / r[use]
+        index = sector * bins + at[use]
+        count = np.bincount(index, minlength=sectors * bins).reshape(sectors, bins)
+        total = np.bincount(index, inward, sectors * bins).reshape(sectors, bins)
+        values = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        places = np.asarray(inner + step * (np.arange(bins) + 0.5), np.float64)
+        return places, np.asarray(values), 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
+
+
+def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
+    """Centre and radius of the weighted algebraic circle, robust to what lies off it."""
+    terms = np.stack([x, y, np.ones_like(x)], axis=1)
+    keep = weight
+    for _ in range(3):
+        heavy = terms * keep[:, None]
+        a, b, c = np.linalg.solve(heavy.T @ terms + 1e-9 * np.eye(3), heavy.T @ (x * x + y * y))
+        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
+        off = np.hypot(x - 0.5 * a, y - 0.5 * b) - radius
+        keep = weight / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
+    return 0.5 * float(a), 0.5 * float(b), radius
+
+
+def _flanks(places: Floats, profiles: Floats) -> Floats:
+    """Places (2, K) where profiles (K, J), inwards from their peak, fall to a half and a quarter of it; or NaN."""
+    filled = np.where(np.isfinite(profiles), profiles, -np.inf)
+    top = np.argmax(filled, axis=1)
+    before = np.arange(profiles.shape[1])[None, :] < top[:, None]
+    peak = filled[np.arange(len(filled)), top]
+    found = np.full((2, len(profiles)), np.nan)
+    for row, part in enumerate((0.5, 0.25)):
+        level = part * peak
+        below = before & np.isfinite(profiles) & (profiles < level[:, None])
+        some = np.flatnonzero(below.any(axis=1) & np.isfinite(peak))
+        j = profiles.shape[1] - 1 - np.argmax(below[some, ::-1], axis=1)
+        low, high = profiles[some, j], profiles[some, j + 1]
+        found[row, some] = places[j] + (level[some] - low) / (high - low) * (places[1] - places[0])
+    return found
+
+
+def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float]:
+    """Mean, cos and sin part of places over angles, robust, and the spread of what is left."""
+    terms = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=1)
+    weights = np.ones_like(places)
+    for _ in range(4):
+        heavy = terms * weights[:, None]
+        solution = np.linalg.solve(heavy.T @ terms + 1e-9 * np.eye(3), heavy.T @ places)
+        off = places - terms @ solution
+        weights = 1.0 / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
+    return np.asarray(solution), _scale(off)
+
+
+def _scale(off: Floats) -> float:
+    return 1.4826 * float(np.median(np.abs(off))) + 1e-9

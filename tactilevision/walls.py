@@ -1,0 +1,207 @@
+"""Walls too steep to read: what a flat punch's edge hides of the depth, out of the gel beside it.
+
+Beside the sharp edge of a rigid flat face of radius a the gel's surface falls away as (s: distance from the edge)
+
+    u(s) = w - sum_k c_k U_k(s)      U_k' = a s^k / (r sqrt(r^2 - a^2)),  r = a + s,  k = 0, 1, 2
+
+k = 0 is Boussinesq's punch on a half-space; a layer, friction and large depth leave the root at the edge and
+change the smooth factor, which k = 1, 2 follow. The slope has no bound at the edge: for two or three pixels it is
+steeper than any ball showed, colours saturate, and a quarter of a deep face's height hides there. Slopes
+farther out, and those at the foot of the blurred wall inside, are gentle and well read. They fix all unknowns of
+
+    seen slope = <sin t> / <cos t>      t = arctan(u'), u blurred by the edge's rounding, < > blurred by the camera
+
+(light is blurred, not slope, so a steep pixel counts by its normal), and the law carries the depth through.
+
+Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
+left alone. Assumes a flat face, at least a third of whose rim is in the picture.
+Source: Johnson, Contact Mechanics (1985), eq. 3.38 (k = 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.records import Floats, Pair, SlopeMap
+from tactilevision.rim import Rim, find_rims
+
+Picture = npt.NDArray[np.floating[Any]]
+FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
+CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)
+SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
+LEAST_READ = 8  # bins
+LEAST_FACE = 50  # pixels
+FINE = 0.2  # px: grid of the law
+ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """The wall round one flat face.
+
+    `centre_mm` from the middle of the picture's top left pixel; `radius_mm` of the edge; `reach_mm` from the edge
+    within which slopes are replaced; `places_mm`, `fall_mm` (n,): distances from the edge, and how far the
+    surface lies below the face there; `depth_mm` of the face over the gel at the profile's end, about;
+    `missing_mm` what the slopes as read lack of the step, `std_mm` how far the step may be off.
+    """
+
+    centre_mm: Pair
+    radius_mm: float
+    reach_mm: float
+    places_mm: Floats
+    fall_mm: Floats
+    depth_mm: float
+    missing_mm: float
+    std_mm: float
+
+
+def find_walls(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Wall]:
+    """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
+    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_rims(slopes, mm_per_px, limit)]
+    return [wall for wall in walls if wall is not None]
+
+
+def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
+    """Put the law's slopes in place of those that the walls hide, in place.
+
+    Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
+    slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
+    """
+    for wall in walls:
+        outer = wall.radius_mm + wall.reach_mm
+        window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
+        r = np.hypot(x, y)
+        p, q = slopes.dz_dx[window], slopes.dz_dy[window]
+        inner = wall.radius_mm + wall.places_mm[0]
+        face = r < inner - min(mm_per_px)
+        known = np.count_nonzero(face) >= LEAST_FACE
+        tilt = (float(p[face].mean()), float(q[face].mean())) if known else (0.0, 0.0)
+        band = np.nonzero((r >= inner) & (r < outer))
+        at, half = r[band], 0.5 * min(mm_per_px)
+        x, y = x[0, band[1]], y[band[0], 0]
+        s = at - wall.radius_mm
+        below, above = (np.interp(s + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
+        leaning = 1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm
+        steep = (above - below) / (2 * half) * leaning / at
+        left = 1.0 - 0.5 * (above + below) / wall.depth_mm
+        p[band] = (steep * x + tilt[0] * left).astype(p.dtype)
+        q[band] = (steep * y + tilt[1] * left).astype(q.dtype)
+
+
+def window_of(
+    shape: tuple[int, ...], centre_mm: Pair, mm_per_px: Pair, outer_mm: float
+) -> tuple[tuple[slice, slice], Floats, Floats]:
+    """Rows and columns within `outer_mm` of a centre, and their places x (1, w), y (h, 1) from it in mm."""
+    (x0, x1), (y0, y1) = (
+        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
+        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
+    )
+    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
+    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
+    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
+
+
+def _through(rim: Rim, limit: float, px: float) -> Wall | None:
+    """The law through the gentle slopes beside a wall; None where too few of them are seen."""
+    with np.errstate(all="ignore"):
+        mean, count = np.nanmean(rim.slopes, axis=0), np.isfinite(rim.slopes).sum(axis=0)
+        ordered = np.sort(rim.slopes, axis=0)  # NaN last
+        highest = np.take_along_axis(ordered, (0.8 * np.maximum(count - 1, 0)).astype(np.intp)[None], axis=0)[0]
+        scatter = np.nanstd(rim.slopes, axis=0) / np.sqrt(np.maximum(count, 1))
+    s = rim.places_mm - rim.radius_mm
+    far = max(FAR * rim.radius_mm, 8 * px)
+    steep = np.isfinite(mean) & ~(highest < limit)
+    use = np.isfinite(mean) & ~steep & (s > -FOOT_PX * px) & (s < far)
+    if not steep.any() or s[steep].max() > 0.5 * far or (use & (s > 0)).sum() < LEAST_READ:
+        return None
+    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + scatter**2)[use]
+    law = _Law(rim.radius_mm, px, far)
+    usual = law.usual(s[use], mean[use])
+    loose = np.array([2 * px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3],
+                      3 * usual[3] / rim.radius_mm, 3 * usual[3] / rim.radius_mm**2])  # fmt: skip
+
+    def misfit(unknown: Floats) -> Floats:
+        return np.concatenate([(law.seen(unknown, s[use]) - mean[use]) / std, (unknown - usual) / loose])
+
+    found, covariance = _least_squares(misfit, usual, loose)
+    reach = float(s[steep].max() + px)
+    rate = np.array([(law.fall(found + d, reach) - law.fall(found - d, reach)) / (2 * d.sum())
+                     for d in np.diag(1e-3 * loose)])  # fmt: skip
+    inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
+    band = (s > inner + found[0]) & (s < reach)
+    read = float(np.nansum(np.where(band, mean, 0.0)) * (s[1] - s[0]))
+    places = np.arange(inner, reach - found[0] + 2 * px, FINE * px)
+    fall = law.fall(found, reach)
+    beyond = float(np.nansum(np.where(s >= reach, mean, 0.0)) * (s[1] - s[0]))
+    return Wall(rim.centre_mm, rim.radius_mm + float(found[0]), reach - float(found[0]), places,
+                law.table(found, places), fall + beyond, fall - read,
+                float(np.sqrt(rate @ covariance @ rate)))  # fmt: skip
+
+
+class _Law:
+    """The law on a fine grid. Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2."""
+
+    def __init__(self, radius_mm: float, px: float, far: float) -> None:
+        self.step, self.px = FINE * px, px
+        self.grid = np.arange(-14 * px, far + 14 * px, self.step)
+        r = radius_mm + np.maximum(self.grid, 0.0)
+        angle, log = np.arccos(radius_mm / r), np.arccosh(r / radius_mm)
+        root = np.sqrt(r * r - radius_mm**2)
+        self.falls = np.stack(
+            [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
+        )
+
+    def usual(self, s: Floats, mean: Floats) -> Floats:
+        """Unknowns to start from: usual blur, and the half-space's law through what lies outside."""
+        rate = np.interp(s, self.grid, np.gradient(self.falls[0], self.step)) * (s > 3 * self.px)
+        return np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
+                         float(rate @ mean / (rate @ rate)), 0.0, 0.0])  # fmt: skip
+
+    def _blurred_fall(self, unknown: Floats) -> Floats:
+        return self._blur(unknown[3:] @ self.falls, float(np.exp(unknown[1])))
+
+    def fall(self, unknown: Floats, s: float) -> float:
+        return float(np.interp(s - unknown[0], self.grid, self._blurred_fall(unknown)))
+
+    def table(self, unknown: Floats, s: Floats) -> Floats:
+        return np.asarray(np.interp(s, self.grid, self._blurred_fall(unknown)))
+
+    def seen(self, unknown: Floats, s: Floats) -> Floats:
+        """Slopes that the picture shows."""
+        slope = np.diff(self._blurred_fall(unknown)) / self.step
+        up = 1.0 / np.sqrt(1.0 + slope * slope)
+        blur = float(np.exp(unknown[2]))
+        read = self._blur(slope * up, blur) / self._blur(up, blur)
+        return np.asarray(np.interp(s - unknown[0] - 0.5 * self.step, self.grid[:-1], read))
+
+    def _blur(self, values: Floats, sigma_mm: float) -> Floats:
+        sigma = max(sigma_mm / self.step, 0.3)
+        return np.asarray(cv2.GaussianBlur(values[None], (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)[0])
+
+
+def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Floats) -> tuple[Floats, Floats]:
+    """Damped Gauss-Newton from `start`, differences in parts of `scale`: the minimum and its covariance."""
+    unknown, left, damping = start, misfit(start), 1e-3
+    steps = 1e-4 * scale
+    for _ in range(ROUNDS):
+        slope = np.stack([(misfit(unknown + d) - left) / d.sum() for d in np.diag(steps)], axis=-1)
+        normal, downhill = slope.T @ slope, slope.T @ left
+        for _ in range(5):
+            trial = unknown - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
+            after = misfit(trial)
+            if after @ after < left @ left:
+                break
+            damping *= 10.0
+        else:
+            break
+        gained = left @ left - after @ after
+        unknown, left, damping = trial, after, 0.1 * damping
+        if gained < 1e-3:
+            break
+    return unknown, np.linalg.inv(normal)

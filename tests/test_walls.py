@@ -1,0 +1,113 @@
+"""Walls of flat faces: the hidden step found from what can be read beside it, other shapes left alone."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.records import Floats, SlopeMap
+from tactilevision.rim import find_rims
+from tactilevision.surface import integrate
+from tactilevision.walls import find_walls, restore
+
+STEP = 0.06
+FINER = 3
+SHAPE = (200, 240)
+LIMIT = 0.5
+
+
+def places(finer: int = 1, centre: tuple[float, float] = (7.3, 5.9)) -> tuple[Floats, Floats]:
+    """Places (H, W) from the axis, mm; each pixel divided `finer` times along either axis."""
+    y, x = np.mgrid[: SHAPE[0] * finer, : SHAPE[1] * finer] * (STEP / finer) - 0.5 * STEP * (1 - 1 / finer)
+    return x - centre[0], y - centre[1]
+
+
+def photographed(depth: Floats, blur_px: float = 0.7, top: float = 0.8) -> SlopeMap:
+    """Slopes as a picture shows them: normals blurred and averaged over a pixel, then read `top` at most."""
+    q, p = np.gradient(depth, STEP / FINER)
+    up = 1.0 / np.sqrt(1.0 + p * p + q * q)
+    light = [cv2.GaussianBlur(v, (0, 0), blur_px * FINER) for v in (p * up, q * up, up)]
+    p, q, up = (cv2.resize(v, SHAPE[::-1], interpolation=cv2.INTER_AREA) for v in light)
+    p, q = p / up, q / up
+    held = np.minimum(1.0, top / np.maximum(np.hypot(p, q), 1e-9))
+    return SlopeMap((p * held).astype(np.float32), (q * held).astype(np.float32))
+
+
+def punch(
+    w: float, a: float = 2.0, tilt: tuple[float, float] = (0.0, 0.0), centre: tuple[float, float] = (7.3, 5.9)
+) -> Floats:
+    """Boussinesq's flat punch on a half-space with an edge rounded by the ink, on the finer grid."""
+    x, y = places(FINER, centre)
+    r = np.hypot(x, y)
+    face = w + (tilt[0] * x + tilt[1] * y) * np.minimum(1.0, a / np.maximum(r, 1e-9))
+    unit = (2 / np.pi) * np.arcsin(np.minimum(1.0, a / np.maximum(r, 1e-9)))
+    return np.asarray(face * cv2.GaussianBlur(unit, (0, 0), 0.03 * FINER / STEP))
+
+
+def face_over_gel(slopes: SlopeMap, centre: tuple[float, float] = (7.3, 5.9)) -> float:
+    """Depth of the face over the gel 2.6 to 3 mm from the axis."""
+    surface = integrate(slopes, (STEP, STEP))
+    r = np.hypot(*places(1, centre))
+    return float(surface[r < 1.5].mean() - surface[(r > 2.6) & (r < 3.0)].mean())
+
+
+def true_over_gel(depth: Floats, centre: tuple[float, float] = (7.3, 5.9)) -> float:
+    r = np.hypot(*places(FINER, centre))
+    return float(depth[r < 1.5].mean() - depth[(r > 2.6) & (r < 3.0)].mean())
+
+
+@pytest.mark.parametrize("w", [0.7, 1.0])
+@pytest.mark.parametrize("blur_px", [0.5, 1.0])
+def test_the_hidden_step_is_found(w: float, blur_px: float) -> None:
+    depth = punch(w)
+    slopes = photographed(depth, blur_px)
+    true, plain = true_over_gel(depth), face_over_gel(slopes)
+    walls = find_walls(slopes, (STEP, STEP), LIMIT)
+    restore(slopes, walls, (STEP, STEP))
+    found = face_over_gel(slopes)
+    assert len(walls) == 1
+    assert walls[0].radius_mm == pytest.approx(2.0, abs=0.03)
+    assert abs(found - true) < 0.05 * true
+    assert abs(found - true) < 2 * walls[0].std_mm
+    assert abs(found - true) < 0.5 * abs(plain - true)
+
+
+def test_a_tilted_face_keeps_its_tilt() -> None:
+    depth = punch(0.6, tilt=(0.02, -0.01))
+    slopes = photographed(depth)
+    restore(slopes, find_walls(slopes, (STEP, STEP), LIMIT), (STEP, STEP))
+    surface = integrate(slopes, (STEP, STEP))
+    x, y = places()
+    face = np.hypot(x, y) < 1.5
+    terms = np.stack([np.ones(face.sum()), x[face], y[face]], axis=1)
+    plane = np.linalg.lstsq(terms, surface[face], rcond=None)[0]
+    assert plane[1:] == pytest.approx([0.02, -0.01], abs=0.003)
+
+
+def test_a_face_cut_by_the_border_is_restored_too() -> None:
+    centre = (0.9, 5.9)
+    depth = punch(0.6, centre=centre)
+    slopes = photographed(depth)
+    walls = find_walls(slopes, (STEP, STEP), LIMIT)
+    restore(slopes, walls, (STEP, STEP))
+    assert len(walls) == 1
+    assert face_over_gel(slopes, centre) == pytest.approx(true_over_gel(depth, centre), rel=0.05)
+
+
+def test_what_has_no_sharp_round_edge_is_left_alone() -> None:
+    x, y = places(FINER)
+    ball = np.sqrt(np.maximum(4.0 - x**2 - y**2, 0.3)) - np.sqrt(0.3)
+    cone = np.maximum(1.2 - 0.7 * np.hypot(x, y), 0.0)
+    ridge = np.maximum(0.6 - 0.7 * np.abs(x + 0.4 * y), 0.0)
+    noise = np.random.default_rng(1).normal(0, 0.02, x.shape)
+    for depth in (ball, cone, ridge, noise):
+        assert find_walls(photographed(np.asarray(depth)), (STEP, STEP), LIMIT) == []
+
+
+def test_gentle_slopes_cost_nothing() -> None:
+    slopes = photographed(punch(0.1))
+    before = slopes.dz_dx.copy()
+    assert find_rims(slopes, (STEP, STEP), LIMIT) == []
+    restore(slopes, [], (STEP, STEP))
+    assert np.array_equal(slopes.dz_dx, before)
