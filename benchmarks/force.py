@@ -19,7 +19,9 @@ from tactilevision.records import Floats, Gel, Material
 VIEWS = {"160 x 120": View((120, 160), 0.171, 4), "320 x 240": View((240, 320), 0.0855, 2)}
 GEL, MATERIAL = Gel(3.0), Material(0.2, 0.48)
 REPEATS = 7
-LINEAR = ForceSettings(depth_correlation_px=1, large_depth=False)  # the planted truth of the random cases is linear elasticity
+LINEAR = ForceSettings(
+    depth_correlation_px=1, large_depth=False
+)  # the planted truth of the random cases is linear elasticity
 
 
 def random_cases(view: View, *, std_mm: float, cases: int, seed: int, material: Material = MATERIAL) -> Floats:
@@ -46,7 +48,11 @@ def frame_times(view: View, *, cases: int = 40, seed: int = 3, cell_std: bool = 
     """Milliseconds of processor time of each frame, the fastest of some repeats: a busy machine only adds."""
     rng, forward = np.random.default_rng(seed), Forward(view, GEL, MATERIAL)
     field = ForceField(
-        GEL, MATERIAL, (view.mm_per_px,) * 2, view_px=view.shape, settings=ForceSettings(depth_correlation_px=1, cell_std=cell_std)
+        GEL,
+        MATERIAL,
+        (view.mm_per_px,) * 2,
+        view_px=view.shape,
+        settings=ForceSettings(depth_correlation_px=1, cell_std=cell_std),
     )
     spent = []
     for number in range(cases):

@@ -26,8 +26,8 @@ def press_and_look(radius_mm: float, friction: float, poisson_ratio: float, *, d
     punch = RoundedPunch(radius_mm, EDGE_MM, friction)
     press = press_to_depths(PunchProblem(material, punch, GEL.thickness_mm, 15.0), list(depths_mm))
     scale = (VIEW.mm_per_px, VIEW.mm_per_px)
-    fields = [ForceField(GEL, material, scale, view_px=VIEW.shape, settings=ForceSettings(depth_correlation_px=1, large_depth=large))
-              for large in (True, False)]  # fmt: skip
+    settings = [ForceSettings(depth_correlation_px=1, large_depth=large) for large in (True, False)]
+    fields = [ForceField(GEL, material, scale, view_px=VIEW.shape, settings=one) for one in settings]
     x, y = VIEW.mesh()
     r, rows = np.hypot(x, y), []
     for step in range(len(press.depth_mm)):

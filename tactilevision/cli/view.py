@@ -1,7 +1,9 @@
-"""`tactilevision view PATH`: look at a height map."""
+"""`tactilevision view PATH`: look at a height map, hold two against each other, film a press, export."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,13 +12,26 @@ import typer
 from tactilevision.cli import console, source
 
 if TYPE_CHECKING:
+    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.recording import Recording
     from tactilevision.records import Bytes, HeightMap
+
+TRIED = 12  # frames to find the deepest among where none is named
 
 
 def view(
-    path: Annotated[Path, typer.Argument(help="A depth TIFF, a recording, or a folder of frames.")],
+    path: Annotated[Path, typer.Argument(help="A depth TIFF, a recording, a video, or a folder of frames.")],
     out: console.OutOption = Path("view_out"),
     frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if left out.")] = None,
+    minus: Annotated[
+        str | None, typer.Option(help="Another frame's name, or depth TIFF: also draw the map less this one.")
+    ] = None,
+    film: Annotated[
+        str | None, typer.Option(help="Film this press, or FIRST:LAST frame, or `all`; an MP4, else a GIF.")
+    ] = None,
+    export: Annotated[
+        list[str] | None, typer.Option(help="Also write the map as tiff, npz, zarr, ply or vtk (repeatable).")
+    ] = None,
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
@@ -25,44 +40,166 @@ def view(
     ] = None,
     window: Annotated[bool, typer.Option("--window", help="Show the pictures in windows, too.")] = False,
 ) -> None:
-    """Draw a height map: from above with scale bar and colour bar, cross-sections, and in perspective."""
+    """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
+    from tactilevision.errors import InputError
+    from tactilevision.exports import EXPORTS
+    from tactilevision.exports import export as write
     from tactilevision.plots import height as draw
     from tactilevision.plots import style
 
+    unknown = [form for form in export or [] if form not in EXPORTS]
+    if unknown:
+        raise InputError("no such format of height maps", where="--export", value=unknown[0],
+                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
     rgb: Bytes | None = None
-    if path.suffix.lower() in (".tif", ".tiff"):
-        from tactilevision.height_files import read_tiff
-
-        height = read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
+    opened: _Opened | None = None
+    filmed: list[int] = []
+    if _is_tiff(path):
+        height = _read_tiff(path, mm_per_px)
     else:
-        height, rgb = _reconstruct(path, frame, sensor, reference=reference, method=method)
+        opened = _Opened(source.open_source(path, sensor, reference), method)
+        filmed = [] if film is None else opened.stretch(film)
+        height, rgb = opened.best() if frame is None else opened.named(frame)
+    stem = Path(height.name).stem
     figures = {"depth": draw.draw_height(height), "surface": draw.draw_surface(height)}
+    figures["normals"] = draw.draw_normals(height)
     if rgb is not None:
         figures["frame"] = draw.draw_overlay(rgb, height, None)
+    if minus is not None:
+        other = _other(minus, opened, mm_per_px)
+        figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(
+            other, height, title=f"{height.name} minus {other.name}"
+        )
     for name, figure in figures.items():
-        path_out = out / f"{Path(height.name).stem}_{name}.png"
+        path_out = out / f"{stem}_{name}.png"
         style.save_png(figure, path_out)
         console.say(f"wrote {path_out}")
+    for form in export or []:
+        console.say(f"wrote {write(height, out, form=form)}")
+    if film is not None:
+        _film(opened, film, filmed, out)
     if window:
         style.show(list(figures.values()))
 
 
-def _reconstruct(
-    path: Path, frame: str | None, sensor: str | None, *, reference: Path | None, method: str | None
-) -> tuple[HeightMap, Bytes]:
-    import numpy as np
+class _Opened:
+    """Frames with the way from them to depth, made when it is needed first: names are checked before."""
 
+    def __init__(self, recording: Recording, method: str | None) -> None:
+        self.recording, self.method = recording, method
+
+    @cached_property
+    def reconstructor(self) -> Reconstructor:
+        with console.progress_bar("calibrating the light"):
+            made = source.open_reconstructor(self.recording, self.method)
+        console.warn([*self.recording.warnings, *made.warnings])
+        return made
+
+    def named(self, name: str) -> tuple[HeightMap, Bytes]:
+        from tactilevision.recording import read_frame
+
+        number = self.number(name)
+        frame = read_frame(self.recording, number)
+        return self.reconstructor.height_map(frame), self.reconstructor.rectified(frame)
+
+    def number(self, name: str) -> int:
+        from tactilevision.errors import InputError
+
+        names = self.recording.frame_names
+        stems = [Path(one).stem for one in names]
+        if name not in names and name not in stems:
+            raise InputError("has no such frame", where=self.recording.path, value=name,
+                             remedy=f"It has {names[0]} to {names[-1]}.")  # fmt: skip
+        return names.index(name) if name in names else stems.index(name)
+
+    def stretch(self, what: str) -> list[int]:
+        """Numbers of the frames of a press, of a stretch FIRST:LAST, or of all."""
+        import numpy as np
+
+        from tactilevision.errors import InputError
+
+        recording = self.recording
+        if what == "all":
+            return list(range(len(recording.frame_names)))
+        if ":" in what:
+            first, last = (self.number(name) for name in what.split(":", 1))
+            return list(range(min(first, last), max(first, last) + 1))
+        press = next((one for one in recording.presses if one.press == what), None)
+        if press is None:
+            raise InputError("there is no such press", where="--film", value=what,
+                             remedy="Name a press, FIRST:LAST frame, or `all`.")  # fmt: skip
+        times = recording.frame_times_s
+        inside = np.flatnonzero((times >= press.start_s) & (times <= press.end_s))
+        if not inside.size:
+            raise InputError("no frame was taken during the press", where="--film", value=what)
+        return [int(number) for number in inside]
+
+    def best(self) -> tuple[HeightMap, Bytes]:
+        """The deepest of a few; frames that cannot be read are passed over, all of them cannot."""
+        import numpy as np
+
+        from tactilevision.errors import InputError
+        from tactilevision.recording import read_frame
+
+        found: list[tuple[float, int]] = []
+        last: InputError | None = None
+        for row in dict.fromkeys(np.linspace(0, len(self.recording.frame_names) - 1, TRIED).astype(int).tolist()):
+            try:
+                height = self.reconstructor.height_map(read_frame(self.recording, row))
+            except InputError as fault:
+                last = fault
+                continue
+            known = height.depth_mm[height.valid]
+            found.append((float(np.percentile(known, 99.9)) if known.size else -1.0, row))
+        if not found:
+            assert last is not None
+            raise last
+        return self.named(self.recording.frame_names[max(found)[1]])
+
+
+def _is_tiff(path: Path) -> bool:
+    return path.suffix.lower() in (".tif", ".tiff")
+
+
+def _read_tiff(path: Path, mm_per_px: float | None) -> HeightMap:
+    from tactilevision.height_files import read_tiff
+
+    return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
+
+
+def _other(minus: str, opened: _Opened | None, mm_per_px: float | None) -> HeightMap:
     from tactilevision.errors import InputError
-    from tactilevision.recording import read_frame
-    from tactilevision.sensors import rectify
 
-    recording = source.open_source(path, sensor, reference)
-    reconstructor = source.open_reconstructor(recording, method)
-    names = recording.frame_names
-    if frame is not None and frame not in names:
-        raise InputError("has no such frame", where=path, value=frame, remedy=f"It has {names[0]} to {names[-1]}.")
-    rows = [names.index(frame)] if frame is not None else np.linspace(0, len(names) - 1, 12).astype(int).tolist()
-    frames = [read_frame(recording, row) for row in dict.fromkeys(rows)]
-    heights = [reconstructor.height_map(one) for one in frames]
-    best = int(np.argmax([np.percentile(h.depth_mm[h.valid], 99.9) if h.valid.any() else -1 for h in heights]))
-    return heights[best], rectify(recording.sensor, frames[best].rgb)
+    if _is_tiff(Path(minus)) and Path(minus).is_file():
+        return _read_tiff(Path(minus), mm_per_px)
+    if opened is None:
+        raise InputError("is not a depth TIFF", where="--minus", value=minus)
+    return opened.named(minus)[0]
+
+
+def _film(opened: _Opened | None, what: str, numbers: list[int], out: Path) -> None:
+    from tactilevision.errors import InputError
+    from tactilevision.force.readings import Readings
+    from tactilevision.plots.film import Shot, draw_film, write_film
+    from tactilevision.recording import iter_frames
+    from tactilevision.records import Frame
+
+    if opened is None:
+        raise InputError("a film needs frames, not one depth TIFF", where="--film", value=what)
+    recording, readings, shots = opened.recording, Readings(opened.recording), []
+    part = replace(
+        recording,
+        frame_names=tuple(recording.frame_names[n] for n in numbers),
+        frame_times_s=recording.frame_times_s[numbers],
+    )
+    with console.progress_bar("filming") as progress:
+        for done, frame in enumerate(iter_frames(part), start=1):
+            if isinstance(frame, Frame):
+                height = opened.reconstructor.height_map(frame)
+                shots.append(
+                    Shot(opened.reconstructor.rectified(frame), height, float(readings.at(frame.time_s)[2]))
+                )
+            progress(done, len(numbers))
+    name = what.replace(":", "-").replace("/", "-")
+    path = write_film(out / f"film_{name}.mp4", draw_film(shots, title=f"{recording.name}, {what}"))
+    console.say(f"wrote {path}")

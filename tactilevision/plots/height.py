@@ -63,13 +63,18 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     step = max(1, max(depth.shape) // 28)
     rows, columns = (np.arange(step // 2, n, step) for n in depth.shape)
     some = np.ix_(rows, columns)
-    strong = steep[some] > 0.1 * np.nanmax(steep, initial=1e-9)
+    far = np.maximum(steep[some], 1e-9)
+    strong = steep[some] > np.nanmax(steep, initial=0.0) / 10
     x, y = np.meshgrid(columns * height.mm_per_px[0], rows * height.mm_per_px[1])
+    arrow = [
+        np.where(strong, down[some] / far, 0)[strong] for down in (down_x, down_y)
+    ]  # their colour says how steep
+    size = 1.4 * step * min(height.mm_per_px)
     tilt.quiver(
-        x[strong], y[strong], down_x[some][strong], down_y[some][strong], color="white", angles="xy", width=0.003
+        x[strong], y[strong], *arrow, color="white", angles="xy", scale_units="xy", scale=1 / size, width=0.003
     )
     lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
-    scale_bar(lit, height)
+    scale_bar(lit, height, colour="black")
     for axes, words in (
         (tilt, title or f"{height.name}: tilt, arrows point deeper"),
         (lit, "Lit from above left"),
@@ -121,6 +126,7 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     change = np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
     limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
     figure, (axes,) = style.new_figure(6.2, 4.2)
+    axes.set_facecolor(style.INVALID)
     image = axes.imshow(
         change, cmap="PuOr", vmin=-limit, vmax=limit, extent=extent_mm(first), interpolation="none"
     )
@@ -213,15 +219,15 @@ def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | No
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
 
 
-def scale_bar(axes: Axes, height: HeightMap) -> None:
+def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
     """A bar of a round length, in the lower left."""
     width = height.depth_mm.shape[1] * height.mm_per_px[0]
     tall = height.depth_mm.shape[0] * height.mm_per_px[1]
     length = max((b for b in (0.5, 1, 2, 5, 10, 20, 50) if b <= width / 4), default=width / 4)
     x, y = 0.04 * width, 0.94 * tall
-    axes.plot([x, x + length], [y, y], color="white", lw=3, solid_capstyle="butt")
+    axes.plot([x, x + length], [y, y], color=colour, lw=3, solid_capstyle="butt")
     axes.text(
-        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color="white", ha="center", va="bottom", fontsize=8
+        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color=colour, ha="center", va="bottom", fontsize=8
     )
 
 

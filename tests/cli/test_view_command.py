@@ -1,0 +1,54 @@
+"""`view` on the sample: pictures, a difference, exports and a film; wrong names are named."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactilevision.cli import main
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", "view", *map(str, arguments)])
+    return main()
+
+
+def test_a_frame_is_drawn_compared_exported_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "out"
+    wanted = (
+        "--frame",
+        "00296",
+        "--minus",
+        "00290.jpg",
+        "--film",
+        "00294:00297",
+        "--export",
+        "vtk",
+        "--export",
+        "tiff",
+    )
+    assert run(monkeypatch, SAMPLE, "--out", out, *wanted) == 0
+    names = {path.name for path in out.iterdir()}
+    drawn = {f"00296_{what}.png" for what in ("depth", "surface", "normals", "frame", "minus_00290")}
+    assert drawn | {"00296.vtk", "00296.tiff"} <= names
+    assert any(name.startswith("film_00294-00297") for name in names)
+    assert run(monkeypatch, out / "00296.tiff", "--minus", out / "00296.tiff", "--out", tmp_path / "two") == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(("--frame", "x9"), "x9"), (("--film", "press 99"), "no such press"), (("--export", "stl"), "vtk")],
+)
+def test_wrong_names_are_one_clear_line(
+    arguments: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(monkeypatch, SAMPLE, "--out", tmp_path, *arguments) == 2
+    assert said in capsys.readouterr().err
