@@ -21,6 +21,7 @@ from tactilevision.press.rise import (
     blur_place,
     combine,
     computed_ratio,
+    map_error,
     press_rise,
     seen_ratio,
     unknown_rise,
@@ -31,6 +32,7 @@ from tactilevision.press.watch import Reconstructs, Watch
 from tactilevision.recording import Recording
 from tactilevision.records import CertifiedPoint, Estimate, ForceSeries, Press
 
+_NAMED = 5
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
 
 
@@ -113,7 +115,7 @@ def _time(chain: Chain, name: str, touched: Touched) -> Timed:
 def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
     """Rise at the bevel's edge for each press: seen in all presses of its bevel, computed for its own depth."""
     found: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {}
-    scales = []
+    scales, errors = [], []
     for one in timed.values():
         distance, case = one.touched.distance_mm, one.touched.case
         if one.touch is None or one.touch.onset.gain <= SURE or distance is None:
@@ -125,7 +127,10 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
         )
         if single is not None:
             found.setdefault(distance, []).append(single)
+            errors.append(map_error(case.watch, case.drive, distance_mm=distance))
     scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else 0.25
+    known = [error for error in errors if np.isfinite(error)]
+    map_std = float(np.median(known)) if known else 0.0
     rises, gel = {}, chain.recording.sensor.gel
     for name, one in timed.items():
         distance, indenter = one.touched.distance_mm, one.touched.case.watch.indenter
@@ -133,7 +138,8 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
             rises[name] = unknown_rise()
             continue
         computed = computed_ratio(gel, indenter, distance_mm=distance)
-        rise = combine(seen_ratio(found.get(distance, []), scale_std=scale_std), computed)
+        seen = seen_ratio(found.get(distance, []), scale_std=scale_std, map_std=map_std)
+        rise = combine(seen, computed)
         rises[name] = rise if one.touched.distance_given else blur_place(rise, gel, indenter, distance_mm=distance)
     return rises
 
@@ -204,6 +210,10 @@ def _judged(point: CertifiedPoint, said: tuple[Finding, ...]) -> CertifiedPoint:
 def _warnings(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> Iterator[str]:
     if chain.offset.value is None:
         yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
+    torn = [bad.name for watch in chain.watches.values() if watch is not None for bad in watch.missing]
+    if torn:
+        more = f" and {len(torn) - _NAMED} more" if len(torn) > _NAMED else ""
+        yield f"Frames that cannot be read were passed over: {', '.join(torn[:_NAMED])}{more}."
     untared = [name for name, window in chain.windows.items() if window is not None and not window.tare.known]
     if untared:
         yield f"No force reading of the free gel for presses {', '.join(untared)}: their zero is as recorded."

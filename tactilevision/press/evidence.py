@@ -12,6 +12,7 @@ from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_si
 from tactilevision.errors import TactilevisionError
 from tactilevision.press.certificate import Evidence, Finding
 from tactilevision.press.checks import Look
+from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import HeightMap, Pair
@@ -20,9 +21,15 @@ from tactilevision.records import HeightMap, Pair
 def evidence_of(
     recording: Recording, reconstructor: Reconstructs, look: Look, said: tuple[Finding, ...]
 ) -> Evidence:
-    """Evidence of one press; its event's frame is read and reconstructed once more."""
+    """Evidence of one press; its event's frame is read and reconstructed once more.
+
+    Where the force does not tell the time of the event, the deepest frame stands in for it, and a touch that
+    does not stand out of the noise is none.
+    """
     watch, window = look.watch, look.force
-    place = int(np.argmin(np.abs(watch.time_s - look.event_s))) if np.isfinite(look.event_s) else watch.deepest
+    timed = np.isfinite(look.event_s) and not any(finding.reason == "saturated" for finding in said)
+    place = int(np.argmin(np.abs(watch.time_s - look.event_s))) if timed else watch.deepest
+    touch = look.touch if timed and look.touch is not None and look.touch.onset.gain > SURE else None
     name = watch.names[place]
     index = recording.frame_names.index(name) if name in recording.frame_names else None
     signal = None
@@ -33,7 +40,7 @@ def evidence_of(
     return Evidence(
         press=watch.press.press, frame_index=index, frame_name=name, footprint=watch.footprint,
         height_map=_height_map(recording, reconstructor, index), bevel_window_mm=_window(look),
-        time_s=watch.time_s, depth_mm=watch.depth_mm, signal_mm=signal, touch=look.touch,
+        time_s=watch.time_s, depth_mm=watch.depth_mm, signal_mm=signal, touch=touch,
         event_s=look.event_s, force_time_s=np.zeros(0) if window is None else window.time_s - look.offset_s,
         force_N=np.zeros((0, 3)) if window is None else window.force_N, findings=said,
     )  # fmt: skip

@@ -5,7 +5,8 @@
 Seen: rho is the slope of the rise against the depth of the face over the frames before the touch, the rise
 from the height map, the depth from the force, in the scale that the bevels certify. A slope is free of the
 zero plane. The rise is the mean over a ring, since without tilt it is the same all round; the scatter of its
-quarters is part of the uncertainty, and so is what the height map's scale is off by on the faces (the gauge).
+quarters is part of the uncertainty, and so is what the height map's scale is off by on the faces (the gauge), and
+what the map itself says that it may be off by at the ring.
 Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. The
 two are checked against each other and combined by their variances. Where the bevel's place is neither given
 nor seen, w = H is kept with what that may be wrong. Source: docs/physics, "The bevel touches early".
@@ -75,9 +76,29 @@ def press_rise(
     return np.where(unseen, np.nan, -answer[1]), np.where(unseen, np.nan, spread)
 
 
-def seen_ratio(found: Sequence[tuple[Floats, Floats]], *, scale_std: float) -> tuple[float, float] | None:
+def map_error(watch: Watch, depth_mm: Floats, *, distance_mm: float) -> float:
+    """What the deepest height map may be off by all round the ring, over the depth `depth_mm` (N,) there; NaN
+    where the map does not say.
+
+    A colour law that misreads gentle slopes does so all round and in every press: no scatter shows it.
+    """
+    height, face, deepest = watch.face_map, watch.footprint, float(depth_mm[watch.deepest])
+    if height.std_mm is None or face is None or not deepest > 0:
+        return float("nan")
+    rows, columns = height.depth_mm.shape
+    x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0] - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2) * height.mm_per_px[1] - face.centre_mm[1]
+    ring = np.abs(np.hypot(x[None, :], y[:, None]) - distance_mm) <= _HALF_RING_MM
+    std = np.asarray(height.std_mm, dtype=np.float64)[ring & height.valid]
+    std = std[np.isfinite(std)]
+    return float(std.mean()) / deepest if std.size else float("nan")
+
+
+def seen_ratio(
+    found: Sequence[tuple[Floats, Floats]], *, scale_std: float, map_std: float = 0.0
+) -> tuple[float, float] | None:
     """One rho and its std from many presses; `scale_std` is the relative uncertainty of the height map's
-    scale.
+    scale, `map_std` what its rise may be off by over the depth.
     """
     if not found:
         return None
@@ -91,7 +112,7 @@ def seen_ratio(found: Sequence[tuple[Floats, Floats]], *, scale_std: float) -> t
     value = float(quarters.mean())
     # the quarters err by what the method has wrong in each direction, which more presses do not mend
     spread = float(quarters.std(ddof=1) / np.sqrt(seen.sum()))
-    return value, float(np.sqrt(spread**2 + 1 / total[seen].sum() + (scale_std * value) ** 2))
+    return value, float(np.sqrt(spread**2 + 1 / total[seen].sum() + (scale_std * value) ** 2 + map_std**2))
 
 
 def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> tuple[float, float] | None:

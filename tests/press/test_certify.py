@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from press_scenes import OFFSET_S, RISE, C, Made, line_up, recording
+from press_scenes import OFFSET_S, RISE, C, Drawn, Made, line_up, recording
 
 from tactilevision.errors import RecordingError
 from tactilevision.press import certify
-from tactilevision.records import REASONS
+from tactilevision.records import REASONS, Frame, HeightMap
 
 FAULTS = list(REASONS)
 
@@ -99,6 +99,17 @@ def test_evidence_shows_the_event(whole) -> None:  # type: ignore[no-untyped-def
         assert y0 < -0.2 < y1
 
 
+def test_evidence_of_a_bad_press_shows_contact_and_no_touch_that_was_not_seen(whole) -> None:  # type: ignore[no-untyped-def]
+    made, certificate = whole
+    for press, point in zip(made, certificate.points, strict=True):
+        evidence = certificate.evidence[point.press]
+        if press.fault in ("saturated", "bevel_not_touched"):
+            assert evidence.touch is None
+            assert press.depth(evidence.height_map.time_s) > 0.8 * press.top_mm
+        elif not press.fault:
+            assert evidence.touch is not None
+
+
 @pytest.mark.parametrize("side", ["left", "top", "bottom"])
 def test_any_side_and_a_bevel_whose_place_is_not_stated(side: str, tmp_path: Path) -> None:
     made = line_up([Made(h, side=side) for h in (0.2, 0.35, 0.5)])
@@ -138,3 +149,29 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
         assert again.time_s == pytest.approx(once.time_s, abs=0.01)
         assert again.accepted
+
+
+class Shy(Drawn):
+    """Reads two thirds of a rise, and says that it may be off by twenty micrometres."""
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        height = super().height_map(frame)
+        depth = np.where(height.depth_mm < 0, 0.65 * height.depth_mm, height.depth_mm)
+        return replace(height, depth_mm=depth, std_mm=np.full(depth.shape, 0.02))
+
+
+def test_a_map_that_doubts_its_rise_leaves_the_word_to_the_computed_one(tmp_path: Path) -> None:
+    read, _ = recording(tmp_path, made := line_up([Made(0.35), Made(0.5)]))
+    rise = certify(read, Shy(read.sensor, made, 0)).rise
+    assert rise is not None
+    assert rise.seen is not None
+    assert rise.computed is not None
+    assert rise.seen[0] < 0.8 * RISE
+    assert rise.seen[1] > 0.02 / 0.6
+    assert rise.ratio == pytest.approx(rise.computed[0], abs=0.005)
+
+
+def test_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.5)]))
+    (tmp_path / "00003.png").write_bytes(b"torn")
+    assert any("00003.png" in warning for warning in certify(read, drawn).warnings)
