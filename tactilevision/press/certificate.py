@@ -35,10 +35,10 @@ class Evidence:
     """What the report draws of one press.
 
     `frame_index` (into the recording's frames) and `frame_name` are of the frame nearest to the event (the deepest
-    where the force does not tell when it was), `height_map` its reconstruction; `touch` is None where none is sure;
-    `bevel_window_mm` is ((x0, y0), (x1, y1)) on the pad; `signal_mm` (N,) is the height map's bevel signal against
-    `depth_mm` (N,), both as the camera read them, at `time_s` (N,) of the camera's clock; `force_time_s` (T,) is on
-    the same clock, `force_N` (T, 3) tared.
+    where the force does not tell when it was), `height_map` its reconstruction; `touch` is None where none is
+    sure; `bevel_window_mm` is ((x0, y0), (x1, y1)) on the pad; `signal_mm` (N,) is the height map's bevel signal
+    against `depth_mm` (N,), both as the camera read them, at `time_s` (N,) of the camera's clock; `force_time_s`
+    (T,) is on the same clock, `force_N` (T, 3) tared.
     """
 
     press: str
