@@ -6,7 +6,8 @@ The gel may press on the face but not pull (Signorini): over squares of the face
 A p >= w - theta x with equality where p > 0, A the half-space under squares (Love) plus what the bonded layer
 adds. f is 0 for x <= -1 and x from 2 on, where the whole face lies on. The thinner the gel, the later it stiffens.
 `solve` does it for one a/h; `upright` reads the table askew.csv that `make_table` wrote with it: a/h 0 (the
-half-space) to 2, nu = .48, 65 squares across (33 differ by at most .002, 129 by .0013). Force only; the table hardly knows nu.
+half-space) to 2, nu = .48, 65 squares across (33 differ by at most .002, 129 by .0013). Force only; the table
+hardly knows nu.
 Sources: Love, Phil. Trans. R. Soc. A 228 (1929) 377; Polonsky, Keer, Wear 231 (1999) 206 (the iteration).
 """
 

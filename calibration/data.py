@@ -87,7 +87,8 @@ class Observations:
     `time_s` is the recordings' common clock (seconds since the first recording's day); samples of one press stand
     together and grow in time. `phase`: "free", "load", "hold", "unload" or "". `depth_std_mm`, `force_std_N` (N,):
     one sample's own noise, NaN where nobody stated it; errors shared by all presses of an indenter are not in it
-    but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one.
+    but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
+    height map's own std of it.
     """
 
     gel: Gel
@@ -103,6 +104,7 @@ class Observations:
     force_std_N: Floats
     depth_source: DepthSource = "vision"
     reconstructed_mm: Floats | None = None
+    reconstructed_std_mm: Floats | None = None
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())
@@ -164,8 +166,10 @@ class Observations:
     def _rows(self, rows: Ints, *, press: Ints, presses: Presses) -> Observations:
         names = ("time_s", "depth_mm", "force_N", "phase", "temperature_C", "depth_std_mm", "force_std_N")
         arrays = {name: getattr(self, name)[rows] for name in names}
-        seen = None if self.reconstructed_mm is None else self.reconstructed_mm[rows]
-        return replace(self, press=press, presses=presses, reconstructed_mm=seen, **arrays)
+        for name in ("reconstructed_mm", "reconstructed_std_mm"):
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)[rows]
+        return replace(self, press=press, presses=presses, **arrays)
 
 
 @dataclass(frozen=True, slots=True)

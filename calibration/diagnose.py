@@ -1,11 +1,12 @@
 """From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
 
-    testable? -> base model -> screen -> refit -> confirm -> again, at most three times -> is anything left?
+    testable? -> base model -> search (screen, refit, confirm, add) -> is anything left?
 
-Each decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold. The verdict is
-ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit
-as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue
-explains).
+Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
+decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
+error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
+AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the
+catalogue explains).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
+from calibration.change import change_point
 from calibration.checks import check, of_shape
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
@@ -26,48 +28,40 @@ from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
 from calibration.fitting import Fit
-from calibration.noise import Whitener
 from calibration.outside import CANDIDATES, would_have_to_be
-from calibration.refit import (
-    CANNOT_FIT,
-    Candidate,
-    adopt,
-    held_out_rms,
-    hold_out,
-    press_folds,
-    refit_with,
-    separation,
-)
+from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.repeats import noise_floor
 from calibration.result import CalibrationResult
-from calibration.screen import Scored, Screen, screen
+from calibration.search import TOLD_APART, Searched, Step, search
+from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.025  # of saying that something unknown is left
-AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std
-REFITTED, MOST = 5, 3
 MOSTLY = 0.8  # of a misfit explained: the rest is then a matter of the effect's form
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
 
 
 @dataclass(frozen=True, slots=True)
-class _Round:
-    """One turn of the search: the screen, and the candidates refitted on its best."""
+class _Outcome:
+    """What one search ends in: the steps that stand, what was tried where something is left, and p of that."""
 
-    screen: Screen
-    candidates: tuple[Candidate, ...]
-    scored: Mapping[str, Scored]
+    searched: Searched
+    steps: tuple[Step, ...]
+    tried: tuple[str, ...]
+    left: float
+    unknown: bool
+    flags: tuple[str, ...]
 
+    @property
+    def sets(self) -> list[tuple[Candidate, ...]]:
+        """The candidates of each step that stands."""
+        return [step.equals for step in self.steps]
 
-@dataclass(frozen=True, slots=True)
-class _Step:
-    """A candidate that was confirmed, its skill on presses left out, and the fit with it."""
-
-    best: Candidate
-    skill: float
-    fitted: Fit
+    @property
+    def fitted(self) -> Fit:
+        """The last fit that stands."""
+        return self.steps[-1].fitted if self.steps else self.searched.base
 
 
 def diagnose(
@@ -87,132 +81,71 @@ def diagnose(
     model = base_model(data)
     for effect in known:
         model = model + effect
-    base = fit_alone(model, data)
-    current = base
-    rounds: list[_Round] = []
-    added: list[tuple[Candidate, Scored, float]] = []
-    sets: list[tuple[Candidate, ...]] = []
-    while len(added) < MOST:
-        turn = _look(current, catalogue, rng)
-        rounds.append(turn)
-        step = _confirmed(current, turn)
-        if step is None:
-            break
-        sets.append(_equals(current, step.best, turn.candidates))
-        added.append((step.best, turn.scored[step.best.effect.key], step.skill))
-        current = step.fitted
-    last = rounds[-1] if len(rounds) > len(added) else _look(current, (), rng)
-    found = _conclude(base, current, rounds, added=added, sets=sets, last=last)
+    seen = fit_sight(data)
+    parts = 1 if seen is None else 2
+    force = _outcome(search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+    sight = None
+    if seen is not None:
+        sight = _outcome(search(seen, sighted(), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+    found = _conclude(force, sight, rng)
     hidden = [effect for effect in catalogue if effect.key in found.not_testable]
     return replace(found, possible_bias=possible_bias(found.fitted, hidden))
 
 
-def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator) -> _Round:
-    """Screen, then refit the best five and every effect that acts as a threshold."""
-    seen = screen(current, catalogue, rng)
-    by_key = {e.key: e for e in catalogue}
-    scored = {s.key: s for s in seen.effects}
-    chosen = [s.key for s in seen.effects[:REFITTED] if s.p < LEVEL]
-    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
-    candidates = []
-    for key in chosen:
-        try:
-            candidates.append(refit_with(current, by_key[key]))
-        except CANNOT_FIT:
-            continue  # it screened well but does not fit: no candidate
-    return _Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+def _outcome(searched: Searched, level: float) -> _Outcome:
+    """Whether the steps stand: not where they leave something and explain but a part of it."""
+    left, steps = searched.last.lack_of_fit, searched.steps
+    if left >= level:
+        return _Outcome(searched, steps, (), left, False, ())
+    if steps and searched.explained > MOSTLY:  # the cause is named; its form is not exact
+        return _Outcome(searched, steps, (), left, False, ("small_remainder",))
+    return _Outcome(searched, (), tuple(s.best.effect.key for s in steps), left, True, ())
 
 
-def _confirmed(current: Fit, turn: _Round) -> _Step | None:
-    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
-    for best in turn.candidates:
-        if turn.scored[best.effect.key].p_adjusted > LEVEL or not _inside(best):
-            continue
-        try:
-            skill = _skill(current, best)
-            if skill > 0:
-                return _Step(best, skill, adopt(current, best))
-        except CANNOT_FIT:
-            continue  # the next best may still stand
-    return None
-
-
-def _inside(candidate: Candidate) -> bool:
-    """The amplitude is not at the end of its range."""
-    value, first = candidate.own_values[0], candidate.effect.parameters[0]
-    low, high = first.bounds
-    return bool(low + 1e-4 * first.scale < value < high - 1e-4 * first.scale or (first.default in (low, high)
-                and value < high - 1e-4 * first.scale))  # fmt: skip
-
-
-def _skill(current: Fit, candidate: Candidate) -> float:
-    """1 - held-out error with over without the effect, both squared and whitened."""
-    folds = press_folds(current.data)
-    before = hold_out(current.model, current, current.values, folds).squares
-    after = hold_out(candidate.model, current, candidate.values, folds).squares
-    return 1 - after / before if before > 0 else 0.0
-
-
-def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
-    kept = [best]
-    for other in candidates:
-        if other.effect.key == best.effect.key or not _inside(other):
-            continue
-        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
-            kept.append(other)
-    return tuple(kept)
-
-
-def _apart(current: Fit, best: Candidate, other: Effect) -> float:
-    """The separation in std; inf where the other finds no way at all to look like the best."""
-    try:
-        return separation(current, best, other)
-    except CANNOT_FIT:
-        return float("inf")
-
-
-def _conclude(
-    base: Fit,
-    current: Fit,
-    rounds: Sequence[_Round],
-    *,
-    added: Sequence[tuple[Candidate, Scored, float]],
-    sets: Sequence[tuple[Candidate, ...]],
-    last: _Round,
-) -> Diagnosis:
+def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator) -> Diagnosis:
     """The verdict and everything that goes with it."""
-    before, after = conclude(base), conclude(current)
-    flags = list(after.flags)
-    tried: tuple[str, ...] = ()
-    left = last.screen.lack_of_fit
-    wide = [s for s in sets if len(s) > 1]
-    verdict = "IDENTIFIED" if added else "ADEQUATE"
-    if wide or "beta_outside_theory" in flags:
-        verdict = "AMBIGUOUS"
-    if left < LEFT_LEVEL:
-        if added and explained_share(base, current) > MOSTLY:
-            flags.append("small_remainder")  # the cause is named; its form is not exact
-        else:  # what was tried does not explain it, so it is not named and repairs nothing
-            verdict, flags = "UNKNOWN", [*before.flags]
-            tried, added, sets, after = tuple(c.effect.key for c, _, _ in added), (), (), before
-    after = _spanning(after, sets)
-    flags += [f"{c.effect.key}_beyond_prior" for c, _, _ in added if _beyond_prior(current, c.effect.key)]
-    first = rounds[0].screen
+    base, fitted = force.searched.base, force.fitted
+    before, after = conclude(base), conclude(fitted)
+    both = [force] if sight is None else [force, sight]
+    flags = list(dict.fromkeys([*after.flags, *(flag for one in both for flag in one.flags)]))
+    sets = [s for one in both for s in one.sets]
+    after = _spanning(after, force.sets)
+    if sight is not None:
+        after = _risen(after, sight)
+    flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
     explained = would_have_to_be(base) if "beta_outside_theory" in flags else ()
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
+    missing, visible = _testable(both)
     return Diagnosis(
-        verdict=verdict, effects=tuple(_added(current, c, s, k) for c, s, k in added), candidates=candidates,
-        not_testable=dict(first.not_testable), visible=dict(first.visible),
-        errors=_errors(base, current if added else base), before=before, after=after,
-        covariates=last.screen.covariates,
-        screen=first.effects, measure_next=_next(base, sets, flags, first.not_testable),
-        change_point=change_point(current) if left < LEFT_LEVEL else None, flags=tuple(flags),
-        would_have_to_be=explained, lack_of_fit_p=left, tried=tried, possible_bias={}, base=base,
-        fitted=current if added else base,
+        verdict=_verdict(both, flags),
+        effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
+        candidates=candidates, not_testable=missing, visible=visible, errors=_errors(base, fitted), before=before,
+        after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
+        measure_next=_next(base, force.sets, flags, _by_hand(base, missing, sight)),
+        change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
+        would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
+        tried=tuple(key for one in both for key in one.tried), possible_bias={}, base=base, fitted=fitted,
+        sight=None if sight is None else sight.searched,
     )  # fmt: skip
+
+
+def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
+    if any(one.unknown for one in both):
+        return "UNKNOWN"
+    if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
+        return "AMBIGUOUS"
+    return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
+
+
+def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
+    """What neither search could look for and why, and the smallest amplitude that would have been seen."""
+    first = [one.searched.first for one in both]
+    visible = {key: size for screen in first for key, size in screen.visible.items()}
+    looked = {key for screen in first for key in screen.visible if key not in screen.not_testable}
+    missing = {key: why for screen in first for key, why in screen.not_testable.items() if key not in looked}
+    return missing, visible
 
 
 def _beyond_prior(fitted: Fit, key: str) -> bool:
@@ -235,18 +168,23 @@ def _spanning(after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]]) -
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
 
 
-def explained_share(base: Fit, current: Fit) -> float:
-    """How much of what repeats cannot account for the added effects do; whitened by the last model's noise."""
-    whitener = Whitener(current.data, current.noise, current.about)
-    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
-    excess = before - base.data.size
-    return (before - after) / excess if excess > 0 else 0.0
+def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
+    """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
+    share = max(
+        (risen(c, sight.fitted.data) for s in sight.sets for c in s if c.effect.key == "bevel_rise"), default=0.0
+    )
+    E = after.youngs_modulus
+    if share <= 0 or E.interval95 is None:
+        return after
+    wide = replace(E, interval95=(E.interval95[0], E.interval95[1] / (1 - share)))
+    warning = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
-def _added(current: Fit, candidate: Candidate, scored: Scored, skill: float) -> Added:
-    key = candidate.effect.key
-    values = tuple((p.name, current.estimate(f"{key}.{p.name}")) for p in candidate.effect.parameters)
-    return Added(key, values, scored.p_adjusted, skill)
+def _added(fitted: Fit, step: Step) -> Added:
+    key = step.best.effect.key
+    values = tuple((p.name, fitted.estimate(f"{key}.{p.name}")) for p in step.best.effect.parameters)
+    return Added(key, values, step.scored.p_adjusted, step.skill)
 
 
 def _errors(base: Fit, current: Fit) -> Errors:
@@ -256,7 +194,7 @@ def _errors(base: Fit, current: Fit) -> Errors:
 
 
 def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str],
-          not_testable: Mapping[str, str]) -> tuple[NextMeasurement, ...]:  # fmt: skip
+          by_hand: Sequence[str]) -> tuple[NextMeasurement, ...]:  # fmt: skip
     """Actions for the first set that stays open; for what no press can show, the action by hand."""
     plans: list[NextMeasurement] = []
     for group in sets:
@@ -267,10 +205,15 @@ def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str]
         found = _refitted(base, CANDIDATES)
         plans += measure_next(base, found[0], found[1:]) if found else ()
     worth = [p for p in plans if p.separation_sigma > WORTH]
+    return (*worth, *(NextMeasurement(*BY_HAND[key], float("nan")) for key in by_hand))
+
+
+def _by_hand(base: Fit, not_testable: Mapping[str, str], sight: _Outcome | None) -> list[str]:
+    """Effects that an action by hand would settle: what the picture leaves open first, then what nothing shows."""
     source = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}
-    by_hand = [NextMeasurement(*BY_HAND[key], float("nan")) for key in not_testable
-               if key in BY_HAND and source.get(key) in (None, base.data.depth_source)]  # fmt: skip
-    return (*worth, *by_hand)
+    opened = [c.effect.key for s in (sight.sets if sight else ()) if len(s) > 1 for c in s]
+    hidden = [key for key in not_testable if source.get(key) in (None, base.data.depth_source)]
+    return [key for key in dict.fromkeys([*opened, *hidden]) if key in BY_HAND]
 
 
 def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:
@@ -281,23 +224,3 @@ def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:
             with suppress(*CANNOT_FIT):
                 found.append(refit_with(base, Thickness(held=False) if key == "thickness" else EFFECTS[key]))
     return found
-
-
-def change_point(fitted: Fit) -> str | None:
-    """The press at which the mean residual jumps, where a jump explains it better than chance; else None.
-
-    The largest CUSUM of the presses' mean whitened residuals, with Kolmogorov's distribution for its p.
-    """
-    from scipy.stats import kstwobign
-
-    data = fitted.data
-    if data.count < 8:
-        return None
-    mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.bincount(
-        data.press, fitted.about.force_N**2)  # fmt: skip
-    spread = float(np.std(mean))
-    if spread == 0:
-        return None
-    path = np.cumsum(mean - mean.mean()) / (spread * np.sqrt(data.count))
-    k = int(np.argmax(np.abs(path[:-1])))
-    return data.presses.label[k + 1] if kstwobign.sf(abs(float(path[k]))) < LEVEL else None

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from calibration.experiment import NextMeasurement
 from calibration.fitting import Fit
 from calibration.outside import WouldHaveToBe
 from calibration.result import CalibrationResult
 from calibration.screen import Scored
+from calibration.search import Searched
+from calibration.sight import depth_ratio
 from tactilevision.records import Estimate
 
 
@@ -58,7 +62,8 @@ class Diagnosis:
     `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
     theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
     bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
-    before and after.
+    before and after; `sight` the search on the
+    picture's depth against the certified one, where there are both.
     """
 
     verdict: str
@@ -80,6 +85,7 @@ class Diagnosis:
     possible_bias: Mapping[str, float]
     base: Fit
     fitted: Fit
+    sight: Searched | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -100,5 +106,19 @@ class Diagnosis:
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
+            "reconstructed_depth": self._sight(),
             "noise": self.fitted.noise.parts(self.fitted.about.base_N),
+        }
+
+    def _sight(self) -> dict[str, Any] | None:
+        """The picture's depth against the certified one, in numbers."""
+        if self.sight is None:
+            return None
+        ratio = depth_ratio(self.sight.base)
+        return {
+            "ratio_median": float(np.median(ratio)),
+            "samples": ratio.size,
+            "lack_of_fit_p": self.sight.last.lack_of_fit,
+            "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.sight.first.covariates],
+            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.sight.first.effects],
         }

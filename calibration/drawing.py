@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.conditions import covariates
 from calibration.diagnosis import Diagnosis
 from calibration.effects import EFFECTS, get_effect
 from calibration.fitting import Fit
 from calibration.minimise import Box, differentiate
 from calibration.refit import refit_with, separation
-from calibration.screen import Scored
+from calibration.screen import Scored, seen_covariates
 from calibration.tolerances import CERTIFICATE, HEIGHTS
 from tactilevision.plots.diagnosis import Panel
 from tactilevision.plots.indentation import FittedLine, PointCloud
@@ -82,7 +81,7 @@ def _box(fitted: Fit) -> Box:
 
 def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
     """The covariates that tell most, with the residual in its own std."""
-    seen = {c.name: c for c in covariates(fitted.data)}
+    seen = {c.name: c for c in seen_covariates(fitted)}
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
     return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
             for s in scored[:most] if s.key in seen]  # fmt: skip

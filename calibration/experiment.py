@@ -126,6 +126,7 @@ def _observations(data: Observations, kind: Indenter, presses: Presses, begins: 
         temperature_C=np.full(size, float(np.median(data.temperature_C))),
         depth_std_mm=np.full(size, float(np.median(data.depth_std_mm))),
         force_std_N=np.full(size, float(np.median(data.force_std_N))), reconstructed_mm=None,
+        reconstructed_std_mm=None,
     )  # fmt: skip
 
 
@@ -148,7 +149,7 @@ def _join(*sets: Observations) -> Observations:
         order=np.arange(float(sum(s.count for s in sets))), **columns,
     )  # fmt: skip
     return replace(
-        first, indenters=indenters, presses=presses, reconstructed_mm=None,
+        first, indenters=indenters, presses=presses, reconstructed_mm=None, reconstructed_std_mm=None,
         press=np.concatenate([s.press + k for s, k in zip(sets, before, strict=True)]),
         time_s=whole("time_s"), depth_mm=whole("depth_mm"), force_N=whole("force_N"),
         phase=np.concatenate([s.phase for s in sets]), temperature_C=whole("temperature_C"),

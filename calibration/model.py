@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.data import Observations
 from calibration.parameters import Parameter
-from calibration.stages import Effect, EffectBase, Law, Stage, State
+from calibration.stages import Effect, Law, Stage, State
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
@@ -127,7 +127,8 @@ def rest_state(data: Observations) -> State:
 
 def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
     """An effect's parameters with its priors; one that states none on data needs no such method."""
-    return effect.parameters_on(data) if isinstance(effect, EffectBase) else effect.parameters
+    stated = getattr(effect, "parameters_on", None)
+    return effect.parameters if stated is None else tuple(stated(data))
 
 
 def _place(effect: Effect) -> tuple[int, int, str]:

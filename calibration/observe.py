@@ -33,6 +33,7 @@ class _Touch:
     depth_std_mm: Floats
     force_std_N: Floats
     reconstructed_mm: Floats
+    reconstructed_std_mm: Floats
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
@@ -77,6 +78,7 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
+            reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
         )  # fmt: skip
 
 
@@ -102,6 +104,7 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
             force_std_N=np.full(size, _force_std(recording)),
             reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
+            reconstructed_std_mm=np.full(size, NAN),
         )  # fmt: skip
 
 
@@ -114,7 +117,9 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
     origin = math.floor(origin / DAY_S) * DAY_S
     indenters = list(dict.fromkeys(t.indenter for t in touches))
     sizes = [t.time_s.size for t in touches]
-    seen = np.concatenate([t.reconstructed_mm for t in touches])
+    seen, seen_std = (
+        np.concatenate([getattr(t, f"reconstructed{name}_mm") for t in touches]) for name in ("", "_std")
+    )
     return Observations(
         gel=gel, indenters=tuple(indenters), presses=_presses(touches, indenters, origin),
         press=np.repeat(np.arange(len(touches)), sizes),
@@ -127,6 +132,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         force_std_N=np.concatenate([t.force_std_N for t in touches]),
         depth_source=cast(DepthSource, sets[0].recording.depth_source or "vision"),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
+        reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         recordings=tuple(m.recording.name for m in sets), shared=_shared(sets),
     )  # fmt: skip
 

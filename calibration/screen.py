@@ -18,11 +18,13 @@ from calibration.conditions import Covariate, bins, covariates, group_basis
 from calibration.fitting import Fit, fit
 from calibration.noise import Noise, Whitener
 from calibration.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise
+from calibration.scatter import Scatter
 from calibration.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
 DRAWS = 199
+SCATTER = "scatter while loading"
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS, OTHER_BINS = 16, 6
 
@@ -82,11 +84,12 @@ def refit_with_pure_noise(fitted: Fit) -> Fit:
 def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS) -> Screen:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
     tables, missing = effect_directions(fitted, effects)
-    seen = covariates(fitted.data)
+    seen = seen_covariates(fitted)
     steps = {c.name: _steps(fitted, c) for c in seen}
     cast = _Cast(fitted, [*tables.values(), *steps.values()])
-    real = cast.scores(fitted.noise, fitted.residual_N[:, None], [0])[0]
-    null = cast.null(rng, draws)
+    real, white = cast.scores(fitted.noise, fitted.residual_N[:, None], [0])[0]
+    drawn = cast.null(rng, draws)
+    null = [scores for scores, _ in drawn]
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
@@ -97,11 +100,23 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
         draws, count
     )
     null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
+    looks, scatter = list(steps), Scatter(fitted.data)
+    if scatter.seen:
+        usual = float(np.mean([scatter.differences(one).mean() for _, one in drawn]))
+        looks.append(SCATTER)
+        sums.append(scatter.statistic(white, usual))
+        spread = np.array([scatter.statistic(one, usual) for _, one in drawn])
+        null_sums = np.column_stack([null_sums, spread])
     return Screen(
         effects=_ranked(list(tables), largest, null_largest, skip=missing),
-        covariates=_ranked(list(steps), sums, null_sums, skip={}),
+        covariates=_ranked(looks, sums, null_sums, skip={}),
         not_testable=missing, visible=_visible(fitted, effects, tables, cast),
     )  # fmt: skip
+
+
+def seen_covariates(fitted: Fit) -> tuple[Covariate, ...]:
+    """The covariates, the force as fitted: bins of the measured one would sort residuals by their own noise."""
+    return covariates(fitted.data.with_force(fitted.force_N))
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -162,16 +177,18 @@ class _Cast:
         self._tables = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
         self.left = self._split_seen()
 
-    def scores(self, noise: Noise, residual_N: Floats, which: Sequence[int]) -> list[list[Floats]]:
-        """Scores of each table's directions for the columns `which` of residuals (N, b), under one noise."""
+    def scores(self, noise: Noise, residual_N: Floats, which: Sequence[int]) -> list[tuple[list[Floats], Floats]]:
+        """Scores of each table's directions for the columns `which` of residuals (N, b), under one noise, and the
+        white residual (N,) itself.
+        """
         directions, white = self._freed(noise, residual_N[:, which])
-        size = np.linalg.norm(directions, axis=0)
-        unit = directions / np.where(self._visible, size, np.inf)
+        unit = directions / np.where(self._visible, np.linalg.norm(directions, axis=0), np.inf)
         all_scores = unit.T @ white
-        return [np.split(all_scores[:, k], self._ends[:-1]) for k in range(len(which))]
+        size = self.fitted.data.size
+        return [(np.split(all_scores[:, k], self._ends[:-1]), white[:size, k]) for k in range(len(which))]
 
-    def null(self, rng: np.random.Generator, draws: int) -> list[list[Floats]]:
-        """Scores under the model itself, the noise estimated anew for each draw."""
+    def null(self, rng: np.random.Generator, draws: int) -> list[tuple[list[Floats], Floats]]:
+        """Scores and white residual under the model itself, the noise estimated anew for each draw."""
         fitted = self.fitted
         whitener = Whitener(fitted.data, fitted.noise, fitted.about)
         errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))

@@ -101,8 +101,8 @@ class EffectBase:
     `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
     that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
     beyond or below some depth, so that no small amplitude stands for it; `reads_force` where it depends on the
-    normal force itself: the model then hands it the force that it predicts, for the measured one's noise would pass
-    for the effect.
+    normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
+    the effect.
     """
 
     key: ClassVar[str] = ""

@@ -19,6 +19,8 @@ from calibration.stages import EffectBase, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Floats
 
+TYPICAL_RISE = 0.1  # of the depth, beside a punch as wide as most: where the bevel stands is not known
+
 
 @dataclass(frozen=True, slots=True)
 class BevelRise(EffectBase):
@@ -45,6 +47,12 @@ class BevelRise(EffectBase):
         if len(known) < len(data.indenters):
             return "needs the bevels' distances (bevel_distance_mm)"
         return "" if np.ptp(relative_rise(data)) > 0.005 else "needs bevels at several distances"
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of depths as certified: less by the rise, where nothing was taken off for it."""
+        known = relative_rise(data)
+        rise = np.where(known == 0, TYPICAL_RISE, known)[data.presses.indenter[data.press]]
+        return np.asarray(depth_mm * (1 - values[0] * rise))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Lower the certified depth."""

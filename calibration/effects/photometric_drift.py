@@ -1,6 +1,7 @@
-"""The picture's depth scale drifts: s_obs = (1 + d t/T) s, so w -> w/(1 + d t/T), T the whole time of the data.
+"""The picture's depth scale drifts: s_obs = (1 + d t/T) s, so w -> w/(1 + d t/T).
 
-A lamp that warms, an exposure that creeps. Vanishes at d = 0. Source: definition.
+A lamp that warms, an exposure that creeps: t counts while the rig runs, T in all; a pause of more than an hour
+counts as an hour. Vanishes at d = 0. Source: definition.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
+
+PAUSE_S = 3600.0
+NOT_VISION = "the depth does not come from the picture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +41,24 @@ class PhotometricDrift(EffectBase):
     def missing(self, data: Observations) -> str:
         """What these data would need."""
         if data.depth_source != "vision":
-            return "the depth does not come from the picture"
+            return NOT_VISION
         if not np.isfinite(data.time_s).all() or np.ptp(data.time_s) <= 0 or data.count < 3:
             return "needs times of several presses"
         return ""
 
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of true depths."""
+        return np.asarray(depth_mm * (1 + values[0] * running_share(data)))
+
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the depth with time."""
-        share = data.time_s - data.time_s.min()
-        return replace(state, depth_mm=state.depth_mm / (1 + values[0] * share / share.max()))
+        return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))
+
+
+def running_share(data: Observations) -> Floats:
+    """How much of the rig's running time has passed at each sample (N,), 0 to 1."""
+    order = np.argsort(data.time_s, kind="stable")
+    passed = np.cumsum(np.minimum(np.diff(data.time_s[order], prepend=data.time_s[order[0]]), PAUSE_S))
+    share = np.empty(data.size)
+    share[order] = passed / passed[-1]
+    return share

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
@@ -34,6 +36,10 @@ class PhotometricGain(EffectBase):
     def missing(self, data: Observations) -> str:
         """What these data would need."""
         return "a factor on the depth is E and beta exactly; a gauge beside the picture would show it"
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of true depths."""
+        return np.asarray(depth_mm * (1 + values[0]))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the depth."""

@@ -15,6 +15,8 @@ from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+NOT_VISION = "the depth does not come from the picture"
+
 
 @dataclass(frozen=True, slots=True)
 class SlopeSaturation(EffectBase):
@@ -45,12 +47,17 @@ class SlopeSaturation(EffectBase):
     def missing(self, data: Observations) -> str:
         """What these data would need."""
         if data.depth_source != "vision":
-            return "the depth does not come from the picture"
+            return NOT_VISION
         return ""
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
         return np.array([[0.2], [0.5], [0.9]])
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of true depths."""
+        k = values[0]
+        return np.asarray(np.tanh(k * depth_mm) / k if k > 0 else depth_mm)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Undo the ceiling."""

@@ -13,9 +13,11 @@ from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
 import calibration.diagnose as module
+import calibration.search as searching
+from calibration.change import change_point
 from calibration.compare import Comparison, compare
 from calibration.data import Measured, Observations
-from calibration.diagnose import change_point, diagnose
+from calibration.diagnose import diagnose
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit
@@ -95,7 +97,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
 def test_a_candidate_that_does_not_fit_is_passed_over(
     fails: str, fault: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = getattr(module, fails)
+    whole = getattr(searching, fails)
     asked = []
 
     def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect) -> object:
@@ -105,7 +107,7 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
             raise fault
         return whole(fitted, what, *rest)
 
-    monkeypatch.setattr(module, fails, failing)
+    monkeypatch.setattr(searching, fails, failing)
     data = presses(12)
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.015)), np.random.default_rng(3))
     found = diagnose(shifted, np.random.default_rng(0))
@@ -258,7 +260,10 @@ def test_files_that_are_no_effect_are_named(tmp_path: Path, text: str | None, wh
 def test_a_jump_is_dated_to_its_press() -> None:
     data = presses()
     force = MODEL.predict(TRUTH, data) * np.where(data.press < 14, 1.0, 1.06)
-    assert change_point(fit(MODEL, measured(data, force, np.random.default_rng(0)))) == "p14"
+    assert (
+        change_point(fit(MODEL, measured(data, force, np.random.default_rng(0))), np.random.default_rng(1))
+        == "p14"
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2])

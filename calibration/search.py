@@ -1,0 +1,162 @@
+"""The search for effects on one kind of measurement: look, refit, confirm, add, and look again.
+
+    screen -> refit -> confirm -> again, at most three times
+
+An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
+at all of them, where its amplitude lies inside its range, and where it helps on presses left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.fitting import Fit
+from calibration.noise import Whitener
+from calibration.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.screen import Scored, Screen, screen
+from calibration.stages import Effect
+
+AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3.0  # std
+REFITTED, MOST = 5, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One turn of the search: the screen, and the candidates refitted on its best."""
+
+    screen: Screen
+    candidates: tuple[Candidate, ...]
+    scored: Mapping[str, Scored]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A candidate that was confirmed: its score, its skill on presses left out, the fit with it, and its equals.
+
+    `equals` are the candidates that these data cannot tell from it, itself first.
+    """
+
+    best: Candidate
+    scored: Scored
+    skill: float
+    fitted: Fit
+    equals: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """From the base model's fit over each step to what is left at the end (`last`)."""
+
+    base: Fit
+    rounds: tuple[Round, ...]
+    steps: tuple[Step, ...]
+    last: Screen
+
+    @property
+    def current(self) -> Fit:
+        """The fit with all that was added."""
+        return self.steps[-1].fitted if self.steps else self.base
+
+    @property
+    def first(self) -> Screen:
+        """The screen of the base model."""
+        return self.rounds[0].screen
+
+    @property
+    def explained(self) -> float:
+        """Of what repeats cannot account for in the base model, the share that the steps do."""
+        return explained_share(self.base, self.current)
+
+
+def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float) -> Searched:
+    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
+    current, rounds, steps = base, list[Round](), list[Step]()
+    while len(steps) < MOST:
+        turn = _look(current, catalogue, rng, level)
+        rounds.append(turn)
+        step = _confirmed(current, turn, level)
+        if step is None:
+            break
+        steps.append(step)
+        current = step.fitted
+    last = rounds[-1].screen if len(rounds) > len(steps) else screen(current, (), rng)
+    return Searched(base, tuple(rounds), tuple(steps), last)
+
+
+def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+    """Screen, then refit the best five and every effect that acts as a threshold."""
+    seen = screen(current, catalogue, rng)
+    by_key = {e.key: e for e in catalogue}
+    scored = {s.key: s for s in seen.effects}
+    chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
+    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
+    candidates = []
+    for key in chosen:
+        try:
+            candidates.append(refit_with(current, by_key[key]))
+        except CANNOT_FIT:
+            continue  # it screened well but does not fit: no candidate
+    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+
+
+def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    for best in turn.candidates:
+        scored = turn.scored[best.effect.key]
+        if scored.p_adjusted > level or not _inside(best):
+            continue
+        try:
+            skill = _skill(current, best)
+            if skill > 0:
+                fitted = adopt(current, best)
+                return Step(best, scored, skill, fitted, _equals(current, best, turn.candidates))
+        except CANNOT_FIT:
+            continue  # the next best may still stand
+    return None
+
+
+def _inside(candidate: Candidate) -> bool:
+    """The amplitude is not at the end of its range."""
+    value, first = candidate.own_values[0], candidate.effect.parameters[0]
+    low, high = first.bounds
+    return bool(low + 1e-4 * first.scale < value < high - 1e-4 * first.scale or (first.default in (low, high)
+                and value < high - 1e-4 * first.scale))  # fmt: skip
+
+
+def _skill(current: Fit, candidate: Candidate) -> float:
+    """1 - held-out error with over without the effect, both squared and whitened."""
+    folds = press_folds(current.data)
+    before = hold_out(current.model, current, current.values, folds).squares
+    after = hold_out(candidate.model, current, candidate.values, folds).squares
+    return 1 - after / before if before > 0 else 0.0
+
+
+def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    kept = [best]
+    for other in candidates:
+        if other.effect.key == best.effect.key or not _inside(other):
+            continue
+        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+            kept.append(other)
+    return tuple(kept)
+
+
+def _apart(current: Fit, best: Candidate, other: Effect) -> float:
+    """The separation in std; inf where the other finds no way at all to look like the best."""
+    try:
+        return separation(current, best, other)
+    except CANNOT_FIT:
+        return float("inf")
+
+
+def explained_share(base: Fit, current: Fit) -> float:
+    """How much of what repeats cannot account for the added effects do; whitened by the last model's noise."""
+    whitener = Whitener(current.data, current.noise, current.about)
+    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
+    excess = before - base.data.size
+    return (before - after) / excess if excess > 0 else 0.0
