@@ -28,6 +28,7 @@ from tactilevision.records import Floats, Pair
 Array = npt.NDArray[np.floating[Any]]
 MOST_PIXELS = 1500  # of the window; more only slow the fit down
 ROUNDS = 20
+LEAST_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 LEAST_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -75,6 +76,13 @@ def find_ball(
     if contact_radius_px is not None:
         radius = contact_radius_px
     radius = min(radius, 0.95 * radius_mm / mm_per_px[0])
+    if radius < LEAST_RADIUS_PX:
+        raise InputError(
+            f"a contact of {radius:.2g} px in radius is too small to be read",
+            where="ball press",
+            value=f"ball_radius_mm = {radius_mm:g}",
+            remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
+        )
     return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
 
 

@@ -196,3 +196,12 @@ def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     found = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"])
     assert found.balls[-1] is None
     assert any("lost left out" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(("radius_mm", "contact_px"), [(0.004, None), (RADIUS_MM, 1.7)])
+def test_a_ball_in_the_wrong_unit_is_named(radius_mm: float, contact_px: float | None) -> None:
+    rng = np.random.default_rng(0)
+    reference = make_reference([flat(rng)])
+    shots = [BallPicture(shot.rgb, radius_mm, (60.0, 50.0), contact_px) for shot in pictures(4)]
+    with pytest.raises(InputError, match="too small to be read"):
+        calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"])
