@@ -182,14 +182,25 @@ def _dropped(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     if not np.isfinite(look.event_s):
         return None
     gap = interval_at(look.watch.time_s, look.event_s)
-    if gap <= _GAPS * usual.interval_s:
+    moved = min(gap, _moving_s(look, look.force))
+    if moved <= _GAPS * usual.interval_s:
         return None
-    if look.event is not None and np.isfinite(gap):
-        open_N = look.force.ramp_N_s * gap / np.sqrt(12)
+    if look.event is not None and np.isfinite(moved):
+        open_N = look.force.ramp_N_s * moved / np.sqrt(12)
         if open_N < FORCE_SHARE * float(look.event.force_N[2]):
             return None
     text = f"{1e3 * gap:.0f} ms without a frame at the event, {1e3 * usual.interval_s:.0f} ms are usual"
     return Finding("dropped_frames", text)
+
+
+def _moving_s(look: Look, force: ForceWindow) -> float:
+    """How long the rig needs for what it moved between the frames about the event: a dwell is no gap."""
+    after = int(np.searchsorted(look.watch.time_s, look.event_s))
+    if not 0 < after < look.watch.time_s.size or not force.ramp_N_s > 0:
+        return float("inf")
+    there = force.at(look.watch.time_s[after - 1 : after + 1] + look.offset_s)
+    grown = abs(float(there[1] - there[0]))
+    return grown / force.ramp_N_s if np.isfinite(grown) else float("inf")
 
 
 def _not_touched(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:

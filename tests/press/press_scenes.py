@@ -35,6 +35,7 @@ class Made:
     side: str = "right"
     fault: str = ""
     start_s: float = 0.0
+    dwell_s: float = 0.0  # a micrometre beyond the touch
 
     @property
     def touch_mm(self) -> float:
@@ -50,11 +51,12 @@ class Made:
 
     @property
     def end_s(self) -> float:
-        return self.start_s + 0.6 + self.top_mm / SPEED + HOLD_S + self.top_mm + 0.5
+        return self.start_s + 0.6 + self.top_mm / SPEED + self.dwell_s + HOLD_S + self.top_mm + 0.5
 
     def depth(self, time: Floats) -> Floats:
-        corners = np.cumsum([self.start_s + 0.6, self.top_mm / SPEED, HOLD_S, self.top_mm])
-        return np.interp(time, corners, [0.0, self.top_mm, self.top_mm, 0.0])
+        stop, top = min(self.touch_mm + 0.001, self.top_mm), self.top_mm
+        steps = [self.start_s + 0.6, stop / SPEED, self.dwell_s, (top - stop) / SPEED, HOLD_S, top]
+        return np.interp(time, np.cumsum(steps), [0.0, stop, stop, top, top, 0.0])
 
 
 def line_up(made: list[Made]) -> list[Made]:
@@ -136,6 +138,8 @@ def recording(folder: Path, made: list[Made], *, seed: int = 0, rate_Hz: float =
         here = here + rng.uniform(-0.1, 0.1, here.size) / rate_Hz
         if press.fault == "dropped_frames":
             here = here[np.abs(here - press.touch_s) > 0.15]
+        if press.dwell_s:  # nothing new is to be seen there, and so few frames are kept
+            here = here[(here < press.touch_s - 0.01) | (here > press.touch_s + press.dwell_s - 0.05)]
         times += here.tolist()
     names = tuple(f"{k:05d}.png" for k in range(len(times)))
     ok, png = cv2.imencode(".png", np.full((SIZE[1], SIZE[0], 3), 99, np.uint8))

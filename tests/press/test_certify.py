@@ -175,3 +175,10 @@ def test_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.5)]))
     (tmp_path / "00003.png").write_bytes(b"torn")
     assert any("00003.png" in warning for warning in certify(read, drawn).warnings)
+
+
+def test_few_frames_while_the_rig_stands_still_at_the_touch_are_no_loss(tmp_path: Path) -> None:
+    made = line_up([Made(0.35), Made(0.5), Made(0.35, dwell_s=0.6), Made(0.5), Made(0.5, fault="dropped_frames")])
+    certificate = certify(*recording(tmp_path, made, seed=4))
+    assert [point.reason for point in certificate.points] == ["", "", "", "", "dropped_frames"]
+    assert certificate.points[2].extra["force_dwell"] == 1
