@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
+
+_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
@@ -59,12 +62,18 @@ def of_presses(recording: Recording, certificate: Certificate, folder: Path, pro
             pictures.append(
                 keep(
                     figure,
-                    folder / "presses" / f"{point.press}.png",
+                    folder / "presses" / picture_name(point.press, number),
                     f"Press {point.press}: " + (words or "nothing against it."),
                 )
             )
         progress(number, len(certificate.points))
     return pictures
+
+
+def picture_name(label: str, number: int) -> str:
+    """A file's name for the picture of a press: a label may be any text, also one that a folder cannot hold."""
+    plain = re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
+    return f"{plain}.png" if plain == label else f"{number:03d}_{plain}.png"
 
 
 def of_history(rows: Sequence[HistoryRow], folder: Path) -> None:
