@@ -23,10 +23,11 @@ from calibration.observe import observe_curves, observe_points
 from calibration.published import published_route
 from calibration.repeats import allow_for_indenters, noise_floor
 from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.stages import Law
 from calibration.theory import beta_outside_theory
 from tactilevision.errors import NothingCertified
-from tactilevision.records import Estimate, Gel
+from tactilevision.records import Estimate
 
 
 def calibrate(
@@ -44,18 +45,25 @@ def calibrate(
     Raises NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
-    data = of_shape(observe(sets))
-    if bulge is not None and bulge.value is not None:
-        data = replace(data, gel=_with_bulge(data.gel, bulge))
+    stated = of_shape(observe(sets))
     chosen = get_law(law) if isinstance(law, str) else law
+    data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
     check(data)
     model = Model(_free(chosen, data), effects.effects if effects else ())
     result = conclude(allow_for_indenters(fit(model, data)))
+    if isinstance(chosen, FlatPunch):
+        result = _with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel)))
     rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
-    result = replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
-    if bulge is not None and bulge.value is not None and result.poisson_ratio_source == "prior":
-        result = replace(result, poisson_ratio_source="bulge")
-    return result
+    return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+
+
+def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
+    """The result with every route to nu, the source named after the tightest one that was used."""
+    routes = (*routes, *of_radii(result.fitted), *of_beta(result.beta))
+    lines, warnings = in_words(routes)
+    source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
+    return replace(result, routes=routes, poisson_ratio_source=source, warnings=(*result.warnings, *warnings),
+                   assumptions=(*result.assumptions, *lines))  # fmt: skip
 
 
 def observe(sets: Sequence[Measured]) -> Observations:
@@ -79,20 +87,6 @@ def _free(law: Law, data: Observations) -> Law:
     if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
         return replace(law, free_poisson_ratio=True)
     return law
-
-
-def _with_bulge(gel: Gel, bulge: Estimate) -> Gel:
-    """The gel with nu from the bulge, weighed with a stated prior where there is one."""
-    assert bulge.value is not None
-    std = bulge.std or 0.005
-    if gel.poisson_ratio is None:
-        return replace(gel, poisson_ratio=min(bulge.value, 0.4999), poisson_ratio_std=std)
-    prior_std = 0.005 if gel.poisson_ratio_std is None else gel.poisson_ratio_std
-    if prior_std == 0:
-        return gel
-    weights = np.array([1 / std**2, 1 / prior_std**2])
-    mean = float(weights @ [bulge.value, gel.poisson_ratio] / weights.sum())
-    return replace(gel, poisson_ratio=min(mean, 0.4999), poisson_ratio_std=float(weights.sum() ** -0.5))
 
 
 def _of_default(fitted: Fit) -> CalibrationResult:

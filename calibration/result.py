@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.fitting import Fit
+from calibration.routes import Route, apart
 from tactilevision.records import Estimate, Floats, Material, Pair
 
 NO_CLOCK = Estimate(None, None, None, "s", "points and curves come on one clock: there was none to align")
@@ -21,7 +22,8 @@ class CalibrationResult:
     """E, nu, c, beta with their intervals, what they rest on, and how well the law fits.
 
     `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c; `fitted` the fit
-    behind it; `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several.
+    behind it; `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several;
+    `routes` what each way to nu says, whether it was used or not.
     """
 
     youngs_modulus: Estimate
@@ -44,6 +46,7 @@ class CalibrationResult:
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
+    routes: tuple[Route, ...] = ()
 
     @property
     def material(self) -> Material | None:
@@ -62,6 +65,10 @@ class CalibrationResult:
             "beta": self.beta.as_json(),
             "reduced_modulus_MPa": self.reduced_modulus.as_json(),
             "youngs_modulus_of_nu": [list(pair) for pair in self.youngs_modulus_of_nu],
+            "poisson_ratio_routes": [
+                {"route": route.name, "used": route.used, **route.poisson_ratio.as_json()} for route in self.routes
+            ],
+            "routes_apart_sigma": apart(self.routes),
             "clock_offset_s": self.clock_offset.as_json(),
             "covariance": {"of": list(COVARIANCE_OF), "matrix": self.covariance.tolist()},
             "by_radius": [

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import Taken, take
+from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.result import CalibrationResult
@@ -69,8 +69,9 @@ def _calibrate_one(taken: Taken, law: str) -> Outcome:
     from tactilevision.errors import NothingCertified
 
     clock = taken.certificate.clock_offset if taken.certificate else None
+    taken, bulge = beside_the_punch(taken) if law == LawName.DEFAULT else (taken, None)
     try:
-        return Outcome(taken, fit_material(taken.measured, law=law, clock_offset=clock))
+        return Outcome(taken, fit_material(taken.measured, law=law, clock_offset=clock, bulge=bulge))
     except NothingCertified as fault:
         return Outcome(taken, None, str(fault))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,16 +13,18 @@ from tactilevision.cli import console
 if TYPE_CHECKING:
     from calibration.data import Measured
     from tactilevision.press.certificate import Certificate
+    from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
-    from tactilevision.records import CertifiedPoint
+    from tactilevision.records import CertifiedPoint, Estimate
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """A recording, and its certificate where it has frames."""
+    """A recording; where it has frames, its certificate and what turned them into heights."""
 
     recording: Recording
     certificate: Certificate | None
+    reconstructor: Reconstructor | None = None
 
     @property
     def points(self) -> tuple[CertifiedPoint, ...]:
@@ -44,10 +47,28 @@ def take(paths: Sequence[Path]) -> list[Taken]:
     opened = sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
     for recording in opened:
         console.warn(recording.warnings)
-    return [Taken(one, _certify(one) if one.frame_names else None) for one in opened]
+    return [_certified(one) if one.frame_names else Taken(one, None) for one in opened]
 
 
-def _certify(recording: Recording) -> Certificate:
+def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
+    """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
+    from calibration.laws.flat_punch import STATED_NU_STD
+    from tactilevision.press.beside import nu_beside, with_rise
+
+    if taken.certificate is None or taken.reconstructor is None:
+        return taken, None
+    with console.progress_bar("reading the gel beside the punch"):
+        found = nu_beside(taken.recording, taken.reconstructor, taken.certificate)
+    if found is None:
+        return taken, None
+    gel, estimate = taken.recording.sensor.gel, found.poisson_ratio
+    stated = gel is not None and gel.poisson_ratio is not None
+    if stated and gel is not None and (estimate.std or math.inf) > (gel.poisson_ratio_std or STATED_NU_STD):
+        return taken, estimate
+    return replace(taken, certificate=with_rise(taken.certificate, taken.recording, estimate)), estimate
+
+
+def _certified(recording: Recording) -> Taken:
     from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor
 
@@ -56,4 +77,4 @@ def _certify(recording: Recording) -> Certificate:
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
     console.warn([*reconstructor.warnings, *certificate.warnings])
-    return certificate
+    return Taken(recording, certificate, reconstructor)

@@ -1,0 +1,78 @@
+"""Routes to Poisson's ratio: weighed by what each is worth, none dropped, none used that cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_recordings import Truth, draw
+
+from calibration.calibrate import calibrate
+from calibration.data import Measured
+from calibration.routes import of_beta
+from tactilevision.records import Estimate
+
+OPEN = Truth(extra={"lubricated": 1.0}, thickness_std_mm=0.0, radius_std_mm=0.0, states_poisson=False)
+STATED = replace(OPEN, states_poisson=True, poisson_std=0.01)
+
+
+def bulge(value: float, std: float) -> Estimate:
+    return Estimate(value, std, (value - 1.96 * std, value + 1.96 * std), "1")
+
+
+def drawn(truth: Truth) -> Measured:
+    return draw(truth, np.random.default_rng(11))
+
+
+def test_the_picture_fixes_what_one_punch_leaves_open() -> None:
+    result = calibrate(drawn(OPEN), bulge=bulge(0.478, 0.003))
+    assert result.poisson_ratio_source == "bulge"
+    assert result.poisson_ratio.value == pytest.approx(0.478, abs=1e-3)
+    low, high = result.youngs_modulus.interval95 or (0.0, 0.0)
+    assert low < OPEN.modulus_MPa < high < 1.15 * low
+    assert [route.name for route in result.routes if route.used] == ["bulge"]
+
+
+@pytest.mark.parametrize(("std", "source"), [(0.003, "bulge"), (0.03, "prior")])
+def test_the_source_is_the_tightest_route(std: float, source: str) -> None:
+    measured = drawn(STATED)
+    gel = measured.recording.sensor.gel
+    assert gel is not None
+    result = calibrate(measured, bulge=bulge((gel.poisson_ratio or 0) - 0.001, std))
+    assert result.poisson_ratio_source == source
+    assert (result.poisson_ratio.std or 1) < min(std, STATED.poisson_std)
+    content = result.as_json()
+    assert {r["route"]: r["used"] for r in content["poisson_ratio_routes"]} == {
+        "bulge": True, "prior": True, "beta": False}  # fmt: skip
+    assert content["routes_apart_sigma"] < 3
+
+
+def test_routes_that_contradict_each_other_widen_the_interval_and_say_so() -> None:
+    result = calibrate(drawn(STATED), bulge=bulge(0.42, 0.003))
+    assert any("contradict" in line for line in result.warnings)
+    alone = calibrate(drawn(STATED), bulge=bulge(0.478, 0.003))
+    assert (result.poisson_ratio.std or 0) > 3 * (alone.poisson_ratio.std or 1)
+
+
+def test_a_picture_that_cannot_tell_changes_nothing() -> None:
+    nothing = Estimate(None, None, (0.3, 0.5), "1", "the rise beside the punch is lost in the noise of the maps")
+    result, plain = (calibrate(drawn(STATED), bulge=b) for b in (nothing, None))
+    assert result.poisson_ratio == plain.poisson_ratio
+    assert result.poisson_ratio_source == "prior"
+    assert any("lost in the noise" in line for line in result.assumptions)
+
+
+def test_radii_stand_beside_the_picture() -> None:
+    several = replace(OPEN, radii_mm=(1.5, 2.5, 3.5))
+    result = calibrate(drawn(several), bulge=bulge(several.poisson_ratio, 0.003))
+    assert {route.name for route in result.routes} == {"bulge", "radii", "beta"}
+    low, high = result.poisson_ratio.interval95 or (0.0, 0.0)
+    assert low < several.poisson_ratio < high
+
+
+def test_beta_is_shown_and_never_used() -> None:
+    (route,) = of_beta(Estimate(1.5071, 0.05, (1.41, 1.61), "1"))
+    assert route.poisson_ratio.value == pytest.approx(0.4797, abs=1e-4)
+    assert not route.used
+    assert of_beta(Estimate(0.1, 0.2, (-0.3, 0.5), "1")) == ()
