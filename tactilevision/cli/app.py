@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, force, simulate, train, view
+from tactilevision.cli import calibrate, depth, diagnose, force, simulate, tabulate, train, validate, view
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -21,8 +21,11 @@ app.command("depth")(depth.depth)
 app.command("view")(view.view)
 app.command("diagnose")(diagnose.diagnose)
 app.command("compare")(diagnose.compare)
+app.command("steps")(diagnose.steps)
 app.command("new-effect")(diagnose.new_effect)
 app.command("force")(force.force)
+app.command("validate")(validate.validate)
+app.command("tabulate")(tabulate.tabulate)
 app.command("train")(train.train)
 app.command("simulate")(simulate.simulate)
 

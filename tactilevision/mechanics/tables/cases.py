@@ -24,8 +24,12 @@ from tactilevision.mechanics.punch_fem.results import surface_profile
 from tactilevision.records import Floats, Material
 
 LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
-DEPTHS = (0.002, 0.005, 0.01, *(k / 60 for k in range(1, 13)))
-BESIDE = (0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.55, 0.7, 0.85, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5)
+DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25)
+REACH = 3.5  # thicknesses beside the punch
+PLACES = 25
+BESIDE = tuple(
+    REACH * (k / (PLACES - 1)) ** 2 for k in range(PLACES)
+)  # even in the root, which the edge is smooth in
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -58,11 +62,11 @@ class Grid:
     """A rectangular grid of cases, one block (law, friction, edge, pad) after the other in the order given."""
 
     laws: tuple[str, ...] = ("neo-hooke", "hencky")
-    frictions: tuple[float, ...] = (0.3, math.inf, 0.0)
-    edges_over_h: tuple[float, ...] = (1 / 60,)
+    frictions: tuple[float, ...] = (0.3, math.inf, 0.0, 0.15, 0.6)
+    edges_over_h: tuple[float, ...] = (1 / 60, 1 / 30)
     pads_over_h: tuple[float, ...] = (5.0,)
-    poisson_ratios: tuple[float, ...] = (0.3, 0.4, 0.45, 0.475, 0.49, 0.4999)
-    a_over_h: tuple[float, ...] = (0.4, 0.6, 0.85, 1.2)
+    poisson_ratios: tuple[float, ...] = (0.3, 0.37, 0.43, 0.465, 0.487, 0.4999)
+    a_over_h: tuple[float, ...] = (0.2, 0.3, 0.45, 0.67, 1.0, 1.5)
 
     def cases(self) -> Iterator[Case]:
         """All cases, blocks outermost."""
@@ -74,12 +78,16 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class SolvedCase:
-    """`depth` (T,) w/h reached; `force` (T,) P/(E w h); `u_r`, `u_z` (T, B) over w, at (r - a)/h = BESIDE."""
+    """`depth` (T,) w/h solved; `force` (T,) P/(E w h); `u_r`, `u_z` (T, B) over w, at (r - a)/h = BESIDE, NaN
+    beyond the pad. `reached` is the deepest equilibrium, and `ended` says why there was none beyond it ("": all
+    asked for were solved)."""
 
     depth: Floats
     force: Floats
     u_r: Floats
     u_z: Floats
+    reached: float
+    ended: str
 
 
 def problem_of(case: Case) -> PunchProblem:
@@ -94,12 +102,14 @@ def solve_case(case: Case, depths: tuple[float, ...] = DEPTHS) -> SolvedCase:
     model = build(problem_of(case))
     steps: list[StepRecord] = []
     states: list[State] = []
+    ended = ""
     try:
         for state in march(equations(model, by_force=False), depths, steps):
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
-        pass
-    return _gather(model, states, case)
+        ended = steps[-1].failure
+    reached = max((step.target for step in steps if not step.failure), default=0.0)
+    return _gather(model, states, case, reached=reached, ended=ended)
 
 
 def case_path(folder: Path, case: Case) -> Path:
@@ -110,24 +120,27 @@ def case_path(folder: Path, case: Case) -> Path:
 def save_case(path: Path, solved: SolvedCase) -> None:
     """Write one case, whole or not at all."""
     with replacing(path) as temporary:
-        np.savez(temporary, depth=solved.depth, force=solved.force, u_r=solved.u_r, u_z=solved.u_z)
+        np.savez(temporary, depth=solved.depth, force=solved.force, u_r=solved.u_r, u_z=solved.u_z,
+                 reached=solved.reached, ended=solved.ended)  # fmt: skip
 
 
 def load_case(path: Path) -> SolvedCase:
     """Read what save_case wrote."""
     with np.load(path, allow_pickle=False) as data:
-        return SolvedCase(data["depth"], data["force"], data["u_r"], data["u_z"])
+        return SolvedCase(data["depth"], data["force"], data["u_r"], data["u_z"],
+                          float(data["reached"]), str(data["ended"]))  # fmt: skip
 
 
-def _gather(model: Model, states: list[State], case: Case) -> SolvedCase:
+def _gather(model: Model, states: list[State], case: Case, *, reached: float, ended: str) -> SolvedCase:
     from scipy.interpolate import CubicSpline
 
     depth = np.array([state.depth_mm for state in states])
     wanted = case.a_over_h + np.array(BESIDE)
-    rows = np.zeros((len(states), 2, len(wanted)))
+    rows = np.full((len(states), 2, len(wanted)), np.nan)
+    on_pad = wanted <= case.pad_over_h * (1 + 1e-9)
     for row, state in zip(rows, states, strict=True):
         r, profile = surface_profile(model, state)
-        beside = r >= case.a_over_h
-        row[:] = CubicSpline(r[beside], profile[:, beside], axis=1)(wanted) / state.depth_mm
+        beside = r >= case.a_over_h * (1 - 1e-9)
+        row[:, on_pad] = CubicSpline(r[beside], profile[:, beside], axis=1)(wanted[on_pad]) / state.depth_mm
     force = np.array([state.force_N for state in states]) / depth
-    return SolvedCase(depth, force, rows[:, 0], rows[:, 1])
+    return SolvedCase(depth, force, rows[:, 0], rows[:, 1], reached, ended)

@@ -1,4 +1,4 @@
-"""Force and surface of a flat punch from the shipped table: what punch_fem would say, in microseconds."""
+"""Force and surface of a flat punch from the table: what punch_fem would say, in microseconds."""
 
 from __future__ import annotations
 
@@ -6,78 +6,128 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.tables.table import (
-    Block,
-    find_block,
-    hayes_stiffness,
-    profile_ratio,
-    shipped_table,
-    stiffness_ratio,
-)
-from tactilevision.records import Floats, Material
+from tactilevision.mechanics.boundary import softening
+from tactilevision.mechanics.flat_contact import WIDE, FlatContact
+from tactilevision.mechanics.profile import PunchCase, linear_profile
+from tactilevision.mechanics.tables import table as tables
+from tactilevision.mechanics.tables.blocks import hayes_stiffness
+from tactilevision.mechanics.tables.cases import BESIDE, REACH
+from tactilevision.records import Bools, Floats, Material
 
-EDGE_OVER_H = 1 / 60
+SAME_PAD = 1e-9
 
 
 def punch_force(
-    depth_mm: npt.ArrayLike,
-    *,
-    material: Material,
-    radius_mm: float,
-    thickness_mm: float,
-    friction: float,
-    law: str = "neo-hooke",
-    edge_radius_mm: float | None = None,
+    depth_mm: npt.ArrayLike, contact: FlatContact, material: Material, *, table: tables.Table | None = None
 ) -> Floats:
     """Force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
-    P = E h w (P/E h w of Hayes at the flat part's radius) x (tabulated ratio). `friction` is Coulomb's mu, inf
-    for no slip; `edge_radius_mm` None takes the tabulated one, 1/60 of the thickness. Below the first depth
-    solved (.002 h) the force is proportional to depth. Assumes a pad that reaches five thicknesses from the axis.
+    P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
+    (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py, linear theory: good
+    to 15 % of s); 0 for a pad of five thicknesses and more. Between tabulated frictions and edge radii the table
+    interpolates; sharper than the smallest radius is its limit, with the error that the card states.
     Raises InputError beyond the table in any direction. Source: punch_fem; errors on the card.
     """
-    depths = np.asarray(depth_mm, dtype=float)
-    block, alpha = _place(law, friction, radius_mm, thickness_mm, edge_radius_mm)
-    if depths.size and not depths.min() >= 0:
-        raise InputError("depth is 0 or more", where="punch_force", value=float(depths.min()))
-    nu = material.poisson_ratio
-    edge = block.edge_over_h if edge_radius_mm is None else edge_radius_mm / thickness_mm
-    ratio = stiffness_ratio(block, nu, alpha, depths.ravel() / thickness_mm).reshape(depths.shape)
-    force: Floats = material.youngs_modulus_MPa * thickness_mm * depths * hayes_stiffness(nu, alpha, edge) * ratio
-    return force
+    depth = np.asarray(depth_mm, dtype=float)
+    ratio, known = force_ratio(depth.ravel(), contact, material, table=table)
+    _demand(known, depth, contact, material, table)
+    h, nu = contact.thickness_mm, material.poisson_ratio
+    scale = material.youngs_modulus_MPa * h * hayes_stiffness(nu, contact.a_over_h, contact.edge_over_h)
+    return np.asarray(scale * (1 - _softening(contact, nu)) * depth * ratio.reshape(depth.shape))
+
+
+def force_ratio(
+    depth_mm: Floats, contact: FlatContact, material: Material, *, table: tables.Table | None = None
+) -> tuple[Floats, Bools]:
+    """P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
+    there = table or tables.shipped_table()
+    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
+    nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
+    places = there.axes.places(nu, alpha, depth_mm / contact.thickness_mm)
+    ratio, known = tables.stiffness_ratio(mixture, places)
+    return ratio, known & (depth_mm >= 0)
+
+
+def punch_reach(contact: FlatContact, material: Material, *, table: tables.Table | None = None) -> float:
+    """The greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
+    there = table or tables.shipped_table()
+    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
+    return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, contact.a_over_h)
 
 
 def punch_profile(
     depth_mm: float,
     r_mm: npt.ArrayLike,
-    *,
+    contact: FlatContact,
     material: Material,
-    radius_mm: float,
-    thickness_mm: float,
-    friction: float,
-    law: str = "neo-hooke",
+    *,
+    table: tables.Table | None = None,
 ) -> tuple[Floats, Floats]:
     """(u_z, u_r) in mm at the material radii `r_mm` beside the punch: u_z positive out of the gel, u_r outward.
 
-    The camera sees a point at r + u_r. Validity and errors as for punch_force; r from .03 to 3.5 thicknesses
-    beyond the punch's side.
+    The camera sees a point at r + u_r. From the punch's radius to 3.5 thicknesses beyond it; on a wide pad.
+    Raises InputError beyond the table in any direction.
     """
-    block, alpha = _place(law, friction, radius_mm, thickness_mm, None)
-    if not depth_mm >= 0:
-        raise InputError("depth is 0 or more", where="punch_profile", value=depth_mm)
+    there = table or tables.shipped_table()
     r = np.asarray(r_mm, dtype=float)
-    beside = (r.ravel() - radius_mm) / thickness_mm
-    u_r, u_z = profile_ratio(block, material.poisson_ratio, alpha, depth_mm / thickness_mm, beside)
-    return depth_mm * u_z.reshape(r.shape), depth_mm * u_r.reshape(r.shape)
+    _check_places(r, contact)
+    if not 0 <= depth_mm < contact.thickness_mm:
+        raise InputError("a depth lies in [0, thickness)", where="punch_profile", value=depth_mm)
+    case = PunchCase(material.poisson_ratio, contact.a_over_h, depth_mm / contact.thickness_mm)
+    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
+    values, known = surface_over_depth(r / contact.radius_mm, case, mixture)
+    _demand(np.array(known), np.asarray(depth_mm), contact, material, there)
+    return depth_mm * values[0], depth_mm * values[1]
 
 
-def _place(
-    law: str, friction: float, radius_mm: float, thickness_mm: float, edge_radius_mm: float | None
-) -> tuple[Block, float]:
-    if not (radius_mm > 0 and thickness_mm > 0):
-        raise InputError(
-            "radius and thickness lie above 0 mm", where="punch table", value=(radius_mm, thickness_mm)
-        )
-    edge = EDGE_OVER_H if edge_radius_mm is None else edge_radius_mm / thickness_mm
-    block = find_block(shipped_table(), law=law, friction=friction, edge_over_h=edge, pad_over_h=float("inf"))
-    return block, radius_mm / thickness_mm
+def surface_over_depth(r_over_a: Floats, case: PunchCase, mixture: tables.Mixture) -> tuple[Floats, bool]:
+    """Rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
+
+    Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5
+    thicknesses on the excess fades like the profile itself.
+    """
+    from scipy.interpolate import CubicSpline
+
+    axes = mixture[0][1].axes
+    place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
+    excess, known = tables.surface_excess(mixture, place)
+    beyond = (r_over_a - 1) * case.a_over_h
+    line = CubicSpline(np.sqrt(BESIDE), excess[0], axis=1)(np.sqrt(np.clip(beyond, 0, REACH)))
+    fading = np.exp(-np.maximum(beyond - REACH, 0))
+    return np.stack(linear_profile(r_over_a, case)) + fading * line, bool(known[0])
+
+
+def _softening(contact: FlatContact, poisson_ratio: float) -> float:
+    rim = contact.pad_radius_mm
+    if rim >= WIDE * contact.thickness_mm * (1 - SAME_PAD):
+        return 0.0
+    return float(
+        softening(rim - contact.radius_mm, radius_mm=contact.radius_mm, thickness_mm=contact.thickness_mm,
+                  poisson_ratio=min(poisson_ratio, 0.499))
+    )  # fmt: skip
+
+
+def _demand(
+    known: Bools, depth: Floats, contact: FlatContact, material: Material, table: tables.Table | None
+) -> None:
+    """Raise InputError unless all is known, with what the table holds here."""
+    if known.all():
+        return
+    axes = (table or tables.shipped_table()).axes
+    reach = punch_reach(contact, material, table=table)
+    nu, alpha = axes.poisson_ratios, axes.a_over_h
+    raise InputError(
+        "this lies beyond the table",
+        where="punch table",
+        value={"depth_mm": [float(depth.min()), float(depth.max())], "poisson_ratio": material.poisson_ratio,
+               "a_over_h": round(contact.a_over_h, 4)},
+        remedy=f"It holds nu {nu[0]:g} to {nu[-1]:g}, a/h {alpha[0]:g} to {alpha[-1]:g}, and for this contact "
+        f"depths to {reach:.3g} mm. Solve it with punch_fem.",
+    )  # fmt: skip
+
+
+def _check_places(r: Floats, contact: FlatContact) -> None:
+    beside = (r - contact.radius_mm) / contact.thickness_mm
+    if not (np.isfinite(beside).all() and beside.min() >= -1e-9 and beside.max() <= REACH + 1e-9):
+        raise InputError(f"(r - a)/h lies beyond the table, 0 to {REACH:g}", where="punch_profile",
+                         value=[float(beside.min()), float(beside.max())])  # fmt: skip

@@ -1,8 +1,9 @@
-"""Reading the table: the punch's force and the surface beside it, interpolated between solved cases.
+"""The table in memory and on disk: blocks of one law, friction and edge radius, and weights between them.
 
-What is interpolated is P/w over Hayes' P/w for the flat part of the face (radius a - edge), a number near 1, and
-u/w; so the steep dependence on nu and a/h is exact. Cubic through the four nearest nodes in nu, a/h, depth and
-place. Law, friction, edge and pad radius are those of a solved block: another is refused, never guessed.
+    P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
+
+S is a spline in nu, a/h and depth, cubic in mu/(mu + 1/4) and straight in (edge radius/h)^EDGE_POWER, from two
+tabulated radii on to the sharp limit. What lies in a cell of the grid that was not solved is not known.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,47 +20,69 @@ from typing import Any
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.files import replacing, write_json
+from tactilevision.mechanics.tables.blocks import Block
+from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
 from tactilevision.mechanics.tables.local import cubic_weights
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 SHIPPED = Path(__file__).with_name("punch.npz")
-EDGE_TOLERANCE = 0.1
-PAD_TOLERANCE = 0.1
+HALF_FRICTION = 0.25  # the friction that has half of the effect
+EDGE_POWER = 1.0
+Mixture = tuple[tuple[float, Block], ...]  # weights that add up to 1, and their blocks
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """One friction, law, edge and pad: axes and values over (nu, a/h, depth), and (..., place) for the profile.
-
-    `stiffness` is P/(E w h) over Hayes'; NaN where the solver did not reach.
-    """
-
-    law: str
-    friction: float
-    edge_over_h: float
-    pad_over_h: float
-    poisson_ratios: Floats
-    a_over_h: Floats
-    depths: Floats
-    beside: Floats
-    stiffness: Floats
-    u_r: Floats
-    u_z: Floats
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """All blocks, and the card: source, settings, errors, hash, date."""
+    """All blocks on one grid, and the card: source, settings, errors, hash, date."""
 
     blocks: tuple[Block, ...]
-    card: dict[str, Any]
+    card: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def axes(self) -> Axes:
+        """The grid."""
+        return self.blocks[0].axes
+
+    def mixture(self, law: str, friction: float, edge_over_h: float) -> Mixture:
+        """The blocks that surround a friction and an edge radius, with their weights.
+
+        Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
+        """
+        mine = {(block.friction, block.edge_over_h): block for block in self.blocks if block.law == law}
+        if not mine:
+            raise _absent("law", law, sorted({block.law for block in self.blocks}))
+        frictions, edges = (sorted({key[k] for key in mine}) for k in range(2))
+        if not frictions[0] <= friction <= frictions[-1]:
+            raise _absent("friction", friction, frictions)
+        if not 0 <= edge_over_h <= edges[-1] * (1 + 1e-9) or (len(edges) == 1 and edge_over_h != edges[0]):
+            raise _absent("edge radius over thickness", edge_over_h, edges)
+        by_friction = _weights([_friction_place(mu) for mu in frictions], _friction_place(friction))
+        by_edge = _weights([edge**EDGE_POWER for edge in edges], edge_over_h**EDGE_POWER)
+        weights = {
+            (mu, edge): float(p * q)
+            for p, mu in zip(by_friction, frictions, strict=True)
+            for q, edge in zip(by_edge, edges, strict=True)
+            if p * q
+        }
+        if not weights.keys() <= mine.keys():
+            raise _absent("friction at this edge radius", (friction, edge_over_h), sorted(mine))
+        return tuple((weight, mine[key]) for key, weight in weights.items())
 
 
-def hayes_stiffness(poisson_ratio: float, a_over_h: float, edge_over_h: float) -> float:
-    """P/(E w h) of the flat part of the face, frictionless, w -> 0: 2 alpha kappa(nu, alpha) / (1 - nu^2)."""
-    flat = a_over_h - edge_over_h
-    return float(2 * flat * fast_kappa(poisson_ratio, flat) / (1 - poisson_ratio**2))
+def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
+    """S (N,) at stretched places (N, 3) of the grid, and where it is known."""
+    return _mixed(mixture, [_stiffness(block) for _, block in mixture], places)
+
+
+def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
+    """Rise and u_r over w (N, 2, places beside the punch) beyond linear theory's, and where it is known (N,)."""
+    return _mixed(mixture, [_surface(block) for _, block in mixture], places)
+
+
+def reach(mixture: Mixture, poisson_ratio: float, a_over_h: float) -> float:
+    """The greatest w/h that all blocks know here; 0 off the grid."""
+    return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, block in mixture)
 
 
 @lru_cache(maxsize=1)
@@ -74,83 +98,74 @@ def read_table(path: Path) -> Table:
         raise InputError("the table is not the one that its card describes", where=path,
                          remedy="Install the package again, or tabulate anew.")  # fmt: skip
     with np.load(path, allow_pickle=False) as data:
-        blocks = tuple(_block(number, about, data) for number, about in enumerate(card["blocks"]))
-    return Table(blocks, card)
-
-
-def find_block(table: Table, *, law: str, friction: float, edge_over_h: float, pad_over_h: float) -> Block:
-    """The block solved for these. Pads beyond the solved one count as it; edges within a tenth of it.
-
-    Raises InputError that lists what there is.
-    """
-    for block in sorted(table.blocks, key=lambda b: -b.pad_over_h):
-        same = block.law == law and (block.friction == friction or math.isclose(block.friction, friction))
-        near = abs(edge_over_h / block.edge_over_h - 1) <= EDGE_TOLERANCE
-        if same and near and pad_over_h >= block.pad_over_h * (1 - PAD_TOLERANCE):
-            return block
-    there = sorted({(b.law, b.friction, round(b.edge_over_h, 4), b.pad_over_h) for b in table.blocks})
-    raise InputError(
-        "the table holds no such law, friction, edge radius/h and pad radius/h",
-        where="punch table",
-        value=(law, friction, round(edge_over_h, 4), round(pad_over_h, 3)),
-        remedy=f"It holds {there}; solve others with punch_fem, or tabulate them.",
+        axes = Axes(data["poisson_ratios"], data["a_over_h"], data["depths"])
+        values = [(data[f"stiffness_{k}"].astype(float), data[f"surface_{k}"].astype(float))
+                  for k in range(len(card["blocks"]))]  # fmt: skip
+    return Table(
+        tuple(_block(about, axes, *pair) for about, pair in zip(card["blocks"], values, strict=True)), card
     )
 
 
-def stiffness_ratio(block: Block, poisson_ratio: float, a_over_h: float, depths: Floats) -> Floats:
-    """P/w over Hayes' (T,) at w/h `depths`; constant below the first depth solved."""
-    grid = _between(block, block.stiffness, poisson_ratio, a_over_h)
-    return _along(block, grid, np.maximum(depths, block.depths[0]))
+def write_table(path: Path, blocks: Sequence[Block], notes: dict[str, Any]) -> None:
+    """Write PATH (.npz) and its card (.json); `notes` go into the card."""
+    axes = blocks[0].axes
+    arrays: dict[str, Any] = {
+        "poisson_ratios": axes.poisson_ratios, "a_over_h": axes.a_over_h, "depths": axes.depths,
+    }  # fmt: skip
+    for number, block in enumerate(blocks):
+        arrays[f"stiffness_{number}"] = block.stiffness.astype(np.float32)
+        arrays[f"surface_{number}"] = block.surface.astype(np.float16)
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+    content = {
+        "blocks": [_about(block) for block in blocks],
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+    }
+    write_json(path.with_suffix(".json"), notes | content)
 
 
-def profile_ratio(
-    block: Block, poisson_ratio: float, a_over_h: float, depth: float, beside: Floats
-) -> tuple[Floats, Floats]:
-    """(u_r/w, u_z/w) (B,) at depth w/h and (r - a)/h `beside`."""
-    check_inside(beside, block.beside, "(r - a)/h")
-    weights = cubic_weights(block.beside, beside)
-    deep = np.maximum(np.array([depth]), block.depths[0])
-    values = [_between(block, u, poisson_ratio, a_over_h) @ weights.T for u in (block.u_r, block.u_z)]
-    return _along(block, values[0], deep)[0], _along(block, values[1], deep)[0]
+@lru_cache(maxsize=64)
+def _stiffness(block: Block) -> HoledSpline:
+    return fit_grid(block.axes, block.stiffness)
 
 
-def check_inside(values: Floats, axis: Floats, name: str) -> None:
-    """Raise InputError unless all `values` lie on the axis; nothing is extrapolated."""
-    slack = 1e-9 * axis[-1]
-    if not (np.isfinite(values).all() and values.min() >= axis[0] - slack and values.max() <= axis[-1] + slack):
-        raise InputError(
-            f"{name} lies beyond the table, {axis[0]:g} to {axis[-1]:g}",
-            where="punch table",
-            value=[float(np.min(values)), float(np.max(values))],
-            remedy="Solve it with punch_fem.",
-        )
+@lru_cache(maxsize=64)
+def _surface(block: Block) -> HoledSpline:
+    return fit_grid(block.axes, block.surface)
 
 
-def _between(block: Block, values: Floats, poisson_ratio: float, a_over_h: float) -> Floats:
-    """`values` (nu, a/h, ...) at one material and punch, by nu and ln(a/h); NaN of far nodes left out."""
-    check_inside(np.array([poisson_ratio]), block.poisson_ratios, "Poisson's ratio")
-    check_inside(np.array([a_over_h]), block.a_over_h, "a/h")
-    along_nu = cubic_weights(block.poisson_ratios, np.array([poisson_ratio]))[0]
-    along_a = cubic_weights(np.log(block.a_over_h), np.log([a_over_h]))[0]
-    near_nu, near_a = np.flatnonzero(along_nu), np.flatnonzero(along_a)
-    weights = np.outer(along_nu[near_nu], along_a[near_a])
-    found: Floats = np.tensordot(weights, values[np.ix_(near_nu, near_a)], axes=2)
-    return found
+def _mixed(mixture: Mixture, splines: Sequence[HoledSpline], places: Floats) -> tuple[Floats, Bools]:
+    values = sum(weight * spline(places) for (weight, _), spline in zip(mixture, splines, strict=True))
+    known = np.all([spline.inside(places) for spline in splines], axis=0)
+    return np.asarray(values), np.asarray(known)
 
 
-def _along(block: Block, values: Floats, depths: Floats) -> Floats:
-    """`values` (D, ...) of all depths, at `depths` (T,); refuses depths that a neighbour was not solved at."""
-    reached = int(np.isfinite(values.reshape(len(values), -1)).all(axis=1).sum())
-    axis = block.depths[:reached]
-    check_inside(depths, axis, "for this nu and a/h, depth/thickness")
-    found: Floats = np.tensordot(cubic_weights(np.sqrt(axis), np.sqrt(depths)), values[:reached], axes=1)
-    return found
+def _weights(nodes: Sequence[float], at: float) -> Floats:
+    return cubic_weights(np.array(nodes), np.array([at]))[0] if len(nodes) > 1 else np.ones(1)
 
 
-def _block(number: int, about: dict[str, Any], data: Any) -> Block:
-    arrays = {key: data[f"{key}_{number}"].astype(float) for key in ARRAYS}
+def _friction_place(friction: float) -> float:
+    """mu -> [0, 1), no slip -> 1: what friction does is smooth in this."""
+    return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)
+
+
+def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
+    return InputError(f"the table holds no such {what}", where="punch table", value=value,
+                      remedy=f"It holds {', '.join(map(str, there))}; solve others with punch_fem.")  # fmt: skip
+
+
+def _block(about: dict[str, Any], axes: Axes, stiffness: Floats, surface: Floats) -> Block:
     friction = math.inf if about["friction"] is None else float(about["friction"])
-    return Block(about["law"], friction, about["edge_over_h"], about["pad_over_h"], **arrays)
+    return Block(about["law"], friction, about["edge_over_h"], axes, stiffness, surface, about["solved_nodes"])
 
 
-ARRAYS = ("poisson_ratios", "a_over_h", "depths", "beside", "stiffness", "u_r", "u_z")
+def _about(block: Block) -> dict[str, Any]:
+    reached = np.isfinite(block.stiffness).sum(axis=-1) - 1
+    return {
+        "law": block.law,
+        "friction": None if math.isinf(block.friction) else block.friction,
+        "edge_over_h": block.edge_over_h,
+        "solved_nodes": block.nodes,
+        "least_reach": float(block.axes.depths[reached.min()]),
+        "greatest_reach": float(block.axes.depths[reached.max()]),
+    }

@@ -2,46 +2,128 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import wait
 from pathlib import Path
+from time import monotonic
 
-from tactilevision.mechanics.tables.cases import DEPTHS, Case, case_path, save_case, solve_case
+from tactilevision.errors import InputError
+from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case, solve_case
 
-Report = Callable[[Case, float, bool], None]
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is: `done` of `total` cases stand in the folder, of them `now` solved by this run, the last of
+    them `case`, as deep as `depth` (w/h); `left_s` is an estimate of the time that the rest takes."""
+
+    done: int
+    total: int
+    now: int
+    case: Case
+    depth: float
+    left_s: float
+
+
+Report = Callable[[Progress], None]
 
 
 def tabulate(
-    cases: Iterable[Case], folder: Path | str, *, processes: int = 1, report: Report | None = None
+    cases: Iterable[Case], folder: Path | str, *, workers: Executor | None = None, report: Report | None = None
 ) -> int:
     """Solve every case that `folder` does not hold yet; returns how many were solved now.
 
-    A case is written under a temporary name and renamed, so that a run that is killed loses only what it was at,
-    and several runs may share a folder. `report` is told each case, the depth w/h that it reached, and whether
-    that is all. With one process nothing is forked.
+    A case is written under a temporary name and renamed: a run that is killed loses only what it was at. Without
+    `workers` (see `processes`, `cluster`) the cases are solved one by one, here.
     """
-    place = Path(folder)
-    missing = [case for case in cases if not case_path(place, case).exists()]
-    if processes <= 1:
-        for case in missing:
-            _tell(report, case, solve_into(case, place))
-        return len(missing)
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-
-    with ProcessPoolExecutor(processes) as pool:
-        waiting = {pool.submit(solve_into, case, place): case for case in missing}
-        for done in as_completed(waiting):
-            _tell(report, waiting[done], done.result())
+    place, every = Path(folder), list(cases)
+    missing = [case for case in every if not case_path(place, case).exists()]
+    clock = _Clock(len(every), missing)
+    for case, solved in _solved(missing, workers):
+        save_case(case_path(place, case), solved)
+        if report is not None:
+            report(clock.tick(case, solved.reached))
     return len(missing)
 
 
-def solve_into(case: Case, folder: Path) -> float:
-    """Solve one case and keep it in `folder`, if nobody else has meanwhile; returns the depth w/h reached."""
-    path = case_path(folder, case)
-    solved = solve_case(case)
-    save_case(path, solved)
-    return float(solved.depth[-1]) if len(solved.depth) else 0.0
+@contextmanager
+def processes(count: int | None = None) -> Iterator[Executor]:
+    """So many processes on this machine, all its cores where none is said; they end with their parent."""
+    many = count or len(os.sched_getaffinity(0))
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(many, context, initializer=_watch_parent) as pool:
+        yield pool
 
 
-def _tell(report: Report | None, case: Case, depth: float) -> None:
-    if report is not None:
-        report(case, depth, depth >= DEPTHS[-1] * (1 - 1e-9))
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask scheduler that runs already; they need this library, but no shared disk.
+
+    Raises InputError where dask.distributed is not installed, or nobody answers at `address`.
+    """
+    try:
+        from distributed import Client
+    except ImportError as fault:
+        remedy = "pip install 'tactilevision[cluster]', or leave --scheduler out."
+        what = "a cluster needs dask.distributed, which is not installed"
+        raise InputError(what, where="--scheduler", remedy=remedy) from fault
+    try:
+        client = Client(address, timeout="20s")
+    except (OSError, ValueError) as fault:
+        raise InputError("no Dask scheduler answers", where="--scheduler", value=address,
+                         remedy="Start one with: dask scheduler") from fault  # fmt: skip
+    with client, client.get_executor(retries=2) as pool:
+        yield pool
+
+
+def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Case, SolvedCase]]:
+    if workers is None:
+        for case in missing:
+            yield case, solve_case(case)
+        return
+    waiting = {workers.submit(solve_case, case): case for case in missing}
+    try:
+        for done in as_completed(waiting):
+            yield waiting[done], done.result()
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+class _Clock:
+    """Estimates the remaining time from the effort that cases of a kind usually need."""
+
+    def __init__(self, total: int, missing: list[Case]) -> None:
+        self.total, self.left, self.now = total, sum(map(effort, missing)), 0
+        self.started, self.spent, self.standing = monotonic(), 0.0, total - len(missing)
+
+    def tick(self, case: Case, depth: float) -> Progress:
+        """One more case is solved."""
+        self.now += 1
+        self.spent += effort(case)
+        self.left -= effort(case)
+        left_s = (monotonic() - self.started) / self.spent * self.left
+        return Progress(self.standing + self.now, self.total, self.now, case, depth, max(left_s, 0.0))
+
+
+def effort(case: Case) -> float:
+    """About how long a case takes beside one of some friction at an edge radius of h/60."""
+    sliding = 3.0 if case.friction == 0 else 1.0
+    return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)
+
+
+def _watch_parent() -> None:
+    """A killed parent cannot end its workers: each watches for itself."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)

@@ -1,0 +1,48 @@
+"""A flat punch on a bonded gel pad, as a record that tables and solvers share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.errors import InputError
+
+WIDE = 5.0  # thicknesses: a pad that reaches farther acts as an unbounded one
+
+
+@dataclass(frozen=True, slots=True)
+class FlatContact:
+    """A cylinder of `radius_mm` whose face ends in a quarter circle of `edge_radius_mm` (0: sharp), on a gel disc.
+
+    `friction` is Coulomb's, inf for no slip; `law` the gel's, by its name. Raises InputError for what cannot be.
+    """
+
+    radius_mm: float
+    edge_radius_mm: float
+    thickness_mm: float
+    friction: float
+    law: str = "neo-hooke"
+    pad_radius_mm: float = float("inf")
+
+    def __post_init__(self) -> None:
+        sizes = (self.radius_mm, self.edge_radius_mm, self.thickness_mm)
+        sound = np.isfinite(sizes).all() and self.thickness_mm > 0 and 0 <= self.edge_radius_mm < self.radius_mm
+        if not sound:
+            raise InputError("radius and thickness lie above 0 mm, the edge's radius in [0, radius)",
+                             where="FlatContact", value=sizes)  # fmt: skip
+        if not self.radius_mm < self.pad_radius_mm:
+            raise InputError("the punch is as wide as the gel pad", where="FlatContact", value=self.radius_mm,
+                             remedy=f"The pad reaches {self.pad_radius_mm:g} mm from its centre.")  # fmt: skip
+        if not self.friction >= 0:
+            raise InputError("friction is 0 or more, inf for no slip", where="FlatContact", value=self.friction)
+
+    @property
+    def a_over_h(self) -> float:
+        """Radius over thickness."""
+        return self.radius_mm / self.thickness_mm
+
+    @property
+    def edge_over_h(self) -> float:
+        """Edge radius over thickness."""
+        return self.edge_radius_mm / self.thickness_mm

@@ -1,0 +1,105 @@
+"""Force against depth of a flat punch, P(w), as finite elements have it: from the table, else solved on the spot.
+
+Between solved depths P/w is a spline in sqrt(w), which the first touch of a rounded edge is smooth in. Nothing is
+extrapolated: beyond the deepest equilibrium force and depth are NaN, and `ended` says why there is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.mechanics.flat_contact import WIDE, FlatContact
+from tactilevision.mechanics.tables.cases import DEPTHS, Case, solve_case
+from tactilevision.mechanics.tables.punch import punch_force, punch_reach
+from tactilevision.records import Floats, Material
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+GRID = 400
+
+
+@dataclass(frozen=True, slots=True)
+class PunchCurve:
+    """`depth_mm`, `force_N` (T,) growing; `source` says where they come from, `ended` why they end, if early."""
+
+    depth_mm: Floats
+    force_N: Floats
+    source: Literal["table", "solved"]
+    ended: str = ""
+
+    def force_at(self, depth_mm: npt.ArrayLike) -> Floats:
+        """Force (N) at depths of any shape; NaN beyond the curve."""
+        depth = np.asarray(depth_mm, dtype=float)
+        inside = (depth >= 0) & (depth <= self.depth_mm[-1] * (1 + 1e-9))
+        held = np.clip(
+            depth, self.depth_mm[0], self.depth_mm[-1]
+        )  # below the first depth P/w is taken as constant
+        return np.asarray(np.where(inside, depth * self._secant()(np.sqrt(held)), np.nan))
+
+    def depth_at(self, force_N: npt.ArrayLike) -> Floats:
+        """Depth (mm) at forces of any shape; NaN beyond the curve."""
+        force = np.asarray(force_N, dtype=float)
+        depths = np.linspace(0, 1, GRID) ** 2 * self.depth_mm[-1]
+        forces = self.force_at(depths)
+        inside = (force >= 0) & (force <= forces[-1] * (1 + 1e-9))
+        return np.asarray(np.where(inside, np.interp(force, forces, depths), np.nan))
+
+    def _secant(self) -> BSpline:
+        from scipy.interpolate import make_interp_spline
+
+        order = min(3, self.depth_mm.size - 1)
+        return make_interp_spline(np.sqrt(self.depth_mm), self.force_N / self.depth_mm, k=order)
+
+
+def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
+    """P(w) on first loading to `deepest_mm`, or as deep as the elements get.
+
+    Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
+    """
+    if not 0 < deepest_mm < contact.thickness_mm:
+        raise InputError("a depth lies in (0, thickness)", where="punch_curve", value=deepest_mm,
+                         remedy=f"The gel is {contact.thickness_mm:g} mm thick.")  # fmt: skip
+    kept = tabulated_curve(contact, material, deepest_mm)
+    if kept is not None and not kept.ended:
+        return kept
+    return _solved(contact, material, deepest_mm)
+
+
+def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:
+    """P(w) to `deepest_mm` or as deep as the table goes; None where it holds no such contact or material."""
+    try:
+        reach = punch_reach(contact, material)
+        depths = np.linspace(0.05, 1, 24) ** 2 * min(deepest_mm, reach)
+        if reach <= 0:
+            return None
+        ended = "" if reach >= deepest_mm * (1 - 1e-9) else "the table ends here"
+        return PunchCurve(depths, punch_force(depths, contact, material), "table", ended)
+    except InputError:
+        return None
+
+
+def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
+    h = contact.thickness_mm
+    if not contact.edge_radius_mm > 0:
+        raise InputError("a sharp edge has no solution of its own beyond small depths", where="punch_curve",
+                         remedy="State an edge radius, say a sixtieth of the gel's thickness.")  # fmt: skip
+    case = Case(
+        law=contact.law,
+        friction=contact.friction,
+        edge_over_h=contact.edge_over_h,
+        pad_over_h=min(contact.pad_radius_mm / h, contact.a_over_h + WIDE),
+        poisson_ratio=material.poisson_ratio,
+        a_over_h=contact.a_over_h,
+    )
+    deepest = deepest_mm / h
+    found = solve_case(case, (*(d for d in DEPTHS if d < deepest * (1 - 1e-9)), deepest))
+    if not found.depth.size:
+        raise ConvergenceError(f"punch_curve: no equilibrium was found at first touch ({found.ended})")
+    force = found.force * found.depth * material.youngs_modulus_MPa * h**2
+    return PunchCurve(found.depth * h, force, "solved", found.ended)

@@ -1,0 +1,110 @@
+"""A smooth function of nu, a/h and w/h that is known at most nodes of a grid: cubic splines that know their holes.
+
+The splines run over nu, ln(a/h) and sqrt(w/h), in which what is tabulated is smooth. Where the solver did not get
+deep enough the values are continued along depth by a straight line, so that the splines have something to stand
+on; what lies in a cell with such a corner is marked as not known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.records import Bools, Floats
+
+if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """The nodes: `poisson_ratios`, `a_over_h`, `depths` (w/h), ascending."""
+
+    poisson_ratios: Floats
+    a_over_h: Floats
+    depths: Floats
+
+    @property
+    def stretched(self) -> tuple[Floats, Floats, Floats]:
+        """The coordinates that the splines run over."""
+        return self.poisson_ratios, np.log(self.a_over_h), np.sqrt(self.depths)
+
+    def places(self, poisson_ratio: Floats, a_over_h: Floats, depths: Floats) -> Floats:
+        """(N, 3) stretched coordinates; depths below the first node count as that."""
+        deep = np.sqrt(np.maximum(depths, self.depths[0]))
+        return np.stack(np.broadcast_arrays(poisson_ratio, np.log(a_over_h), deep), axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoledSpline:
+    """The function; `known` (cells of the grid) is True where all corners were solved."""
+
+    axes: Axes
+    known: Bools
+    spline: NdBSpline
+
+    def __call__(self, places: Floats) -> Floats:
+        """Values (N, ...) at stretched places (N, 3), continued where they are not known."""
+        return np.asarray(self.spline(places), dtype=float)
+
+    def inside(self, places: Floats) -> Bools:
+        """True (N,) where a place lies on the grid and in a cell that was solved."""
+        cells, on_grid = [], np.ones(len(places), dtype=bool)
+        for k, nodes in enumerate(self.axes.stretched):
+            slack = 1e-9 * (nodes[-1] - nodes[0])
+            on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
+            # a place on a node belongs to the cell below it: a depth that was just reached is known
+            cells.append(np.clip(np.searchsorted(nodes + slack, places[:, k]) - 1, 0, len(nodes) - 2))
+        return on_grid & np.asarray(self.known[tuple(cells)])
+
+    def reach(self, poisson_ratio: float, a_over_h: float) -> float:
+        """The greatest w/h that is known at this nu and a/h; 0 off the grid."""
+        depths = self.axes.depths
+        inside = self.inside(self.axes.places(np.array(poisson_ratio), np.array(a_over_h), depths))
+        return float(depths[np.argmin(inside) - 1 if not inside.all() else -1]) if inside[:2].all() else 0.0
+
+
+def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
+    """The spline through `values` (nu, a/h, depth, ...); NaN from some depth on means not solved.
+
+    At least two depths must be known everywhere.
+    """
+    from scipy.interpolate import NdBSpline, make_interp_spline
+
+    known, whole = solved_nodes(values), continued(axes.depths, values)
+    knots, orders = [], []
+    for k, nodes in enumerate(axes.stretched):
+        order = min(3, len(nodes) - 1)
+        line = make_interp_spline(nodes, np.moveaxis(whole, k, 0), k=order)
+        whole = np.moveaxis(line.c, 0, k)
+        knots.append(line.t)
+        orders.append(order)
+    return HoledSpline(axes, _cells(known), NdBSpline(tuple(knots), whole, tuple(orders)))
+
+
+def solved_nodes(values: Floats) -> Bools:
+    """True (nu, a/h, depth) where nothing is NaN."""
+    return np.asarray(np.isfinite(values.reshape(*values.shape[:3], -1)).all(axis=-1))
+
+
+def continued(depths: Floats, values: Floats) -> Floats:
+    """`values` (nu, a/h, depth, ...) with what is missing at depth on the straight line of the last two known."""
+    whole = values.copy()
+    known = solved_nodes(values)
+    for at in zip(*np.nonzero(~known.all(axis=-1)), strict=True):
+        last = int(known[at].sum()) - 1
+        slope = (whole[at][last] - whole[at][last - 1]) / (depths[last] - depths[last - 1])
+        further = (depths[last + 1 :] - depths[last]).reshape(-1, *[1] * slope.ndim)
+        whole[at][last + 1 :] = whole[at][last] + further * slope
+    return whole
+
+
+def _cells(known: Bools) -> Bools:
+    """From nodes to the cells of which all eight corners are known."""
+    for axis in range(3):
+        low = np.take(known, range(known.shape[axis] - 1), axis=axis)
+        high = np.take(known, range(1, known.shape[axis]), axis=axis)
+        known = np.asarray(low & high)
+    return known

@@ -1,0 +1,59 @@
+"""The tabulated surface beside a punch as a ProfileModel: what the fits of nu and the certificate read.
+
+The mechanics under test reads this table; the synthetic gel draws its truth from sources of its own
+(synthetic/profile.py), so that no error of the table cancels there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.profile import ProfileModel, PunchCase
+from tactilevision.mechanics.tables.punch import surface_over_depth
+from tactilevision.mechanics.tables.table import shipped_table
+from tactilevision.records import Floats
+
+EDGE_OVER_H = 1 / 60
+POISSON_RANGE, A_OVER_H_RANGE, DEEPEST = (0.3, 0.4999), (0.2, 1.5), 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class TableProfile:
+    """A ProfileSource for one law and edge radius; friction comes with the case.
+
+    Deeper than the solver got (w/h of .08 to .25, see the list of cases) the surface over the depth goes on along
+    the straight line of its last two depths. Raises InputError off the grid of nu, a/h and w/h <= .25.
+    """
+
+    law: str = "neo-hooke"
+    edge_over_h: float = EDGE_OVER_H
+
+    def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
+        """Rise and u_r per unit of depth at r/a >= 1 (any shape)."""
+        for what, value, (low, high) in (
+            ("Poisson's ratio", case.poisson_ratio, POISSON_RANGE),
+            ("a/h", case.a_over_h, A_OVER_H_RANGE),
+            ("w/h", case.w_over_h, (0.0, DEEPEST)),
+        ):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise InputError(f"the table of profiles has {what} in [{low:g}, {high:g}]", where="TableProfile",
+                                 value=value)  # fmt: skip
+        if not (r_over_a >= 1).all():
+            raise InputError("the profile beside the punch begins at r = a", where="TableProfile")
+        mixture = shipped_table().mixture(self.law, case.friction, self.edge_over_h)
+        (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture)
+        return rise, outward
+
+
+TABULATED = ProfileModel(
+    TableProfile(),
+    "finite elements: neo-Hooke, friction 0 to no slip, edge radius h/60",
+    relative_error=0.03,
+    frictional=True,
+    poisson_range=POISSON_RANGE,
+    a_over_h_range=A_OVER_H_RANGE,
+    deepest=DEEPEST,
+)

@@ -1,0 +1,180 @@
+"""Finite elements against measurements: the printed figures, the trend's test, and what cannot be told."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import validate as method
+from calibration.calibrate import observe
+from calibration.data import Measured, Observations
+from calibration.trend import find_trend
+from calibration.validate import Validation, representative, validate
+from calibration.validation_report import as_json, statements, table
+from tactilevision.cli import main
+from tactilevision.errors import InputError
+from tactilevision.mechanics.flat_contact import FlatContact
+from tactilevision.mechanics.punch_curve import PunchCurve
+from tactilevision.recording import read_recording
+from tactilevision.records import Floats, Material
+
+ROOT = Path(__file__).parents[2]
+PAPER = ROOT / "sample_frames" / "paper_points"
+PAPERS = Material(0.1981, 0.4797)
+
+
+def papers_points() -> Observations:
+    recording = read_recording(PAPER)
+    return observe([Measured(recording, recording.points)])
+
+
+def known_curve(stiffening: float, ends_mm: float = math.inf) -> object:
+    """A stand-in for finite elements: P = 3.4943 w (1 + stiffening w / 3)."""
+
+    def curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
+        depth = np.linspace(0.01, min(deepest_mm, ends_mm), 60)
+        ended = "the surface folds" if deepest_mm > ends_mm else ""
+        return PunchCurve(depth, 3.4943 * depth * (1 + stiffening * depth / 3), "solved", ended)
+
+    return curve
+
+
+def compare(monkeypatch: pytest.MonkeyPatch, curve: object) -> Validation:
+    monkeypatch.setattr(method, "punch_curve", curve)
+    monkeypatch.setattr(method, "tabulated_curve", lambda *_: None)
+    return validate(papers_points(), PAPERS, laws=("neo-hooke",), frictions=(0.3,))
+
+
+def test_the_papers_depth_errors_at_friction_03() -> None:
+    """.2 3.0 4.6 5.9 7.0 % (NGSolve, whose force is .4 to .7 % below ours: as much in depth)."""
+    found = validate(papers_points(), PAPERS, laws=("neo-hooke",), frictions=(0.3,))
+    (one,) = found.comparisons
+    np.testing.assert_allclose(100 * one.depth_error, [0.2, 3.0, 4.6, 5.9, 7.0], atol=0.9)
+    assert np.all(np.diff(one.depth_error) > 0)
+    assert one.depth_trend.found
+    assert one.force_trend.found
+    said = " ".join(statements(found))
+    assert "grows with depth" in said
+    assert "does not prove Poisson's ratio" in said
+
+
+def test_a_law_that_fits_leaves_no_error_and_no_trend(monkeypatch: pytest.MonkeyPatch) -> None:
+    (one,) = compare(monkeypatch, known_curve(1.5071)).comparisons
+    np.testing.assert_allclose(one.depth_error, 0, atol=1e-4)
+    np.testing.assert_allclose(one.force_error, 0, atol=1e-4)
+    assert "no trend" in next(iter(statements(compare(monkeypatch, known_curve(1.5071)))))
+
+
+def test_equal_force_and_equal_depth_are_inverse_to_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = compare(monkeypatch, known_curve(0.8))
+    (one,) = found.comparisons
+    forces = 3.4943 * one.fem_depth_mm * (1 + 0.8 * one.fem_depth_mm / 3)
+    np.testing.assert_allclose(forces, found.samples.force_N, rtol=1e-4)
+    assert np.all(one.depth_error[1:] > 0)
+    assert np.all(one.force_error[1:] < 0)
+
+
+def test_what_the_elements_do_not_reach_is_flagged_never_filled(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = compare(monkeypatch, known_curve(1.0, ends_mm=0.42))
+    content = as_json(found)
+    rows = content["models"][0]["points"]
+    assert [row["depth_error"] is None for row in rows] == [False, False, True, True, True]
+    assert [row["force_error"] is None for row in rows] == [False, False, False, True, True]
+    assert "folds" in rows[4]["why"]
+    assert "beyond what the elements reach" in " ".join(content["statements"])
+    assert table(found, "neo-hooke")[-1].split()[-1] == "-"
+    json.dumps(content, allow_nan=False)
+
+
+def test_a_trend_is_told_from_scatter() -> None:
+    depth = np.linspace(0.1, 0.6, 12)
+    rng = np.random.default_rng(2)
+    hits = [find_trend(depth, 0.03 + 0.01 * rng.normal(size=12)).found for _ in range(400)]
+    assert sum(hits) <= 12  # 1 % of 400, and three standard deviations more
+    grown = find_trend(depth, 0.1 * depth + 0.005 * rng.normal(size=12))
+    assert grown.found
+    low, high = grown.interval95 or (0, 0)
+    assert low < 0.05 < high
+
+
+@pytest.mark.parametrize("depth", [np.array([0.3, 0.3, 0.3, 0.3]), np.array([0.1, 0.4, 0.4]), np.array([0.2])])
+def test_few_depths_cannot_tell_a_trend(depth: Floats) -> None:
+    trend = find_trend(depth, 0.02 * depth)
+    assert trend.p_value is None
+    assert not trend.found
+    assert "cannot be told" in trend.why
+
+
+@pytest.mark.parametrize(
+    ("modulus", "nu"), [(-0.2, 0.48), (0.0, 0.48), (math.nan, 0.48), (0.2, 0.5), (0.2, -0.1), (0.2, math.nan)]
+)
+def test_impossible_materials_are_refused(modulus: float, nu: float) -> None:
+    with pytest.raises(InputError):
+        validate(papers_points(), Material(modulus, nu), frictions=(0.3,))
+
+
+def recording_of(folder: Path, points: str, *, gel: str = "thickness_mm = 3.0\nradius_mm = 15.0") -> Path:
+    settings = (PAPER / "recording.toml").read_text().split("[sensor.gel]")[0]
+    punch = '[indenter.A]\nshape = "flat_cylinder"\nradius_mm = 2.5'
+    (folder / "recording.toml").write_text(f'{settings}\n[sensor.gel]\nshape = "disc"\n{gel}\n{punch}\n')
+    rows = [f"{k},A,{row}" for k, row in enumerate(points.split())]
+    (folder / "points.csv").write_text("\n".join(["press,indenter,depth_mm,fz_N", *rows]) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("points", "gel", "said"),
+    [
+        ("0.2,1.2 0.4,0.9 0.5,0.4", "thickness_mm = 3.0\nradius_mm = 15.0", "force falls as the depth grows"),
+        ("0.2,0.7 0.4,1.5", "thickness_mm = 3.0\nradius_mm = 2.4", "as wide as the gel pad"),
+        ("0.2,0.7 3.4,15", "thickness_mm = 3.0\nradius_mm = 15.0", "thick"),
+        ("0.3,1.1", "thickness_mm = 3.0\nradius_mm = 15.0", "one depth"),
+        ("0.3,1.1 0.3,1.1", "thickness_mm = 3.0\nradius_mm = 15.0", "one depth"),
+        ("0.2,-0.7 0.4,-1.5", "thickness_mm = 3.0\nradius_mm = 15.0", "above 0 N"),
+    ],
+)
+def test_bad_measurements_are_one_clear_message(
+    points: str, gel: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / "m.json").write_text(json.dumps({"youngs_modulus_MPa": 0.2, "poisson_ratio": 0.48}))
+    path = recording_of(tmp_path, points, gel=gel)
+    arguments = ["validate", path, "--calibration", tmp_path / "m.json", "--out", tmp_path / "out"]
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
+    assert main() == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out" / "validation.json").exists()
+
+
+def test_two_depths_are_compared_but_tell_no_trend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = read_recording(recording_of(tmp_path, "0.3,1.2 0.5,2.1"))
+    monkeypatch.setattr(method, "punch_curve", known_curve(1.0))
+    monkeypatch.setattr(method, "tabulated_curve", lambda *_: None)
+    found = validate(observe([Measured(recording, recording.points)]), PAPERS, laws=("hencky",), frictions=(0.0,))
+    assert "cannot be told" in next(iter(statements(found)))
+    assert as_json(found)["models"][0]["depth_trend"]["found"] is None
+
+
+def test_curves_are_compared_while_the_punch_moves_in() -> None:
+    depth = np.concatenate([np.linspace(-0.05, 0.5, 60), np.full(20, 0.5), np.linspace(0.5, 0, 40)])
+    data = papers_points().take([0])
+    rows = depth.size
+    curves = data.samples(np.ones(1, dtype=bool))
+    force = np.where(np.arange(rows) < 60, 3.5 * np.maximum(depth, 0), 9.0)
+    phase = np.array(["load"] * 60 + ["hold"] * 20 + ["unload"] * 40)
+    from dataclasses import replace
+
+    curves = replace(
+        curves, press=np.zeros(rows, dtype=np.int64), time_s=np.arange(float(rows)), depth_mm=depth,
+        force_N=np.column_stack([np.zeros((rows, 2)), force]), phase=phase, temperature_C=np.full(rows, np.nan),
+        depth_std_mm=np.full(rows, np.nan), force_std_N=np.full(rows, np.nan), reconstructed_mm=None,
+    )  # fmt: skip
+    samples = representative(curves)
+    assert samples.depth_mm.size == method.LEVELS - 1
+    np.testing.assert_allclose(samples.force_N, 3.5 * samples.depth_mm, rtol=1e-12)
+    assert samples.depth_mm.min() > 0.05

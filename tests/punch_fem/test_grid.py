@@ -1,0 +1,124 @@
+"""Splines with holes, blocks that are carried, the table on disk: on made-up cases, without finite elements."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_tables import made_up
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.tables.blocks import build_blocks
+from tactilevision.mechanics.tables.cases import DEPTHS, Case, Grid, SolvedCase
+from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
+from tactilevision.mechanics.tables.local import cubic_weights
+from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, write_table
+from tactilevision.records import Floats
+
+AXES = Axes(np.array([0.3, 0.4, 0.45, 0.48, 0.4999]), np.array([0.2, 0.4, 0.7, 1.1, 1.5]), np.array(DEPTHS))
+FINE, COARSE = Grid().poisson_ratios, (0.3, 0.43, 0.487, 0.4999)
+FINE_A, COARSE_A = Grid().a_over_h, (0.2, 0.45, 1.0, 1.5)
+
+
+def smooth(nu: Floats, log_a: Floats, root: Floats) -> Floats:
+    """A cubic in each coordinate, which a cubic spline through five nodes has exactly."""
+    return np.asarray((1 + nu**3) * (2 - log_a + log_a**2) * (1 + root**2 - root**3))
+
+
+def on_grid() -> Floats:
+    return smooth(*np.meshgrid(*AXES.stretched, indexing="ij"))
+
+
+def solved_blocks(edges: tuple[float, ...] = (1 / 60, 1 / 30), reach: int = len(DEPTHS)) -> dict[Case, SolvedCase]:
+    """mu = .3 at all nodes, no slip at few."""
+    cases = [
+        Case("neo-hooke", friction, edge, 5.0, nu, alpha)
+        for edge in edges
+        for friction, nus, alphas in ((0.3, FINE, FINE_A), (math.inf, COARSE, COARSE_A))
+        for nu, alpha in product(nus, alphas)
+    ]
+    return {case: made_up(case, reach if case.poisson_ratio > 0.49 else len(DEPTHS)) for case in cases}
+
+
+def test_weights_reproduce_cubics_and_use_neighbours_only() -> None:
+    nodes = np.array([0.0, 0.3, 0.7, 1.5, 2.0, 3.0])
+    at = np.array([0.0, 0.1, 1.0, 2.9, 3.0])
+    weights = cubic_weights(nodes, at)
+    np.testing.assert_allclose(weights @ (2 - nodes + nodes**3), 2 - at + at**3, atol=1e-12)
+    assert np.all((weights != 0).sum(axis=1) <= 4)
+    np.testing.assert_allclose(cubic_weights(nodes[:2], np.array([0.15])), [[0.5, 0.5]])
+
+
+def test_a_spline_has_cubics_exactly_and_knows_where_it_ends() -> None:
+    spline = fit_grid(AXES, on_grid())
+    rng = np.random.default_rng(5)
+    nu, alpha, depth = rng.uniform(0.3, 0.4999, 50), rng.uniform(0.2, 1.5, 50), rng.uniform(0.002, 0.25, 50)
+    places = AXES.places(nu, alpha, depth)
+    assert spline.inside(places).all()
+    np.testing.assert_allclose(spline(places), smooth(nu, np.log(alpha), np.sqrt(depth)), rtol=1e-10)
+    beyond = AXES.places(np.array([0.29, 0.4, 0.4]), np.array([0.5, 1.6, 0.5]), np.array([0.1, 0.1, 0.26]))
+    assert not spline.inside(beyond).any()
+
+
+def test_what_was_not_solved_is_not_known_and_disturbs_nothing_far_away() -> None:
+    values = on_grid()
+    values[4, 4, 9:] = np.nan
+    spline, whole = fit_grid(AXES, values), fit_grid(AXES, on_grid())
+    assert spline.reach(0.49, 1.3) == pytest.approx(DEPTHS[8])
+    assert spline.reach(0.47, 1.3) == pytest.approx(DEPTHS[-1])
+    assert spline.reach(0.6, 1.3) == 0
+    far = AXES.places(np.array(0.35), np.array(0.3), np.array(DEPTHS))
+    np.testing.assert_allclose(spline(far), whole(far), rtol=5e-4)
+    straight = continued(AXES.depths, values)[4, 4]
+    np.testing.assert_allclose(
+        np.diff(straight[7:]) / np.diff(DEPTHS[7:]), np.diff(straight)[7] / np.diff(DEPTHS)[7]
+    )
+
+
+def test_a_block_solved_at_few_nodes_is_carried_to_all() -> None:
+    blocks = {(b.friction, b.edge_over_h): b for b in build_blocks(solved_blocks())}
+    carried, full = blocks[math.inf, 1 / 60], blocks[0.3, 1 / 60]
+    assert (carried.nodes, full.nodes) == (16, 36)
+    expected = np.array([made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, nu, 0.67)).force for nu in FINE])
+    ours = np.array([made_up(Case("neo-hooke", 0.3, 1 / 60, 5.0, nu, 0.67)).force for nu in FINE])
+    np.testing.assert_allclose(carried.stiffness[:, 3] / full.stiffness[:, 3], expected / ours, rtol=1e-9)
+    shallow = {(b.friction, b.edge_over_h): b for b in build_blocks(solved_blocks(reach=6))}[math.inf, 1 / 60]
+    assert np.isnan(shallow.stiffness[5, 3, 6:]).all()
+    assert np.isfinite(shallow.stiffness[4, 3]).all()
+
+
+def test_a_block_with_gaps_is_refused() -> None:
+    solved = solved_blocks()
+    solved.pop(next(iter(solved)))
+    with pytest.raises(InputError, match="gaps"):
+        build_blocks(solved)
+
+
+def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path: Path) -> None:
+    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks()), {"what": "made up"})
+    table = read_table(tmp_path / "punch.npz")
+    place = table.axes.places(np.array(0.47), np.array(0.8), np.array([0.05]))
+
+    def ratio(friction: float, edge: float) -> float:
+        return float(stiffness_ratio(table.mixture("neo-hooke", friction, edge), place)[0][0])
+
+    assert len(table.mixture("neo-hooke", 0.3, 1 / 60)) == 1
+    assert ratio(0.3, 1 / 40) == pytest.approx((ratio(0.3, 1 / 60) + ratio(0.3, 1 / 30)) / 2)
+    assert ratio(0.3, 0.0) == pytest.approx(2 * ratio(0.3, 1 / 60) - ratio(0.3, 1 / 30))
+    assert ratio(0.3, 1 / 60) < ratio(0.6, 1 / 60) < ratio(math.inf, 1 / 60)
+    for law, friction, edge in (("gent", 0.3, 1 / 60), ("neo-hooke", 0.2, 1 / 60), ("neo-hooke", 0.3, 1 / 20)):
+        with pytest.raises(InputError, match="holds no such"):
+            table.mixture(law, friction, edge)
+
+
+def test_a_table_that_is_not_its_cards_is_refused(tmp_path: Path) -> None:
+    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), {})
+    assert isinstance(read_table(tmp_path / "punch.npz"), Table)
+    card = json.loads((tmp_path / "punch.json").read_text())
+    (tmp_path / "punch.json").write_text(json.dumps(card | {"sha256": "0"}))
+    with pytest.raises(InputError, match="card"):
+        read_table(tmp_path / "punch.npz")
