@@ -7,10 +7,10 @@ untouched gel.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -23,10 +23,12 @@ from tactilevision.photometric import (
     Calibration,
     calibrate_from_balls,
     load_method,
+    load_network,
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.quiet import QuietSums
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
@@ -133,7 +135,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     sensor = recording.sensor
     flats = [rectify(sensor, read_image(path, white_level=recording.white_level)) for path in recording.flats]
     if isinstance(method, str) and method not in PHOTOMETRIC:
-        method = _saved(method)
+        return _saved(method, sensor, flats)
     if method is None and not recording.balls:
         return _uncalibrated(sensor, flats)
     if method is not None and not isinstance(method, str):
@@ -152,30 +154,55 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     ]
     calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=fit)
     waves_mm = untouched_rms_mm(Reconstructor(sensor, calibration.method), pictures, calibration.balls)
-    reference = tare(calibration.method, free_frames(recording))
-    card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm}
-    method_now = dataclasses.replace(calibration.method, reference=reference, card=card)
-    return Reconstructor(sensor, method_now, calibration=calibration)
+    free = free_frames(recording)
+    card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm, "sensor": sensor.kind}
+    method_now = dataclasses.replace(calibration.method, reference=tare(calibration.method, free), card=card)
+    return Reconstructor(sensor, settle(method_now, free), calibration=calibration)
 
 
-def _saved(name: str) -> CalibratedMethod:
-    if not Path(name).with_suffix(".npz").is_file():
-        raise InputError("no photometric method of that name, nor a saved one there", where="method", value=name,
-                         remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
-    return load_method(name)
+def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
+    path = Path(name)
+    if path.with_suffix(".npz").is_file():
+        method = load_method(path)
+        _check_kind(method.card, sensor)
+        return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
+    if path.with_suffix(".onnx").is_file():
+        return _without_balls(sensor, path, flats)
+    raise InputError("no photometric method of that name, nor a saved one there", where="method", value=name,
+                     remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
 
 
 def _uncalibrated(sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
-    path = find_model(sensor.kind.removesuffix("_markers"))
+    path = find_model(_family(sensor.kind))
     if path is None or not flats:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
         raise InputError(
             f"no {missing}", where="reference/ball" if flats else "reference/flat", value=f"sensor {sensor.kind}",
             remedy="Add them to the recording, or name a saved method.",
         )  # fmt: skip
-    found = with_flats(sensor, load_method(path), flats)
+    found = _without_balls(sensor, path, flats)
     found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return found
+
+
+def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
+    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    method = load_network(path, reference)
+    _check_kind(method.card, sensor)
+    return Reconstructor(sensor, method)
+
+
+def _check_kind(card: Mapping[str, Any], sensor: Sensor) -> None:
+    """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
+    kinds = _family(str(card.get("sensor", "custom"))), _family(sensor.kind)
+    if "custom" not in kinds and kinds[0] != kinds[1]:
+        raise InputError("the method was made for another sensor", where="method", value=f"{kinds[0]}, the "
+                         f"recording's is {kinds[1]}", remedy="Train one on this sensor's balls.")  # fmt: skip
+
+
+def _family(kind: str) -> str:
+    """Sensors that differ in their marks alone share their light."""
+    return kind.removesuffix("_markers")
 
 
 def untouched_rms_mm(
@@ -198,15 +225,38 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
     Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
     cut off at black then makes the two differ. Fewer than LEAST_FREE untouched frames leave it as it was.
     """
+    free = _untouched(method, frames)
+    if len(free) < LEAST_FREE:
+        return method.reference
+    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
+
+
+def settle(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
+    """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
+
+    Fewer than LEAST_FREE untouched frames leave it as it was: their noise would be taken for bias.
+    """
+    free = _untouched(method, frames)
+    if len(free) < LEAST_FREE:
+        return method
+    sums = QuietSums(method.reference.shape)
+    for rgb in free:
+        slopes = method.read(rgb).slopes
+        sums.add(
+            np.asarray(slopes.dz_dx, np.float32), np.asarray(slopes.dz_dy, np.float32), method.reference.usable
+        )
+    return dataclasses.replace(method, quiet=sums.added_to(method.quiet_now, method.calm))
+
+
+def _untouched(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
+    """Those of `frames` nearly all of which follows the light's drift."""
     free = []
     for rgb in frames:
         drift = method.change.tracker.measure(rgb)
         if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
             free.append(rgb)
-    if len(free) < LEAST_FREE:
-        return method.reference
-    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
-    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
+    return free
 
 
 def free_frames(recording: Recording) -> list[Bytes]:

@@ -52,10 +52,11 @@ def find_zero_plane(
     """
     size = (untouched.shape[1], untouched.shape[0])
     blocks = cv2.resize(np.asarray(depth), size, interpolation=cv2.INTER_AREA).astype(np.float64).ravel()
-    free = untouched.ravel()
+    outside = _outside(untouched)
+    free = outside.ravel()
     if free.sum() < LEAST_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(untouched, depth.shape, mm_per_px, thickness_mm)
+    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
     spread = np.ptp(terms[free, 1:3], axis=0)
     used = [0, *(k for k in (1, 2) if spread[k - 1] > 1.0), *((3,) if terms[free, 3].max() > 0 else ())]
     solution, std = _robust(terms[np.ix_(free, used)], blocks[free])
@@ -76,6 +77,18 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
 def _centres(blocks: int, pixels: int) -> Floats:
     """Places (blocks,) of the middles of `blocks` that divide a line of `pixels`, whose ends are at -1 and 1."""
     return np.asarray((2.0 * (np.arange(blocks) + 0.5) * pixels / blocks - pixels) / (pixels - 1))
+
+
+def _outside(untouched: Bools) -> Bools:
+    """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
+
+    All of it that hangs together with the largest piece of it at the picture's border.
+    """
+    count, labels = cv2.connectedComponents(untouched.astype(np.uint8), connectivity=4)
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    size = np.bincount(labels.ravel(), minlength=count) * (np.bincount(border, minlength=count) > 0)
+    size[0] = 0
+    return np.asarray(labels == size.argmax()) if size.any() else np.zeros_like(untouched)
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +19,7 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
-from tactilevision.reconstruct import Reconstructor, tare, untouched_rms_mm
+from tactilevision.reconstruct import Reconstructor, settle, tare, untouched_rms_mm
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
@@ -122,6 +123,21 @@ def test_a_reference_is_renewed_by_free_frames_only() -> None:
     renewed = tare(method, [flat(rng) for _ in range(5)] + [touched])
     assert renewed is not method.reference
     assert np.abs(renewed.rgb - method.reference.rgb).mean() < 1.0
+
+
+def test_free_frames_take_off_slopes_that_are_not_there() -> None:
+    rng = np.random.default_rng(10)
+    free = [flat(rng) for _ in range(12)]
+    quiet = calibrated().method.quiet_now
+    leaning = dataclasses.replace(
+        calibrated().method, quiet=dataclasses.replace(quiet, bias_x=quiet.bias_x - 0.01)
+    )
+    settled = settle(leaning, free)
+    fresh = [flat(rng) for _ in range(6)]
+    means = [np.mean([method.slopes(rgb).dz_dx for rgb in fresh]) for method in (leaning, settled)]
+    assert means[0] > 0.008
+    assert abs(means[1]) < 0.001
+    assert settle(leaning, free[:2]) is leaning
 
 
 def test_a_frame_of_another_size_is_refused() -> None:

@@ -64,3 +64,12 @@ def test_with_nothing_untouched_it_says_so_by_its_uncertainty() -> None:
     zero = find_zero_plane(depth, np.zeros_like(untouched), (STEP, STEP))
     assert zero.share == 0.0
     assert zero.std_mm == pytest.approx(float(np.std(depth)), rel=0.2)
+
+
+def test_a_flat_face_is_not_taken_for_untouched_gel() -> None:
+    depth, untouched = scene()
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
+    face = (np.hypot(x - 12.0, y - 8.0) < 1.6)[5::10, 5::10]
+    with_face = find_zero_plane(depth, untouched | face, (STEP, STEP), thickness_mm=3.0)
+    without = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=3.0)
+    assert with_face.offset_mm == pytest.approx(without.offset_mm, abs=1e-9)

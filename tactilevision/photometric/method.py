@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.quiet import Quiet, darkness, doubt
+from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, SlopeMap
 
@@ -77,9 +77,17 @@ class CalibratedMethod:
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
-        self.bias = (quiet[0] * self.calm, quiet[1] * self.calm)
+        rest = rest_bias(self.evaluate, self.change.noise)
+        self.bias = (quiet[0] * self.calm + rest[0] * self.calm, quiet[1] * self.calm + rest[1] * self.calm)
         self.noise: Picture = quiet[2] * self.calm
         self.readable = self.reference.usable & (self.calm > 0.5)
+
+    @property
+    def quiet_now(self) -> Quiet:
+        """What is known of untouched gel, as blocks, also where no ball picture told it."""
+        if self.quiet is not None:
+            return self.quiet
+        return QuietSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         """Slopes (H, W) of a rectified frame (H, W, 3) uint8.

@@ -14,6 +14,7 @@ as far as it exceeds GENTLE.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,7 @@ BLOCK = 8
 GENTLE = 0.01
 FIRM = 0.01  # slope from darkness; all of a dark place's pixels share it, so that it does not average out
 DARK = 6.0  # grey levels
+PAIRS, SMOOTH = 4, 8.0
 LOUD = 0.1  # slope noise at which a pixel tells no more than expecting a flat gel does
 
 
@@ -74,6 +76,16 @@ class QuietSums:
         noise = np.where(seen, np.sqrt(variance), self._blocks(expected))
         return Quiet(_single(real * bias_x), _single(real * bias_y), _single(noise))
 
+    def added_to(self, quiet: Quiet, calm: Picture) -> Quiet:
+        """`quiet` with the mean slopes gathered here, as they came out damped by `calm` (H, W), added to its bias.
+
+        Smooth over three blocks, over which a law's bias hardly changes and noise averages out.
+        """
+        seen = np.where(self.count > 0.5, self.count, np.inf)
+        damped = np.maximum(self._blocks(calm), 0.5)
+        extra = [cv2.GaussianBlur(total / seen / damped, (0, 0), 1.5) for total in (self.sum_x, self.sum_y)]
+        return Quiet(_single(quiet.bias_x + extra[0]), _single(quiet.bias_y + extra[1]), quiet.noise)
+
     def _blocks(self, picture: Picture) -> npt.NDArray[np.float64]:
         return np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA), np.float64)
 
@@ -90,3 +102,20 @@ def doubt(quiet: tuple[Picture, Picture, Picture], dark: Picture) -> Picture:
 def darkness(levels: Picture) -> Picture:
     """Grey levels by which clipping at black may have moved a channel of mean `levels`, any shape."""
     return _single(DARK**2 / (DARK**2 + levels**2))
+
+
+def rest_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Picture) -> tuple[Picture, Picture]:
+    """Mean slopes (H, W) that a law finds in nothing but noise: its even part makes a slope of the noise's square.
+
+    `noise` (3, H, W) is the standard deviation of the changes. Drawn in pairs of opposite sign, in which the odd
+    part cancels; smooth over SMOOTH pixels.
+    """
+    rng = np.random.default_rng(0)  # a fixed draw: a method does not change between runs
+    total = np.zeros((2, *noise.shape[1:]), np.float32)
+    for _ in range(PAIRS):
+        drawn = rng.standard_normal(noise.shape, dtype=np.float32) * noise
+        for signed in (drawn, -drawn):
+            for slope, found in zip(total, evaluate(signed), strict=True):
+                slope += found
+    smooth = [cv2.GaussianBlur(slope / (2 * PAIRS), (0, 0), SMOOTH) for slope in total]
+    return _single(smooth[0]), _single(smooth[1])
