@@ -100,9 +100,27 @@ def _head(result: CalibrationResult) -> str:
     return page.table(("", "value and 95 % interval", ""), rows)
 
 
+ROUTES = {
+    "bulge": "the rise of the gel beside the punch",
+    "radii": "punches of several radii",
+    "prior": "stated in recording.toml",
+    "beta": "the published law of β",
+}
+
+
+def _routes(result: CalibrationResult) -> str:
+    """A table of what each route to nu says."""
+    rows = [
+        (ROUTES.get(r.name, r.name), wording.estimate(r.poisson_ratio), "used" if r.used else "not used")
+        for r in result.routes
+    ]
+    return page.table(("route to ν", "value and 95 % interval", ""), rows)
+
+
 def _details(result: CalibrationResult, notes: Sequence[str]) -> str:
     return (
-        page.section("Warnings", page.listing([*result.warnings, *notes]))
+        page.section("Poisson's ratio by route", _routes(result))
+        + page.section("Warnings", page.listing([*result.warnings, *notes]))
         + page.section("What this rests on", page.listing(result.assumptions))
         + page.section("Computed with", page.paragraph(_versions(result), kind="soft"))
     )

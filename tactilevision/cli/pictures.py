@@ -30,15 +30,23 @@ def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: 
 
     fitted = result.fitted
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
-    material = indentation.draw_material(result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
-    return [
-        keep(drawn, folder / "fit.png", "Certified points and the fitted law; bars and bands are 95 % intervals."),
-        keep(
-            material,
-            folder / "material.png",
-            "One punch fixes the curve; what is known of ν picks the part of it.",
-        ),
-    ]
+    words = "Certified points and the fitted law; bars and bands are 95 % intervals."
+    return [keep(drawn, folder / "fit.png", words), _material(result, folder / "material.png")]
+
+
+def _material(result: CalibrationResult, path: Path) -> Picture:
+    """E over nu: the joint region and the routes where there are any, else the curve with its intervals."""
+    words = "One punch fixes the curve; what is known of ν picks the part of it."
+    if not result.routes:
+        plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
+        return keep(indentation.draw_material(*plain), path, words)
+    from calibration.joint import joint_picture
+    from tactilevision.plots.joint import draw_joint
+
+    seen = joint_picture(result)
+    routes = [(band.name, band.interval, band.used) for band in seen.bands]
+    words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks."
+    return keep(draw_joint(seen.curve, seen.region, seen.best, routes=routes), path, words)
 
 
 def of_presses(recording: Recording, certificate: Certificate, folder: Path, progress: Progress) -> list[Picture]:

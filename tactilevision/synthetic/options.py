@@ -8,6 +8,7 @@ from typing import Literal
 from tactilevision.errors import InputError
 from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
+from tactilevision.synthetic.profile import PunchProfile
 from tactilevision.synthetic.rig import Protocol
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
@@ -35,7 +36,7 @@ class IndenterOptions:
     """A set of flat cylinders that differ in the height of the face over the bevel.
 
     True heights scatter about the machined ones by `height_std_mm`. `state_bevel_place` writes the bevel's
-    distance and angle into the recording.
+    distance and angle into the recording. `profile` is the gel beside the punch; None: punch_profile's.
     """
 
     heights_mm: tuple[float, ...] = (0.15, 0.3, 0.4, 0.5, 0.6)
@@ -45,6 +46,7 @@ class IndenterOptions:
     bevel_angle_deg: float = 10.0
     height_std_mm: float = 0.001
     state_bevel_place: bool = True
+    profile: PunchProfile | None = None
 
 
 @dataclass(frozen=True, slots=True)

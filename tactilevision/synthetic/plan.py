@@ -108,7 +108,8 @@ def _press(
     if fault == "tilt":
         tilt = _direction(rng) * rng.uniform(0.03, 0.045)
     radius = kit.radius_mm * (0.8 if fault == "footprint" else 1.0)
-    profile = punch_profile(gel.poisson_ratio, radius, gel.thickness_mm)
+    profile = kit.profile if kit.profile is not None and radius == kit.radius_mm else None
+    profile = profile or punch_profile(gel.poisson_ratio, radius, gel.thickness_mm)
     bevel = Bevel(kit.bevel, kit.bevel_distance_mm, indenter[1], kit.bevel_angle_deg, kit.radius_mm)
     slope = (float(tilt[0]), float(tilt[1]))
     touch = bevel.touch_depth_mm(profile, slope)

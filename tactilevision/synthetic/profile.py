@@ -55,9 +55,13 @@ class PunchProfile:
     depth: Floats
     shift: Floats
 
+    def carried(self, depth_mm: float) -> Floats:
+        """How far (n,) the surface has moved outwards, mm."""
+        return depth_mm * self.shift
+
     def seen(self, depth_mm: float) -> tuple[Floats, Floats]:
         """Places r + u_r that the camera sees, and the depth there (mm), outside the punch."""
-        return self.radius_mm + depth_mm * self.shift, depth_mm * self.depth
+        return self.radius_mm + self.carried(depth_mm), depth_mm * self.depth
 
     def depth_at(self, place_mm: Floats | float, depth_mm: float) -> Floats:
         """Depth (mm) of the surface at places (mm from the axis) as the camera sees them."""

@@ -11,6 +11,8 @@ from tactilevision.synthetic.bevel import Bevel, bevel_dent
 from tactilevision.synthetic.gel import Area, Grid, Singles, lookup
 from tactilevision.synthetic.profile import PunchProfile
 
+LEAST_MM = 1e-6  # of depth, below which the surface has the shape that it has there
+
 
 @dataclass(frozen=True, slots=True)
 class PunchPress:
@@ -49,15 +51,15 @@ class PunchPress:
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
         x, y = grid.places(self.centre_mm)
         r = np.maximum(grid.distance(self.centre_mm), np.float32(1e-6))
-        places, _ = self.profile.seen(max(self.face_mm, 0.0))
-        amount = lookup(r, places, max(self.face_mm, 0.0) * self.profile.shift) / r
+        face = max(self.face_mm, 0.0)
+        amount = lookup(r, self.profile.seen(face)[0], self.profile.carried(face)) / r
         return (amount * x).astype(np.float32), (amount * y).astype(np.float32)
 
     def _free(self, grid: Grid) -> Singles:
         r = grid.distance(self.centre_mm)
-        places, depths = self.profile.seen(1.0)
-        places = self.profile.radius_mm + max(self.face_mm, 0.0) * self.profile.shift
-        unit = lookup(r, places, depths, rounding_mm=self.rounding_mm)
+        deep = max(self.face_mm, LEAST_MM)
+        places, depths = self.profile.seen(deep)
+        unit = lookup(r, places, depths / deep, rounding_mm=self.rounding_mm)
         face = np.full_like(r, self.face_mm)
         if self.tilt != (0.0, 0.0):
             x, y = grid.places(self.centre_mm)

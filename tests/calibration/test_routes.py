@@ -10,6 +10,7 @@ from made_recordings import Truth, draw
 
 from calibration.calibrate import calibrate
 from calibration.data import Measured
+from calibration.joint import joint_picture
 from calibration.routes import of_beta
 from tactilevision.records import Estimate
 
@@ -76,3 +77,22 @@ def test_beta_is_shown_and_never_used() -> None:
     assert route.poisson_ratio.value == pytest.approx(0.4797, abs=1e-4)
     assert not route.used
     assert of_beta(Estimate(0.1, 0.2, (-0.3, 0.5), "1")) == ()
+
+
+def test_the_joint_region_follows_the_curve_and_is_narrower_than_either_interval_says() -> None:
+    result = calibrate(drawn(OPEN), bulge=bulge(0.478, 0.005))
+    seen = joint_picture(result)
+    assert seen.best is not None
+    nu, modulus = seen.region.T
+    assert nu.min() < 0.478 < nu.max()
+    assert np.corrcoef(nu, modulus)[0, 1] < -0.5, "E falls as nu grows"
+    area = 0.5 * abs(float(nu @ np.roll(modulus, 1) - modulus @ np.roll(nu, 1)))
+    box = np.ptp(nu) * np.ptp(modulus)
+    assert area < 0.7 * box
+
+
+def test_the_joint_region_spans_what_silicones_span_where_nothing_fixes_nu() -> None:
+    seen = joint_picture(calibrate(drawn(OPEN)))
+    assert seen.best is None
+    assert (seen.region[:, 0].min(), seen.region[:, 0].max()) == pytest.approx((0.45, 0.4999))
+    assert [band.used for band in seen.bands] == [False], "beta is drawn, and not used"

@@ -1,0 +1,62 @@
+"""Young's modulus and Poisson's ratio together: the curve that one punch fixes, and what picks the part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.records import Floats, Pair
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WORDS = {
+    "bulge": "rise beside the punch",
+    "radii": "several radii",
+    "prior": "stated beforehand",
+    "beta": "β by the published law (not used)",
+}
+ROW = 0.055  # of the height of the picture, for each route's bar
+
+
+@style.house_look
+def draw_joint(
+    curve: Floats, region: Floats, best: Pair | None, *, routes: Sequence[tuple[str, Pair, bool]]
+) -> Figure:
+    """`curve` (n, 2) of (nu, E); `region` (k, 2) the outline of 95 %; `routes` (name, 95 % interval, used)."""
+    figure, (axes,) = style.new_figure(7.2, 4.6)
+    axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
+    axes.fill(*region.T, color=style.ORANGE, alpha=0.35, lw=0, label="95 % of E and ν together")
+    if best is not None:
+        axes.plot(*best, "o", color=style.RED, ms=5)
+    left, right, bottom, top = _frame(curve, region, routes)
+    height = (top - bottom) / (0.9 - ROW * len(routes))
+    floor = top + 0.05 * height - height
+    colours = dict(zip(WORDS, (style.GREEN, style.PURPLE, style.GREY, style.SKY), strict=True))
+    for place, (name, (low, high), used) in enumerate(routes):
+        y, colour = floor + (place + 0.6) * ROW * height, colours.get(name, style.GREY)
+        if used:
+            axes.axvspan(low, high, color=colour, alpha=0.08, lw=0)
+        bar = np.clip([low, high], left, right)
+        axes.plot(bar, [y, y], color=colour, lw=4 if used else 1.5, label=WORDS.get(name, name))
+    axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
+    axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
+    axes.legend(fontsize=8, loc="upper right")
+    return figure
+
+
+def _frame(
+    curve: Floats, region: Floats, routes: Sequence[tuple[str, Pair, bool]]
+) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top of what is to be seen, the bars of the routes aside."""
+    used = [interval for _, interval, is_used in routes if is_used]
+    low = min([float(region[:, 0].min()), *(interval[0] for interval in used)])
+    high = max([float(region[:, 0].max()), *(interval[1] for interval in used)])
+    margin = 0.2 * (high - low)
+    left, right = max(low - margin, float(curve[0, 0])), min(high + margin, 0.505)
+    shown = curve[(curve[:, 0] >= left) & (curve[:, 0] <= right), 1]
+    bottom = min(float(region[:, 1].min()), float(shown.min()))
+    return left, right, bottom, max(float(region[:, 1].max()), float(shown.max()))
