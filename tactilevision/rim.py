@@ -21,7 +21,8 @@ HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(
 
 @dataclass(frozen=True, slots=True)
 class Rim:
-    """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma.
+    """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma;
+    `uneven_mm` rms distance of the flank from a circle.
 
     `slopes` (K, J) towards the centre, in K sectors, at `places_mm` (J,) from it; NaN where unseen.
     """
@@ -29,6 +30,7 @@ class Rim:
     centre_mm: Pair
     radius_mm: float
     blur_mm: float
+    uneven_mm: float
     places_mm: Floats
     slopes: Floats
 
@@ -78,17 +80,17 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
         good = np.isfinite(flanks)
         if good.mean() < LEAST_ROUND:
             return None
-        (_, shift_x, shift_y), spread = _harmonics(angles[good], flanks[good])
+        (_, shift_x, shift_y), spread, uneven = _harmonics(angles[good], flanks[good])
         if spread > OFF_ROUND_PX * px:
             return None
         with np.errstate(all="ignore"):
-            half, quarter = _flanks(places, np.nanmean(values, axis=0)[None])[:, 0]
+            half, quarter = _flanks(places, np.nanmedian(values, axis=0)[None])[:, 0]
         if not np.isfinite(half + quarter):
             return None
         blur = (half - quarter) / (QUARTER - HALF)
         centre = (x, y)
         x, y, radius = x + shift_x, y + shift_y, half + HALF * blur
-    return Rim(centre, radius, blur, places, values) if blur < SHARP * radius else None
+    return Rim(centre, radius, blur, uneven, places, values) if blur < SHARP * radius else None
 
 
 class _Ring:
@@ -164,16 +166,19 @@ def _flanks(places: Floats, profiles: Floats) -> Floats:
     return found
 
 
-def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float]:
-    """Mean, cos and sin part of places over angles, robust, and the spread of what is left."""
+def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float, float]:
+    """Mean, cos and sin part of places over angles, robust; the usual spread and the rms of what is left.
+
+    Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
+    """
     terms = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=1)
-    weights = np.ones_like(places)
-    for _ in range(4):
+    off = places - np.median(places)
+    for _ in range(6):
+        weights = 1.0 / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
         heavy = terms * weights[:, None]
         solution = np.linalg.solve(heavy.T @ terms + 1e-9 * np.eye(3), heavy.T @ places)
         off = places - terms @ solution
-        weights = 1.0 / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
-    return np.asarray(solution), _scale(off)
+    return np.asarray(solution), _scale(off), float(np.sqrt(np.mean(off**2)))
 
 
 def _scale(off: Floats) -> float:

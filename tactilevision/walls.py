@@ -110,10 +110,11 @@ def window_of(
 def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     with np.errstate(all="ignore"):
-        mean, count = np.nanmean(rim.slopes, axis=0), np.isfinite(rim.slopes).sum(axis=0)
+        # the median: on a side away from all lights the slopes are read far too low
+        mean, count = np.nanmedian(rim.slopes, axis=0), np.isfinite(rim.slopes).sum(axis=0)
         ordered = np.sort(rim.slopes, axis=0)  # NaN last
         highest = np.take_along_axis(ordered, (0.8 * np.maximum(count - 1, 0)).astype(np.intp)[None], axis=0)[0]
-        scatter = np.nanstd(rim.slopes, axis=0) / np.sqrt(np.maximum(count, 1))
+        scatter = 1.86 * np.nanmedian(np.abs(rim.slopes - mean), axis=0) / np.sqrt(np.maximum(count, 1))
     s = rim.places_mm - rim.radius_mm
     far = max(FAR * rim.radius_mm, 8 * px)
     steep = np.isfinite(mean) & ~(highest < limit)
@@ -133,6 +134,7 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     reach = float(s[steep].max() + px)
     rate = np.array([(law.fall(found + d, reach) - law.fall(found - d, reach)) / (2 * d.sum())
                      for d in np.diag(1e-3 * loose)])  # fmt: skip
+    with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
     band = (s > inner + found[0]) & (s < reach)
     read = float(np.nansum(np.where(band, mean, 0.0)) * (s[1] - s[0]))
@@ -141,7 +143,7 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     beyond = float(np.nansum(np.where(s >= reach, mean, 0.0)) * (s[1] - s[0]))
     return Wall(rim.centre_mm, rim.radius_mm + float(found[0]), reach - float(found[0]), places,
                 law.table(found, places), fall + beyond, fall - read,
-                float(np.sqrt(rate @ covariance @ rate)))  # fmt: skip
+                float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
 
 
 class _Law:
@@ -152,7 +154,7 @@ class _Law:
         self.grid = np.arange(-14 * px, far + 14 * px, self.step)
         r = radius_mm + np.maximum(self.grid, 0.0)
         angle, log = np.arccos(radius_mm / r), np.arccosh(r / radius_mm)
-        root = np.sqrt(r * r - radius_mm**2)
+        root = np.sqrt(np.maximum(r * r - radius_mm**2, 0.0))
         self.falls = np.stack(
             [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
         )
@@ -181,7 +183,7 @@ class _Law:
         return np.asarray(np.interp(s - unknown[0] - 0.5 * self.step, self.grid[:-1], read))
 
     def _blur(self, values: Floats, sigma_mm: float) -> Floats:
-        sigma = max(sigma_mm / self.step, 0.3)
+        sigma = float(np.clip(sigma_mm / self.step, 0.3, 0.25 * values.size))  # a step of the fit may stray
         return np.asarray(cv2.GaussianBlur(values[None], (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)[0])
 
 
