@@ -56,6 +56,7 @@ class CalibrationResult:
 
     def as_json(self) -> dict[str, Any]:
         """The content of calibration.json."""
+        gel = self.fitted.data.gel
         return {
             "law": self.law,
             "youngs_modulus_MPa": self.youngs_modulus.as_json(),
@@ -80,6 +81,7 @@ class CalibrationResult:
             "noise_floor_N": self.noise_floor_N,
             "presses_accepted": list(self.presses_accepted),
             "presses_rejected": [{"press": press, "reason": reason} for press, reason in self.presses_rejected],
+            "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
             "effects": list(self.fitted.model.keys),
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),

@@ -38,12 +38,14 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from tactilevision.force.calibrated import read_clock_offset, read_material
+    from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
     from tactilevision.force.folder import force_folder, force_job
 
     material = read_material(calibration)
     offset = read_clock_offset(calibration)
     recording = source.open_source(path, sensor, reference)
+    if recording.sensor.gel is not None:
+        check_gel(calibration, recording.sensor.gel)
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])

@@ -14,6 +14,7 @@ from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
 
 MOST_POISSON = 0.4999
+SAME_GEL = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,16 +103,6 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
     return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
 
 
-def check_sensor(found: TractionMap, measured_N: Floats) -> str:
-    """A sentence where force and F/T reading disagree by a factor that no calibration of this gel explains, or
-    "".
-    """
-    size, theirs = np.linalg.norm(found.resultant_N), np.linalg.norm(measured_N)
-    if not (size > 0 and theirs > 0) or 0.5 < size / theirs < 2:
-        return ""
-    return f"force is {size / theirs:.2g} of the F/T reading: is this the calibration of another sensor?"
-
-
 def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, float]:
     entry = content.get(key)
     if isinstance(entry, int | float):
@@ -141,6 +132,16 @@ def _covariance(content: dict[str, Any]) -> Floats | None:
     except (TypeError, ValueError, IndexError):
         return None
     return matrix if np.isfinite(matrix).all() else None
+
+
+def check_gel(path: Path | str, gel: Gel) -> None:
+    """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
+    made_on = json.loads(Path(path).read_text(encoding="utf-8")).get("gel")
+    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
+    if isinstance(thickness, int | float) and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
+        raise InputError("is the calibration of another gel", where=path,
+                         value=f"{thickness:g} mm thick, this one {gel.thickness_mm:g} mm",
+                         remedy="Calibrate this sensor; E and nu go with one gel.")  # fmt: skip
 
 
 def read_clock_offset(path: Path | str) -> float | None:

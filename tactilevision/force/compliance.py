@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
+from scipy import fft
 
 from tactilevision.errors import InputError
 from tactilevision.force.inverse import Cells
@@ -22,6 +24,7 @@ from tactilevision.force.sides.table import SideTable, side_table
 from tactilevision.records import Bools, Floats, Gel
 
 POISSON_STEP = 1e-3
+SIDE_POISSON_STEP = 4e-3  # the table is right to some 1e-4 of itself
 
 
 @dataclass(frozen=True)
@@ -49,11 +52,55 @@ class GelCompliance:
         block = self.layer.normal_block(cells)
         return block if self.sides is None else self.sides.add_normal(block, self.grid, cells)
 
+    def depth(self, cells: Cells, traction: Floats) -> Floats:
+        """Depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides left out."""
+        rows, columns = self.grid.shape
+        shape, waves = self._depth_waves
+        fields = np.zeros((len(traction), rows * columns), dtype=np.float32)
+        fields[:, cells] = traction
+        spectra = fft.rfft2(fields.reshape(-1, rows, columns), shape)
+        moved = fft.irfft2((waves[-len(traction) :] * spectra).sum(axis=0), shape)[
+            rows - 1 : 2 * rows - 1, columns - 1 : 2 * columns - 1
+        ]
+        return np.asarray(moved, dtype=np.float64)
+
+    @cached_property
+    def _depth_waves(self) -> tuple[tuple[int, int], npt.NDArray[np.complex64]]:
+        """Shape of the transform, and (3, ky, kx): depth by t_x, t_y, t_z."""
+        rows, columns = self.grid.shape
+        # a convolution of length 2 n - 1 wraps round only where nothing is read
+        shape = (fft.next_fast_len(2 * rows - 1, real=True), fft.next_fast_len(2 * columns - 1, real=True))
+        table = self.layer.table.reshape(2 * rows - 1, 2 * columns - 1, 3, 3)[:, :, 2].astype(np.float32)
+        return shape, np.stack([fft.rfft2(table[..., k], shape) for k in range(3)])
+
     def by_poisson(self, cells: Cells, parts: int) -> Floats:
-        """Derivative of the cells' own block by nu, (parts C, parts C); the sides' part of it is left out."""
-        if parts == 1:
-            return self._poisson_slope.normal_block(cells)
-        return self._poisson_slope.block(cells, cells)
+        """Derivative of the cells' own block by nu, (parts C, parts C)."""
+        slope = self._poisson_slope
+        layer = slope.normal_block(cells) if parts == 1 else slope.block(cells, cells)
+        here = self._of_sides(self.sides, cells, layer)
+        if not here.any():
+            return layer
+        return np.asarray(layer + (here - self._of_sides(self._sides_lower, cells, layer)) / SIDE_POISSON_STEP)
+
+    def prepare_slope(self) -> None:
+        """Make now what `by_poisson` needs."""
+        if self.sides is not None and self.sides.table.any():
+            self._sides_lower  # noqa: B018
+        self._poisson_slope  # noqa: B018
+
+    def _of_sides(self, sides: SideTable | None, cells: Cells, like: Floats) -> Floats:
+        none = np.zeros_like(like)
+        if sides is None:
+            return none
+        normal_alone = len(like) == len(cells)
+        return (
+            sides.add_normal(none, self.grid, cells) if normal_alone else sides.add(none, self.grid, cells, cells)
+        )
+
+    @cached_property
+    def _sides_lower(self) -> SideTable | None:
+        """The sides for a smaller nu; made only where a contact feels them."""
+        return side_table(self.gel, self.grid, poisson_ratio=self.poisson_ratio - SIDE_POISSON_STEP)
 
     @cached_property
     def _poisson_slope(self) -> CellCompliance:

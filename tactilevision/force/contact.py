@@ -24,6 +24,7 @@ SIGMAS = 3.0
 SURE = 5.0  # standard deviations that the deepest cell of a patch stands out by
 HIGHEST_RISE = 0.01  # quantile of the depths
 TINY = 1e-12
+DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
 
 
@@ -42,6 +43,31 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArr
         return np.zeros(0, dtype=np.intp)
     rise = max(0.0, -float(np.quantile(seen, HIGHEST_RISE)))
     sure = maximum(depth_mm / np.maximum(SURE * std_mm, rise + TINY), patches, np.arange(count + 1)) > 1
+    sure[0] = False
+    return np.flatnonzero(sure[patches])
+
+
+def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
+    """Cells of a weak contact beside a deep one, where the depth `left_mm` over that one's own (`moved_mm`) stands
+    out; flat indices.
+
+    `usable` leaves out what is near the deep contact. A patch must stand out of its deviation, of what the deep
+    contact's displacement may be wrong by, and of the lowest place that is left: the map's own slow error is as
+    often a rise.
+    """
+    if not usable.any():
+        return np.zeros(0, dtype=np.intp)
+    doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
+    rise = max(0.0, -float(left_mm[usable].min()))
+    deep = usable & (left_mm > SIGMAS * std_mm + doubt)
+    if np.count_nonzero(deep) < COMPANY:
+        return np.zeros(0, dtype=np.intp)
+    deep &= uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > COMPANY - 0.5
+    patches, count = label(deep)
+    if count == 0:
+        return np.zeros(0, dtype=np.intp)
+    sure = maximum(left_mm - (SURE * std_mm + doubt), patches, np.arange(count + 1)) > 0
+    sure &= maximum(left_mm, patches, np.arange(count + 1)) > rise
     sure[0] = False
     return np.flatnonzero(sure[patches])
 

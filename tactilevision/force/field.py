@@ -15,10 +15,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import SURE, candidate_cells, cut_by_border
+from tactilevision.force.contact import SURE, candidate_cells, cut_by_border, overlooked_cells
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
@@ -28,6 +29,7 @@ from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearM
 
 MODEL_STD = np.array([0.003, 0.003, 0.012])
 STICK_STD = 0.03
+BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
 MOST_OF_VIEW = 0.9
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
@@ -88,7 +90,11 @@ class ForceField:
 
     def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, self.settings.spacing_mm)
-        return gel_compliance(self.gel, grid, poisson_ratio=self.material.poisson_ratio, sides=self.settings.sides)
+        nu, sides = self.material.poisson_ratio, self.settings.sides
+        made = gel_compliance(self.gel, grid, poisson_ratio=nu, sides=sides)
+        if self.material.covariance is not None:
+            made.prepare_slope()  # so that no later frame has to wait for it
+        return made
 
     def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
         grid = compliance.grid
@@ -97,6 +103,9 @@ class ForceField:
         flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
         cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)
         found = self._solve(compliance, seen, cells) if len(cells) else None
+        if found is not None and len(found.cells):
+            more = self._overlooked(compliance, seen, cells, found)
+            found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
         if found is None or len(found.cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
             least = max(SURE * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min()))
@@ -106,6 +115,16 @@ class ForceField:
         if cut_by_border(found.cells, seen.known):
             flags.append(CUT)
         return self._report(compliance, seen, found, height, tuple(flags))
+
+    def _overlooked(self, compliance: GelCompliance, seen: Observation, cells: Cells, found: Solution) -> Cells:
+        """Cells of weak contacts that the displacement by a deep one hides."""
+        reach = int(np.ceil(BESIDE * self.gel.thickness_mm / compliance.grid.spacing_mm))
+        near = np.zeros(compliance.grid.shape, dtype=np.uint8)
+        near.flat[cells] = 1
+        near = cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8))
+        moved = compliance.depth(found.cells, found.traction)
+        left = seen.displacement_mm[-1] - moved
+        return overlooked_cells(left, moved, seen.depth_std_mm, seen.known & (near == 0))
 
     def _solve(self, compliance: GelCompliance, seen: Observation, cells: Cells) -> Solution:
         u = seen.displacement_mm.reshape(len(seen.displacement_mm), -1)[:, cells]

@@ -20,12 +20,11 @@ from tactilevision.shear.markers import (
     hull,
     spread_motion,
 )
-from tactilevision.shear.texture import CORRELATION_PX, Texture, follow_texture, read_texture
+from tactilevision.shear.texture import CORRELATION_PX, LEAST_KNOWN, Texture, follow_texture, read_texture
 
 STEP_PX = 4
 LOST = "markers lost"
 NOTHING_TO_FOLLOW = "the gel shows neither markers nor texture to follow"
-LEAST_KNOWN = 0.5  # share of the view that must show texture
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,10 @@ class Untouched:
             return _by_markers(self.markers, frame, self.mm_per_px)
         if self.texture is None:
             return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
-        motion, std_px, valid = follow_texture(self.texture, frame)
+        followed = follow_texture(self.texture, frame)
+        if followed is None:
+            return _nothing(self.shape, self.mm_per_px, (NOTHING_TO_FOLLOW,))
+        motion, std_px, valid = followed
         scale = np.array(self.mm_per_px)
         return ShearMap(
             u_x_mm=motion[..., 0] * scale[0],

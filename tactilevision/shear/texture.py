@@ -20,6 +20,7 @@ from tactilevision.records import Bools, Bytes, Floats
 GRAIN_PX = 5.0
 CONTRAST_PX = 12.0
 ROUND_TRIP_PX = 1.0
+LEAST_KNOWN = 0.5  # share of the view
 TEXTURE_OVER_NOISE = 1.5
 CORRELATION_PX = 8.0  # the flow's own patch
 
@@ -54,11 +55,16 @@ def read_texture(before: Bytes) -> Texture:
     return Texture(_as_bytes(first), noise, np.asarray(slope, dtype=np.float64), noise * TEXTURE_OVER_NOISE < 1)
 
 
-def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools]:
-    """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where
-    valid.
+def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
+    """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where valid.
+
+    None where the texture drowns in the noise over LEAST_KNOWN of either picture: the untouched one is often a
+    mean of many, and shows more than one frame can.
     """
-    second = grain(after)[0]
+    second, noise = grain(after)
+    known = before.known & (noise * TEXTURE_OVER_NOISE < 1)
+    if known.mean() < LEAST_KNOWN:
+        return None
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)
     flow.setUseSpatialPropagation(True)
@@ -76,7 +82,7 @@ def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools
     inside &= (y + forth[..., 1] >= 0) & (y + forth[..., 1] <= rows - 1)
     least = 2 * before.noise**2 / (CORRELATION_PX**2 * np.maximum(before.slope, 1e-12))
     std = np.asarray(np.sqrt(variance + least), dtype=np.float64)
-    return forth.astype(np.float64), std, before.known & inside & (std < ROUND_TRIP_PX)
+    return forth.astype(np.float64), std, known & inside & (std < ROUND_TRIP_PX)
 
 
 def _noise(light: np.ndarray) -> float:

@@ -51,6 +51,18 @@ def test_two_contacts_keep_their_own_forces(field: ForceField) -> None:
     assert cell * found.t_x[:, :middle].sum() == pytest.approx(0.1, abs=0.012)
 
 
+def test_a_weak_contact_beside_a_deep_one_keeps_its_force(field: ForceField) -> None:
+    """Its depth is less than the rise that the deep one makes, and a twentieth of the deep one's."""
+    deep, weak = hertz(2.2, (-5.0, 0.0), (0.0, 0.0, 1.2)), hertz(1.2, (4.5, 1.0), (0.0, 0.0, 0.02))
+    for seed in range(3):
+        found = field(*measured(deep + weak, std_mm=0.002, seed=seed))
+        middle = found.t_z.shape[1] // 2 + 3
+        right = found.mm_per_px[0] ** 2 * found.t_z[:, middle:].sum()
+        assert right == pytest.approx(0.02, rel=0.3)
+        none = field(*measured(deep, std_mm=0.002, seed=seed))
+        assert none.t_z[:, middle:].sum() == 0, "and where there is none, none is found"
+
+
 def test_scatter_over_noise_is_what_propagation_says(field: ForceField) -> None:
     truth = hertz(1.8, (0.0, 0.0), FORCE)
     forces = np.array([field(*measured(truth, std_mm=0.02, seed=seed)).resultant_N for seed in range(12)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.force_depth import LIMIT, press_and_look
+from benchmarks.force_depth import HELD_OUT, LIMIT, SEEN, Case, press_and_look
 from tactilevision.force.large_depth import patch_factor
 
 ONE = np.array([2.5])
@@ -34,7 +34,7 @@ def test_a_patch_that_stretches_by_a_twentieth_is_as_a_wider_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("radius_mm", "friction"), [(1.5, 0.3), (2.5, np.inf), (2.5, 0.0), (4.0, 0.3)])
-def test_force_of_a_nonlinear_press_comes_back(radius_mm: float, friction: float) -> None:
-    rows = press_and_look(radius_mm, friction, 0.48, depths_mm=(0.15, 0.3, 0.6))
+@pytest.mark.parametrize("case", [SEEN[0], SEEN[4], SEEN[1], SEEN[5], HELD_OUT[0]], ids=lambda case: case.name)
+def test_force_of_a_nonlinear_press_comes_back(case: Case) -> None:
+    rows = press_and_look(case, depths_mm=(0.15, 0.3, 0.6))
     assert np.abs(rows[:, 2] / rows[:, 1] - 1).max() < LIMIT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,25 @@ def test_sides_are_reciprocal_soften_and_fade() -> None:
     own = np.diag(table)
     assert (own[:3] > 0).all(), "a free side can only soften the gel"
     assert own[9:].max() < 1e-2 * own[:3].max()
+
+
+def test_the_derivative_by_poissons_ratio_holds_near_a_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
+    grid = lay_grid((60, 60), (0.1, 0.1), 0.75)
+    gel = Gel(1.0, shape="rectangle", size_mm=(6.5, 6.5))
+    cells = np.array([25, 26, 33, 34, 1, 2])
+    low, middle, high = (gel_compliance(gel, grid, poisson_ratio=nu) for nu in (0.466, 0.47, 0.474))
+    parts = {
+        1: [one.normal_block(cells) for one in (low, high)],
+        3: [one.block(cells, cells) for one in (low, high)],
+    }
+    for count, (before, after) in parts.items():
+        true, found = (after - before) / 0.008, middle.by_poisson(cells, count)
+        layer_alone = replace(middle, sides=None).by_poisson(cells, count)
+        assert np.linalg.norm(found - true) < 0.04 * np.linalg.norm(true)
+        assert np.linalg.norm(layer_alone - true) > 2 * np.linalg.norm(found - true)
 
 
 def test_a_gel_wide_against_its_thickness_is_an_unbounded_layer(

@@ -1,0 +1,94 @@
+"""`force` as a user calls it: tractions, table, figures and JSON; calibrations of another sensor."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactilevision.cli import main
+
+RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
+FRAMES = 26  # one press
+CALIBRATION: dict[str, Any] = {
+    "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
+    "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},
+    "covariance": {
+        "of": ["youngs_modulus_MPa", "poisson_ratio"],
+        "matrix": [[3.6e-5, -2.5e-5], [-2.5e-5, 2.5e-5]],
+    },
+    "gel": {"thickness_mm": 3.0, "shape": "disc"},
+}
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """The first press of the rig's sample, on an unbounded gel: sides take half a minute to work out."""
+    path = tmp_path / "rig"
+    shutil.copytree(RIG, path)
+    lines = (path / "frames.csv").read_text().splitlines()
+    (path / "frames.csv").write_text("\n".join(lines[: FRAMES + 1]) + "\n")
+    settings = (path / "recording.toml").read_text()
+    assert 'shape = "disc"' in settings
+    (path / "recording.toml").write_text(settings.replace('shape = "disc"', 'shape = "unbounded"'))
+    return path
+
+
+def force(
+    monkeypatch: pytest.MonkeyPatch, recording: Path, content: dict[str, Any], *more: object
+) -> tuple[int, Path]:
+    path = recording.parent / "calibration.json"
+    path.write_text(json.dumps(content))
+    out = recording.parent / "out"
+    said = ["force", recording, "--calibration", path, "--out", out, "--workers", 1, *more]
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, said)])
+    return main(), out
+
+
+def test_a_press_becomes_forces_figures_and_numbers(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = recording.parent / "r.json"
+    code, out = force(monkeypatch, recording, CALIBRATION, "--json", told, "--pictures", 1)
+    assert code == 0
+    with (out / "resultants.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == FRAMES
+    with np.load(out / "tractions.npz", allow_pickle=False) as stacks:
+        force_N = stacks["t_z"].sum(axis=(1, 2)) * stacks["mm_per_px"].prod()
+    assert force_N == pytest.approx([float(row["fz_N"]) for row in rows], rel=1e-3, abs=1e-6)
+    result = json.loads(told.read_text())
+    by_name = {entry["parameter"]: entry for entry in result["sensitivity"]}
+    assert by_name["youngs_modulus"]["change_percent"] == pytest.approx([-5.88, 5.88], abs=0.01)
+    low, high = by_name["poisson_ratio"]["change_percent"]
+    assert low < -1
+    assert high > 1
+    both = by_name["both together"]["change_percent"]
+    assert both[1] < by_name["youngs_modulus"]["change_percent"][1], (
+        "what is tied together moves the force by less"
+    )
+    assert result["measured"]["z"]["frames"] > 5
+    assert 0.6 < result["measured"]["z"]["ratio"] < 1.4
+    assert result["shear"]["known"] == 0
+    assert result["shear"]["why"], "an ink without grain: the output says why fx and fy are not there"
+    figures = {path.name for path in (out / "figures").iterdir()}
+    assert {"resultants.png", "sensitivity.png", "residuals.png"} <= figures
+    assert any(name.endswith("_force.png") for name in figures)
+    assert "another sensor" not in capsys.readouterr().err
+
+
+def test_a_calibration_of_another_sensor_is_refused_or_warned_of(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    thinner = CALIBRATION | {"gel": {"thickness_mm": 2.0, "shape": "disc"}}
+    assert force(monkeypatch, recording, thinner)[0] == 2
+    assert "another gel" in capsys.readouterr().err
+    softer = CALIBRATION | {"youngs_modulus_MPa": 0.05}
+    assert force(monkeypatch, recording, softer, "--pictures", 0)[0] == 0
+    assert "another sensor" in capsys.readouterr().err
