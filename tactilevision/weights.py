@@ -20,7 +20,7 @@ def models_folder() -> Path:
     raise InputError("the trained methods are missing", where=HERE, remedy="Install tactilevision again.")
 
 
-def find_model(name: str, suffix: str = ".npz") -> Path | None:
-    """The file of the trained method of that name, or None where there is none."""
-    path = models_folder() / f"{name}{suffix}"
+def find_model(name: str) -> Path | None:
+    """The network of that name, or None where there is none."""
+    path = models_folder() / f"{name}.onnx"
     return path if path.is_file() else None

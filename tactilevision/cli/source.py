@@ -56,10 +56,4 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     """Calibrate the light from the recording's own references, or use the method file that was named."""
     from tactilevision.reconstruct import build_reconstructor
 
-    if method is None:
-        return build_reconstructor(recording)
-    if method.endswith(".npz"):
-        from tactilevision.photometric.storage import load_method
-
-        return build_reconstructor(recording, load_method(method))
     return build_reconstructor(recording, method)

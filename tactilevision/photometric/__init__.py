@@ -8,11 +8,16 @@ from __future__ import annotations
 from tactilevision.photometric.calibrate import BallPicture, Calibration, Fitter, calibrate_from_balls
 from tactilevision.photometric.lookup import fit_lookup
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.network_training import NetworkFitter
 from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
-from tactilevision.photometric.storage import load_method, save_method
+from tactilevision.photometric.storage import load_method, load_network, save_method
 
-PHOTOMETRIC: dict[str, Fitter] = {"polynomial": fit_polynomial, "lookup": fit_lookup}
+PHOTOMETRIC: dict[str, Fitter] = {
+    "polynomial": fit_polynomial,
+    "lookup": fit_lookup,
+    "network": NetworkFitter(),
+}
 
 __all__ = [
     "PHOTOMETRIC",
@@ -23,6 +28,7 @@ __all__ = [
     "Reference",
     "calibrate_from_balls",
     "load_method",
+    "load_network",
     "make_reference",
     "save_method",
 ]

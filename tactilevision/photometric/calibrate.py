@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -23,7 +23,20 @@ FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 
-Fitter = Callable[..., ColourLaw]
+
+class Fitter(Protocol):
+    """Makes a colour law of samples of balls and of untouched gel; `ridge` says how smooth."""
+
+    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw: ...
+
+
+@runtime_checkable
+class PictureFitter(Protocol):
+    """A fitter that wants to see the ball pictures themselves before it is given samples of them."""
+
+    def prepared(
+        self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
+    ) -> Fitter: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +89,12 @@ def calibrate_from_balls(
             remedy="Press the ball at more places, over the whole picture.",
         )
     touching, still = join(contact), join(resting)
-    scores = [_held_out(fit, touching, still, ridge) for ridge in RIDGES]
+    if isinstance(fit, PictureFitter):
+        fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
+    ridges = getattr(fit, "ridges", RIDGES)
+    scores = [_held_out(fit, touching, still, ridge) for ridge in ridges]
     best = int(np.argmin([_mean_square(found, touching) for found in scores]))
-    law, found = fit(touching, still, ridge=RIDGES[best]), scores[best]
+    law, found = fit(touching, still, ridge=ridges[best]), scores[best]
     quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
@@ -91,7 +107,7 @@ def calibrate_from_balls(
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
         "held_out_gain_std": _gain_std(found, touching),
-        "ridge": RIDGES[best],
+        "ridge": ridges[best],
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
     return Calibration(

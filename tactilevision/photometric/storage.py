@@ -21,6 +21,8 @@ from tactilevision.files import replacing, write_json
 from tactilevision.photometric.lookup import Lookup
 from tactilevision.photometric.marks import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.network import Network
+from tactilevision.photometric.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.polynomial import Polynomial
 from tactilevision.photometric.quiet import Quiet
 from tactilevision.photometric.reference import Reference
@@ -43,6 +45,8 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
     with replacing(target) as temporary:
         np.savez_compressed(temporary, **held)  # type: ignore[arg-type]
     card = dict(method.card) | {"format": FORMAT, "method": method.name, "sha256": digest(target)}
+    if isinstance(method.law, Network):
+        card |= _save_network(method.law, target.with_suffix(".onnx"))
     write_json(target.with_suffix(".json"), card)
     return target
 
@@ -50,7 +54,7 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
 def load_method(path: Path | str) -> CalibratedMethod:
     """Read a method written by `save_method`. Raises InputError where file and card do not belong together."""
     target = Path(path).with_suffix(".npz")
-    card = _card(target.with_suffix(".json"))
+    card = read_card(target.with_suffix(".json"))
     if not target.is_file():
         raise InputError("the method's numbers are missing", where=target)
     if card.get("format") != FORMAT or card.get("sha256") != digest(target):
@@ -68,8 +72,27 @@ def load_method(path: Path | str) -> CalibratedMethod:
     marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
     reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
     quiet = Quiet(*held["quiet"]) if "quiet" in held else None
-    law = _law(str(card["method"]), held, target)
+    law = _law(card, held, target)
     return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
+
+
+def save_network(network: Network, card: Mapping[str, Any], path: Path | str) -> Path:
+    """Write a network that goes with no reference of its own: `path` (.onnx) and the card beside it."""
+    target = Path(path).with_suffix(".onnx")
+    content = dict(card) | {"format": FORMAT, "method": network.name} | _save_network(network, target)
+    write_json(target.with_suffix(".json"), content)
+    return target
+
+
+def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
+    """A network written by `save_network`, to be used against `reference`.
+
+    Raises InputError where file and card do not belong together, or the file is no such network.
+    """
+    target = Path(path).with_suffix(".onnx")
+    card = read_card(target.with_suffix(".json"))
+    law = _network(card, target)
+    return CalibratedMethod(law, reference, float(card.get("held_out_relative_error", 1.0)), None, card)
 
 
 def digest(path: Path) -> str:
@@ -77,15 +100,39 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _law(name: str, held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+def _law(card: Mapping[str, Any], held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+    name = card.get("method")
     if name == Polynomial.name:
         return Polynomial(held["law_coefficients"], float(held["law_steepest"]))
     if name == Lookup.name:
         return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])
+    if name == Network.name:
+        return _network(card, path.with_suffix(".onnx"))
     raise InputError("no photometric method of that name", where=path, value=name)
 
 
-def _card(path: Path) -> dict[str, Any]:
+def _save_network(network: Network, path: Path) -> dict[str, Any]:
+    with replacing(path) as temporary:
+        temporary.write_bytes(network.content)
+    return {"onnx_sha256": network.sha256, "onnx_opset": OPSET, "steepest_slope": network.steepest}
+
+
+def _network(card: Mapping[str, Any], path: Path) -> Network:
+    """The network of a card, tried on one pixel so that a strange one is told now and not at the first frame."""
+    if card.get("method") != Network.name or "onnx_sha256" not in card or "steepest_slope" not in card:
+        raise InputError("the card is not that of a network", where=path, value=card.get("method"))
+    if not path.is_file():
+        raise InputError("the network is missing", where=path, remedy="Copy it together with its card.")
+    content = path.read_bytes()
+    session = open_bytes(content, str(card["onnx_sha256"]), where=path)
+    found = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
+    if found.shape != (1, 2, 1, 1):
+        raise InputError("the network does not give slopes", where=path, value=found.shape)
+    return Network(content, float(card["steepest_slope"]), path)
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of a method. Raises InputError where it is missing or no table."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:

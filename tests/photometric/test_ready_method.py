@@ -1,7 +1,9 @@
-"""The method that comes along reads gels like GelSlim's before any calibration, and says that it is not theirs."""
+"""The network that comes along reads gels like GelSlim's before any calibration, and says whose it is not."""
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -10,7 +12,9 @@ import pytest
 from lamp_room import flat
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import load_method
+from tactilevision.photometric import load_network, make_reference
+from tactilevision.photometric.drawn_samples import draw_samples
+from tactilevision.photometric.network import Network
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.sensors import get_sensor
@@ -26,18 +30,29 @@ def recording(folder: Path, kind: str, *, flats: int = 1) -> Recording:
     return Recording(folder, "bare", sensor, flats=tuple(names))
 
 
-def test_it_fits_its_card() -> None:
+def shipped() -> Path:
     path = find_model("gelslim3")
     assert path is not None
-    method = load_method(path)
-    assert method.card["held_out_direction_error_deg"] < 10.0
+    return path
+
+
+def test_it_fits_its_card() -> None:
+    method = load_network(shipped(), make_reference([flat(np.random.default_rng(0))]))
+    assert isinstance(method.law, Network)
     assert method.card["licence"] == "MIT"
+    assert method.card["versions"]["kornia"]
+    unseen, still = draw_samples(32, 77)
+    found = method.law.at(unseen.change, unseen.place)
+    off = np.degrees(np.abs(np.angle((found @ [1, 1j]) * (unseen.slopes @ [1, -1j]))))
+    assert np.median(off) == pytest.approx(method.card["held_out_direction_error_deg"], rel=0.2)
+    rest = method.law.at(still.change, still.place)
+    assert np.median(np.hypot(*rest.T)) < 0.03
 
 
 def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
-    found = build_reconstructor(recording(tmp_path, "gelslim3"))
+    found = build_reconstructor(recording(tmp_path, "gelslim3_markers"))
     assert "no ball presses" in found.warnings[0]
-    assert found.method.name == "polynomial"
+    assert found.method.name == "network"
 
 
 def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: Path) -> None:
@@ -45,13 +60,51 @@ def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: 
         build_reconstructor(recording(tmp_path, "digit"))
     with pytest.raises(InputError, match="no picture of the untouched gel"):
         build_reconstructor(recording(tmp_path, "gelslim3", flats=0))
-    with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, lookup"):
+    with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, lookup, network"):
         build_reconstructor(recording(tmp_path, "gelslim3"), "polynomal")
 
 
-def test_a_saved_method_is_taken_by_its_path(tmp_path: Path) -> None:
-    path = find_model("gelslim3")
-    assert path is not None
-    found = build_reconstructor(recording(tmp_path, "digit"), str(path))
-    assert found.method.name == "polynomial"
-    assert found.warnings == ()
+def test_it_is_taken_by_its_path_but_not_for_another_sensor(tmp_path: Path) -> None:
+    found = build_reconstructor(recording(tmp_path, "gelslim3"), str(shipped()))
+    assert found.method.name == "network"
+    with pytest.raises(InputError, match=r"made for another sensor.*gelslim3.*digit"):
+        build_reconstructor(recording(tmp_path, "digit"), str(shipped()))
+    with pytest.raises(InputError, match="no picture of the untouched gel"):
+        build_reconstructor(recording(tmp_path, "gelslim3", flats=0), str(shipped()))
+
+
+def copied(folder: Path) -> Path:
+    for suffix in (".onnx", ".json"):
+        shutil.copy(shipped().with_suffix(suffix), folder)
+    return folder / "gelslim3.onnx"
+
+
+def test_a_network_that_is_not_its_card_s_is_refused(tmp_path: Path) -> None:
+    reference = make_reference([flat(np.random.default_rng(0))])
+    path, content = copied(tmp_path), shipped().read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    with pytest.raises(InputError, match="does not match its card"):
+        load_network(path, reference)
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match="does not match its card"):
+        load_network(path, reference)
+    path.unlink()
+    with pytest.raises(InputError, match="the network is missing"):
+        load_network(path, reference)
+    path.with_suffix(".json").write_text("[]")
+    with pytest.raises(InputError, match="card is not a table"):
+        load_network(path, reference)
+
+
+@pytest.mark.parametrize("kept", [0.5, 0.0])
+def test_a_truncated_network_with_a_card_to_match_is_still_told(tmp_path: Path, kept: float) -> None:
+    import hashlib
+
+    path, content = copied(tmp_path), shipped().read_bytes()
+    part = content[: int(kept * len(content))]
+    path.write_bytes(part)
+    card = json.loads(path.with_suffix(".json").read_text())
+    card["onnx_sha256"] = hashlib.sha256(part).hexdigest()
+    path.with_suffix(".json").write_text(json.dumps(card))
+    with pytest.raises(InputError, match=r"cannot be read|does not"):
+        load_network(path, make_reference([flat(np.random.default_rng(0))]))
