@@ -24,6 +24,7 @@ def write_tiff(path: Path | str, height: HeightMap) -> None:
             temporary,
             masked(height),
             description=json.dumps(about),
+            metadata=None,  # else it adds a second description, which other readers complain of
             resolution=(10 / height.mm_per_px[0], 10 / height.mm_per_px[1]),
             resolutionunit="CENTIMETER",
         )
