@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -53,6 +53,8 @@ def calibrate(
     outcomes = [_calibrate_one(taken, law.value) for taken in take(recordings)]
     with staged(out) as stage:
         _write(outcomes[-1], stage)
+        if not _holds_a_recording(out):
+            _describe(outcomes[-1].taken, stage)
         for number, outcome in enumerate(outcomes[:-1], start=1):
             _write(outcome, stage / f"{number:02d}_{outcome.taken.recording.name}")
         if sum(outcome.result is not None for outcome in outcomes) > 1:
@@ -99,6 +101,22 @@ def _write(outcome: Outcome, folder: Path) -> None:
         folder / "report.html",
         calibration_page(title, result, taken.points, figures=fits, presses=presses, notes=notes),
     )
+
+
+def _holds_a_recording(folder: Path) -> bool:
+    """True where recording.toml is somebody's own, not one that an earlier calibration left."""
+    from tactilevision.recording import layout
+
+    measured = any((folder / name).exists() for name in (layout.PRESSES, layout.FORCES, layout.FRAME_TABLE))
+    return (folder / layout.SETTINGS).exists() and (measured or not (folder / "calibration.json").exists())
+
+
+def _describe(taken: Taken, folder: Path) -> None:
+    """Gel and indenters beside the points, so that what was written is itself a recording of points or curves."""
+    from tactilevision.recording.write import write_settings
+
+    sensor = replace(taken.recording.sensor, rectification=None)  # there are no frames here to rectify
+    write_settings(replace(taken.recording, path=folder, sensor=sensor))
 
 
 def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import Taken, take
+from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from calibration.validate import Validation
-    from tactilevision.records import Material
+    from tactilevision.records import Estimate, Material, Pair
 
 
 def validate(
@@ -37,9 +39,9 @@ def validate(
     from calibration.validate import validate as compare
     from tactilevision.files import staged, write_json
 
-    (taken,) = take([path])
+    taken, bulge = beside_the_punch(take([path])[0])
     data = observe([taken.measured])
-    material = _material(taken, calibration)
+    material = _material(taken, calibration, bulge)
     with console.progress_bar("finite elements") as progress:
         found = compare(data, material, progress=progress)
     content = report.as_json(found)
@@ -53,7 +55,7 @@ def validate(
     console.hand_over(content, json)
 
 
-def _material(taken: Taken, calibration: Path | None) -> Material:
+def _material(taken: Taken, calibration: Path | None, bulge: Estimate | None) -> Material:
     """As stated, as found beside the points, or calibrated now: at the middle of what is not fixed."""
     from tactilevision.force.calibrated import read_material
 
@@ -63,13 +65,13 @@ def _material(taken: Taken, calibration: Path | None) -> Material:
     from calibration.calibrate import calibrate
 
     clock = taken.certificate.clock_offset if taken.certificate else None
-    result = calibrate(taken.measured, clock_offset=clock)
+    result = calibrate(taken.measured, clock_offset=clock, bulge=bulge)
     if result.material is not None:
         return result.material
     return _middle(result.poisson_ratio.interval95, result.youngs_modulus_of_nu)
 
 
-def _middle(interval: tuple[float, float] | None, modulus_of_nu: tuple[tuple[float, float], ...]) -> Material:
+def _middle(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
     """Where the data leave nu open: the middle of its interval, and E at the fitted stiffness there."""
     import numpy as np
 
@@ -99,5 +101,5 @@ def _draw(found: Validation, folder: Path) -> None:
                 for one in found.comparisons
                 if one.law == law
             ]
-            panels.append(Panel(law, samples.depth_mm, measured, series))
+            panels.append(Panel(law.capitalize(), samples.depth_mm, measured, series))
         style.save_png(draw_validation(panels, quantity, title=title), folder / f"{name}.png")

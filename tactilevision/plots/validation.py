@@ -39,7 +39,10 @@ class Panel:
 
 @style.house_look
 def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") -> Figure:
-    """One column a law: above, computed against measured; below, the error along depth. NaN is left out."""
+    """One column a law: above, computed against measured; below, the error along depth.
+
+    Depths that no series reaches are shaded.
+    """
     figure, axes = style.new_figure(4.4 * len(panels) + 0.6, 6.0, rows=2, columns=len(panels))
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     above, below = axes[: len(panels)], axes[len(panels) :]
@@ -50,12 +53,14 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
         lower.set(xlabel="measured depth (mm)", ylabel="error (%)")
     for row in (above, below):
         _share_limits(row)
-    below[0].legend(fontsize=8, loc="best")
+    most = max(range(len(panels)), key=lambda k: sum(np.isfinite(one.error).sum() for one in panels[k].series))
+    below[most].legend(fontsize=8, loc="best", ncols=2)
     return figure
 
 
 def _against(axes: Axes, panel: Panel) -> None:
-    top = float(np.nanmax(np.concatenate([panel.measured, *(one.computed for one in panel.series)])))
+    every = np.concatenate([panel.measured, *(one.computed for one in panel.series)])
+    top = float(every[np.isfinite(every)].max())
     axes.plot([0, 1.05 * top], [0, 1.05 * top], color=style.GREY, lw=0.9, zorder=1)
     axes.annotate("equal", (0.82 * top, 0.82 * top), xytext=(6, -10), textcoords="offset points", color=style.GREY,
                   fontsize=8)  # fmt: skip
@@ -72,7 +77,13 @@ def _errors(axes: Axes, panel: Panel) -> None:
         line = "-" if np.unique(panel.depth_mm).size == panel.depth_mm.size else ""
         axes.plot(panel.depth_mm[order], 100 * one.error[order], marker + line, ms=4.5, mfc="white", mew=1.2, lw=1,
                   color=colour, label=one.name)  # fmt: skip
-    axes.set_xlim(left=0)
+    axes.set_xlim(0, 1.05 * float(panel.depth_mm.max()))
+    reached = np.any([np.isfinite(one.error) for one in panel.series], axis=0)
+    if not reached.all():
+        deepest = float(panel.depth_mm[reached].max(initial=0.0))
+        axes.axvspan(deepest, axes.get_xlim()[1], color=style.INVALID, alpha=0.5, lw=0)
+        axes.text(0.98, 0.04, "beyond what the elements reach", transform=axes.transAxes, ha="right", fontsize=8,
+                  color=style.GREY)  # fmt: skip
 
 
 def _share_limits(row: Sequence[Axes]) -> None:

@@ -178,3 +178,36 @@ def test_curves_are_compared_while_the_punch_moves_in() -> None:
     assert samples.depth_mm.size == method.LEVELS - 1
     np.testing.assert_allclose(samples.force_N, 3.5 * samples.depth_mm, rtol=1e-12)
     assert samples.depth_mm.min() > 0.05
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
+    return main()
+
+
+def test_what_calibrate_wrote_can_be_validated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "calibrate", PAPER, "--law", "paper", "--out", tmp_path / "cal") == 0
+    monkeypatch.setattr(method, "punch_curve", known_curve(0.84))
+    arguments = (tmp_path / "cal", "--out", tmp_path / "val", "--json", tmp_path / "v.json")
+    assert run(monkeypatch, "validate", *arguments) == 0
+    content = json.loads((tmp_path / "val" / "validation.json").read_text())
+    assert json.loads((tmp_path / "v.json").read_text()) == content
+    assert content["poisson_ratio"] == pytest.approx(0.4797, abs=1e-4)
+    assert content["youngs_modulus_MPa"] == pytest.approx(0.1988, abs=1e-4)
+    assert [model["law"] for model in content["models"]] == ["neo-hooke"] * 5 + ["hencky"] * 5
+    assert [model["friction"] for model in content["models"][:5]] == [0.0, 0.15, 0.3, 0.6, "no slip"]
+    for figure in ("depth_at_equal_force.png", "force_at_equal_depth.png"):
+        assert (tmp_path / "val" / figure).stat().st_size > 10_000
+    assert "grows with depth" in capsys.readouterr().out
+
+
+def test_calibrating_into_a_recording_leaves_its_description_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("recording.toml", "points.csv"):
+        (tmp_path / name).write_bytes((PAPER / name).read_bytes())
+    before = (tmp_path / "recording.toml").read_bytes()
+    assert run(monkeypatch, "calibrate", tmp_path, "--law", "paper", "--out", tmp_path) == 0
+    assert (tmp_path / "recording.toml").read_bytes() == before
