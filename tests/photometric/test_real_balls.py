@@ -1,0 +1,141 @@
+"""Real ball presses of GelSlim 3.0 and GelSight Mini: how far the direction of slope is off, balls held out.
+
+The balls' sizes are not recorded, so depth has no truth here; the direction of slope hardly depends on them.
+Figures as measured on 2026-11-21, with a little room.
+"""
+
+from __future__ import annotations
+
+import csv
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.photometric import (
+    BallPicture,
+    Calibration,
+    Reference,
+    calibrate_from_balls,
+    load_network,
+    make_reference,
+)
+from tactilevision.photometric.calibrate import direction_error_deg
+from tactilevision.photometric.polynomial import fit_polynomial
+from tactilevision.photometric.samples import inside_ball
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Bytes, Floats, Frame
+from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
+from tactilevision.weights import find_model
+
+REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
+pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")
+SCALE = (0.0634, 0.0634)
+
+
+def read(path: Path) -> Bytes:
+    picture = cv2.imread(str(path))
+    assert picture is not None, path
+    return np.ascontiguousarray(picture[..., ::-1])
+
+
+@lru_cache
+def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
+    """The rectified reference and every second ball press (to spare time) of a set."""
+    where = REAL / folder
+    with np.load(where.parent / "abe_corr.npz", allow_pickle=False) as table:
+        sensor = get_sensor("gelslim3", rectification=maps_from_lookup(table["x"], table["y"]))
+    names = sorted(where.glob("sample_*.jpg"))[::2]
+    shots = tuple(BallPicture(rectify(sensor, read(name)), 3.8, name=name.name) for name in names)
+    return rectify(sensor, read(where / "ref.jpg")), shots
+
+
+@lru_cache
+def calibrated(folder: str, marks: bool) -> Calibration:
+    flat, shots = gelslim(folder)
+    return calibrate_from_balls(make_reference([flat], may_have_marks=marks), shots, SCALE, fit=fit_polynomial)
+
+
+@pytest.mark.parametrize(
+    ("folder", "marks", "least", "most"),
+    [
+        ("gelslim3_mcubelab/markerless", True, 3.0, 4.3),
+        ("gelslim3_mcubelab/markers", True, 3.5, 4.9),
+        ("gelslim_heightmap/dots1", True, 4.0, 7.0),
+    ],
+)
+def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, least: float, most: float) -> None:
+    found = calibrated(folder, marks)
+    assert all(ball is not None for ball in found.balls)
+    assert least < found.direction_error_deg < most
+
+
+def test_filled_marks_make_better_slopes() -> None:
+    filled, bare = (calibrated("gelslim3_mcubelab/markers", marks) for marks in (True, False))
+    assert filled.method.reference.marks is not None
+    assert filled.direction_error_deg < bare.direction_error_deg - 0.3
+    assert calibrated("gelslim3_mcubelab/markerless", True).method.reference.marks is None, "none where none are"
+
+
+@pytest.mark.parametrize(
+    ("folder", "most"),
+    [
+        ("gelslim3_mcubelab/markerless", 13.0),
+        ("gelslim3_mcubelab/markers", 15.0),
+        ("gelslim_heightmap/dots1", 13.0),
+    ],
+)
+def test_the_network_for_drawn_lights_reads_real_ones(folder: str, most: float) -> None:
+    path = find_model("gelslim3")
+    assert path is not None
+    calibration = calibrated(folder, True)
+    method = load_network(path, calibration.method.reference)
+    true, found = under_balls(folder, calibration)
+    read_off = method.law.at(*found)
+    assert np.median(direction_error_deg(read_off, true)) < most
+
+
+def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Floats, Floats]]:
+    rng = np.random.default_rng(0)
+    change = calibration.method.change
+    parts = []
+    for number, (shot, ball) in enumerate(zip(gelslim(folder)[1], calibration.balls, strict=True)):
+        assert ball is not None
+        seen, _, valid = change.measure(shot.rgb)
+        parts.append(inside_ball(seen, ball, SCALE, number=number, most=150, valid=valid, rng=rng))
+    slopes, colours, places = (
+        np.concatenate([getattr(p, name) for p in parts]) for name in ("slopes", "change", "place")
+    )
+    return slopes, (colours, places)
+
+
+def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
+    calibration = calibrated("gelslim3_mcubelab/markers", True)
+    reconstructor = Reconstructor(get_sensor("gelslim3_markers"), calibration.method)
+    for number in (3, 10):
+        ball = calibration.balls[number]
+        assert ball is not None
+        depth = reconstructor.height_map(Frame(gelslim("gelslim3_mcubelab/markers")[1][number].rgb)).depth_mm
+        x, y = ball.centre_px
+        top = np.unravel_index(np.argmax(cv2.GaussianBlur(np.asarray(depth, np.float32), (0, 0), 3)), depth.shape)
+        assert np.hypot(top[1] - x, top[0] - y) < 6.0
+        rows, columns = np.indices(depth.shape)
+        away = np.hypot(columns - x, rows - y) > 4 * ball.contact_radius_px
+        assert np.std(depth[away]) < 0.1 * depth.max(), "no marks and no waves left in the gel beside"
+
+
+def test_gelsight_mini_at_640_by_480() -> None:
+    where = REAL / "taxim_gelsight_mini"
+    with (where / "labels.csv").open(encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))[::2]
+    shots = [
+        BallPicture(read(where / row["img"]), 2.0, (float(row["cx"]), float(row["cy"])), name=row["img"])
+        for row in rows
+    ]
+    reference: Reference = make_reference([read(where / "f0.png")], may_have_marks=False)
+    found = calibrate_from_balls(reference, shots, (0.0317, 0.0317), fit=fit_polynomial)
+    assert all(ball is not None for ball in found.balls)
+    assert found.direction_error_deg < 4.0
+    assert any("of the picture only" in warning for warning in found.warnings), "all balls lie near the middle"
