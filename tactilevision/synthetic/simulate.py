@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tactilevision.errors import OutputError
 from tactilevision.recording import Recording, layout, write_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import writing
@@ -21,6 +23,7 @@ from tactilevision.synthetic.story import Story, stream, tell
 from tactilevision.synthetic.truth import truth_of
 
 Progress = Callable[[int, int], None]
+TRUTH = "truth.toml"
 
 
 def simulate(
@@ -34,12 +37,33 @@ def simulate(
     options = options or SimulationOptions()
     folder = Path(out)
     story = tell(options, seed)
+    _clear(folder)
+    writing.write_toml(folder / TRUTH, truth_of(story))
     record = writing.recording_of(folder, story)
     if record.forces is not None:
         record = _pictured(record, story, progress or (lambda done, of: None))
-    writing.write_toml(folder / "truth.toml", truth_of(story))
     write_recording(record)
     return folder
+
+
+def _clear(folder: Path) -> None:
+    """Make room where an earlier simulation stands (it has a truth.toml); nothing else is ever replaced."""
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    if not (folder / TRUTH).is_file():
+        raise OutputError("the folder holds files that no simulation wrote", where=folder,
+                          remedy="Name a folder that is empty or not there yet.")  # fmt: skip
+    tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
+    try:
+        for name in (layout.SETTINGS, *tables):  # the settings first: without them it is no recording
+            (folder / name).unlink(missing_ok=True)
+        for name in (layout.FRAMES, layout.FLATS, layout.BALLS):
+            if (folder / name).is_dir():
+                shutil.rmtree(folder / name)
+        (folder / layout.BALL_TABLE).unlink(missing_ok=True)
+    except OSError as fault:
+        raise OutputError(f"cannot be cleared: {fault.strerror or fault}", where=folder,
+                          remedy="Choose another folder.") from fault  # fmt: skip
 
 
 def frame_times(story: Story) -> list[tuple[PlannedPress, Floats]]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.recording import BadFrame, Recording, iter_frames, read_frame, read_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import (
@@ -199,3 +199,17 @@ def test_prior_of_poisson_ratio_can_be_left_out_and_clock_stated(tmp_path: Path)
 def test_unknown_fault_is_refused() -> None:
     with pytest.raises(InputError, match=r"'earthquake'.*Choose among tangential"):
         SimulationOptions(faults=("earthquake",))
+
+
+def test_an_earlier_simulation_is_replaced_whole_and_nothing_else_ever(tmp_path: Path) -> None:
+    small = replace(SMALL, faults=(), balls=1, torn_frame=False)
+    simulate(tmp_path / "made", seed=1, options=small)
+    simulate(tmp_path / "made", seed=1, options=replace(small, balls=0, rig=RigOptions(frames_per_press=6)))
+    assert read_recording(tmp_path / "made").warnings == ()
+    assert read_recording(tmp_path / "made").balls == ()
+    real = tmp_path / "real"
+    real.mkdir()
+    (real / "points.csv").write_text("press,indenter,depth_mm,fz_N\n")
+    with pytest.raises(OutputError, match="no simulation wrote"):
+        simulate(real, seed=1, options=small)
+    assert [path.name for path in real.iterdir()] == ["points.csv"]
