@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +95,8 @@ def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.
     for added in effects:
         effect = get_effect(added) if isinstance(added, str) else added
         try:
-            found.append(evaluate(model + effect, data, rng))
+            one = evaluate(model + effect, data, rng)
+            found.append(replace(one, effects=(*found[-1].effects, effect.key)))
         except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
             left_out.append((effect.key, str(fault)))
             continue

@@ -5,8 +5,8 @@
 Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
 decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
 error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
-AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect of the
-catalogue explains).
+AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect
+of the catalogue explains).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
 from calibration.fitting import Fit
+from calibration.left import describe
 from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.repeats import noise_floor
@@ -118,16 +119,20 @@ def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator)
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
     missing, visible = _testable(both)
+    errors = _errors(base, fitted)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
-        candidates=candidates, not_testable=missing, visible=visible, errors=_errors(base, fitted), before=before,
+        candidates=candidates, not_testable=missing, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
         measure_next=_next(base, force.sets, flags, _by_hand(base, missing, sight)),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
         tried=tuple(key for one in both for key in one.tried), possible_bias={}, base=base, fitted=fitted,
         sight=None if sight is None else sight.searched,
+        held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
+        covariates_before=force.searched.first.covariates,
+        left=describe(force.searched.current, force.searched.last.covariates) if force.unknown else None,
     )  # fmt: skip
 
 
@@ -214,6 +219,11 @@ def _by_hand(base: Fit, not_testable: Mapping[str, str], sight: _Outcome | None)
     opened = [c.effect.key for s in (sight.sets if sight else ()) if len(s) > 1 for c in s]
     hidden = [key for key in not_testable if source.get(key) in (None, base.data.depth_source)]
     return [key for key in dict.fromkeys([*opened, *hidden]) if key in BY_HAND]
+
+
+def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:
+    """Of one step's fit; the last one's is known."""
+    return errors.held_out_after if fitted is last else held_out_rms(fitted)
 
 
 def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:

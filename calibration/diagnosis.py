@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.experiment import NextMeasurement
 from calibration.fitting import Fit
+from calibration.left import Left
 from calibration.outside import WouldHaveToBe
 from calibration.result import CalibrationResult
 from calibration.screen import Scored
@@ -63,7 +64,9 @@ class Diagnosis:
     theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
     bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
     before and after; `sight` the search on the
-    picture's depth against the certified one, where there are both.
+    picture's depth against the certified one, where there are both; `left` describes what nothing
+    explains, where the verdict is UNKNOWN; `held_out` the held-out error in N of the base model and after each
+    effect; `covariates_before` what the base model's residual depends on.
     """
 
     verdict: str
@@ -86,6 +89,9 @@ class Diagnosis:
     base: Fit
     fitted: Fit
     sight: Searched | None = None
+    left: Left | None = None
+    held_out: tuple[float, ...] = ()
+    covariates_before: tuple[Scored, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -102,10 +108,18 @@ class Diagnosis:
             "flags": list(self.flags),
             "lack_of_fit_p": self.lack_of_fit_p,
             "tried": list(self.tried),
+            "left": None
+            if self.left is None
+            else {
+                "rms_N": self.left.size_N,
+                "length_mm": self.left.length_mm,
+                "covariates": list(self.left.covariates),
+            },
             "possible_bias_of_E": dict(self.possible_bias),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
+            "held_out_N": list(self.held_out),
             "reconstructed_depth": self._sight(),
             "noise": self.fitted.noise.parts(self.fitted.about.base_N),
         }

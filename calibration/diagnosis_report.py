@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from calibration import page, wording
-from calibration.diagnosis import Diagnosis
+from calibration.diagnosis import Added, Diagnosis
+from calibration.drawing import Card
 from calibration.effects import get_effect
 from calibration.report import Picture
 from calibration.stages import EffectBase
@@ -22,6 +24,8 @@ def verdict_sentence(found: Diagnosis) -> str:
     named = " and ".join(in_words(effect.key) for effect in found.effects)
     held = 1e3 * found.errors.held_out_before, 1e3 * found.errors.held_out_after
     fall = f"; the error on presses left out falls from {held[0]:.1f} to {held[1]:.1f} mN"
+    if not any(effect.key in found.fitted.model.keys for effect in found.effects):
+        fall = "; the forces themselves are explained as well as they repeat"
     match found.verdict:
         case "ADEQUATE":
             return "The model explains these data as well as they repeat: nothing is missing that they could show."
@@ -32,7 +36,40 @@ def verdict_sentence(found: Diagnosis) -> str:
             return f"Something is missing from the model; these data cannot tell which of: {several}."
         case _:
             known = f" beyond {named}" if named else ""
-            return f"Something is missing from the model{known} that no effect of the catalogue explains."
+            what = f"that no effect of the catalogue explains{_left(found)}"
+            return f"Something is missing from the model{known} {what}."
+
+
+def _left(found: Diagnosis) -> str:
+    """What is left, in half a sentence."""
+    left = found.left
+    if left is None:
+        return ""
+    on = " and ".join(_said(key) for key in left.covariates[:2])
+    parts = [f"it depends on {on}"] if on else []
+    if left.size_N > 0:
+        parts.append(f"is about {1e3 * left.size_N:.0f} mN large and varies over {left.length_mm:.2g} mm of depth")
+    if found.change_point is not None:
+        parts.append(f"is there since press {found.change_point}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _said(name: str) -> str:
+    """A covariate's name as a person says it."""
+    return {
+        "w": "the depth",
+        "w/h": "the depth",
+        "1/w": "the depth",
+        "P": "the force",
+        "t": "the time in the press",
+        "a": "the punch's radius",
+        "T": "the temperature",
+        "x": "the place in x",
+        "y": "the place in y",
+        "log rate": "the speed",
+        "wait": "the wait before",
+        "load/unload": "loading or unloading",
+    }.get(name, name)
 
 
 def next_sentence(found: Diagnosis) -> str:
@@ -67,14 +104,21 @@ def summary(found: Diagnosis) -> list[str]:
     return [*lines, *([next_sentence(found)] if found.measure_next else [])]
 
 
-def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture]) -> str:
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """One candidate's card with its picture; None where it could not be drawn."""
+
+    card: Card
+    picture: Picture | None
+
+
+def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture], cards: Sequence[Drawn] = ()) -> str:
     """The whole page."""
     return page.page(
         title,
-        page.paragraph(f"{found.verdict}. {verdict_sentence(found)} {next_sentence(found)}", kind="lead"),
-        page.section("What the model leaves, and how the error falls",
-                     *(page.figure(p.data_uri, p.caption) for p in figures)),
-        page.section("Candidates", *(_card(key, found) for key in _carded(found))),
+        _head(found),
+        page.section("The evidence", *(page.figure(p.data_uri, p.caption) for p in figures)),
+        page.section("Candidates", *(_card(drawn, found) for drawn in cards)),
         page.section("What it does to the material", _material(found)),
         page.section("Where beta does not fit theory", _outside(found)),
         page.section("What to measure next", _next(found)),
@@ -82,29 +126,60 @@ def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture]) -> 
     )  # fmt: skip
 
 
-def _carded(found: Diagnosis) -> list[str]:
-    keys = [effect.key for effect in found.effects]
-    return list(dict.fromkeys([*keys, *found.candidates, *found.tried]))
+def _head(found: Diagnosis) -> str:
+    """What a reader in a hurry takes away."""
+    lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
+    lines += [page.paragraph(_in_plain_words(effect)) for effect in found.effects]
+    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if found.effects and before.value is not None and after.value is not None:
+        lines.append(page.paragraph(
+            f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
+            f"{wording.estimate(before)}."))  # fmt: skip
+    lines.append(page.paragraph(next_sentence(found)) if found.measure_next else "")
+    return page.block("verdict " + ("clean" if found.verdict == "ADEQUATE" else "found"), *lines)
 
 
-def _card(key: str, found: Diagnosis) -> str:
+def _in_plain_words(added: Added) -> str:
+    about = _about(added.key)
+    said = about.title if about is not None and about.title else in_words(added.key)
+    values = ", ".join(f"{_parameter(name)} {wording.estimate(value)}" for name, value in added.parameters)
+    return f"{in_words(added.key).capitalize()}: {said}; {values}."
+
+
+def _parameter(name: str) -> str:
+    """A parameter's name without the unit, which its value carries."""
+    for unit in ("_mm_per_N", "_N_per_mm", "_per_mm", "_rad", "_days", "_mm", "_N", "_s"):
+        name = name.removesuffix(unit)
+    return name.replace("_", " ")
+
+
+def _about(key: str) -> EffectBase | None:
     try:
         effect = get_effect(key)
     except InputError:
-        return page.paragraph(f"{in_words(key)}: an effect of your own.")
-    about = effect if isinstance(effect, EffectBase) else None
-    rows = []
+        return None
+    return effect if isinstance(effect, EffectBase) else None
+
+
+def _card(drawn: Drawn, found: Diagnosis) -> str:
+    key = drawn.card.key
+    about = _about(key)
+    rows = [(_parameter(name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
+            for name, value, unit in drawn.card.values]  # fmt: skip
     for added in found.effects:
         if added.key == key:
-            rows += [(name, wording.estimate(value)) for name, value in added.parameters]
-            rows += [("p, adjusted for all looks", wording.p_value(added.p_adjusted)),
-                     ("skill on presses left out", f"{100 * added.transfer_skill:.0f} %")]  # fmt: skip
+            rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
+            rows += [("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
+                     ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %")]  # fmt: skip
     if about is not None:
         rows += [("seen against", ", ".join(about.seen_in)),
                  ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
                  ("told apart by", "; ".join(about.separated_by)), ("source", about.source)]  # fmt: skip
-    heading = f"{in_words(key)}: {about.title}" if about is not None and about.title else in_words(key)
-    return page.paragraph(heading, kind="lead") + page.table(("", ""), [row for row in rows if row[1]])
+    title = (
+        f"{in_words(key)}: {about.title}" if about is not None and about.title else f"{in_words(key)}: your own"
+    )
+    picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
+    return page.block("card", page.heading(title), picture, page.table(("", ""), [row for row in rows if row[1]]))
 
 
 def _material(found: Diagnosis) -> str:
@@ -133,7 +208,8 @@ def _outside(found: Diagnosis) -> str:
 
 
 def _next(found: Diagnosis) -> str:
-    rows = [(a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}") for a in found.measure_next]
+    rows = [(a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–")
+            for a in found.measure_next]  # fmt: skip
     return page.table(("do", "minutes", "expected separation (std)"), rows, numbers=(1, 2))
 
 

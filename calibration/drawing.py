@@ -1,24 +1,31 @@
-"""What the figures of a fit show: its points, and its law along depth with the band that the covariance gives."""
+"""What the figures of a fit and of a diagnosis show: points, laws with their bands, residuals, candidates."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.conditions import Covariate, bins
 from calibration.diagnosis import Diagnosis
 from calibration.effects import EFFECTS, get_effect
 from calibration.fitting import Fit
 from calibration.minimise import Box, differentiate
-from calibration.refit import refit_with, separation
+from calibration.noise import Whitener
+from calibration.refit import CANNOT_FIT, Candidate, refit_with, separation
 from calibration.screen import Scored, seen_covariates
+from calibration.search import TOLD_APART
+from calibration.sight import depth_ratio, sighted
+from calibration.stages import Effect
 from calibration.tolerances import CERTIFICATE, HEIGHTS
-from tactilevision.plots.diagnosis import Panel
+from tactilevision.plots.diagnosis import Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
 STEPS = 60
+BINS = 8
 
 
 def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
@@ -87,16 +94,102 @@ def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> lis
             for s in scored[:most] if s.key in seen]  # fmt: skip
 
 
-def confusability(found: Diagnosis, most: int = 6) -> tuple[list[str], Floats] | None:
-    """Separation (k, k) of the added and best-scoring effects; None where there are fewer than two."""
-    keys = list(
-        dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.screen)])
-    )
-    keys = [key for key in keys if key in EFFECTS and key not in found.not_testable][:most]
-    if len(keys) < 2:
+def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
+    """Separation (k, k) of the added and best-scoring effects that show at all; None for fewer than two."""
+    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.screen)])
+    fits = []
+    for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
+        with suppress(*CANNOT_FIT):
+            fits.append(refit_with(found.base, get_effect(key)))
+        if len(fits) == most:
+            break
+    fits = [one for one in fits if _shows(found.base, one)]
+    if len(fits) < 2:
         return None
-    fits = [refit_with(found.base, get_effect(key)) for key in keys]
-    table = [
-        [0.0 if one is other else separation(found.base, one, other.effect) for other in fits] for one in fits
-    ]
-    return keys, np.array(table)
+    table = [[0.0 if one is other else _parted(found.base, one, other.effect) for other in fits] for one in fits]
+    return [one.effect.key for one in fits], np.array(table)
+
+
+def _shows(base: Fit, candidate: Candidate) -> bool:
+    """Whether the candidate, as fitted, changes anything beyond the noise of the whole."""
+    whitener = Whitener(base.data, base.noise, base.about)
+    return bool(np.linalg.norm(whitener.apply(candidate.force_N - base.force_N)) > TOLD_APART)
+
+
+def _parted(base: Fit, one: Candidate, other: Effect) -> float:
+    try:
+        return separation(base, one, other)
+    except CANNOT_FIT:
+        return float("inf")
+
+
+def sighting(found: Diagnosis) -> Sighting | None:
+    """Seen over certified depth of each sample, with what the found effects make of it; None without a picture."""
+    if found.sight is None:
+        return None
+    base, last = found.sight.base, found.sight.current
+    data = base.data
+    return Sighting(data.depth_mm, data.presses.order[data.press], depth_ratio(base), last.force_N / data.depth_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One candidate's key, its own fitted values by name with their units, and its picture; None where none is."""
+
+    key: str
+    values: tuple[tuple[str, float, str], ...]
+    overlay: Overlay | None
+
+
+def carded(found: Diagnosis) -> list[str]:
+    """The effects that get a card: those added, those that these data cannot tell from them, those tried."""
+    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
+
+
+def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
+    """One card a candidate, fitted alone on top of the base model."""
+    known = {**EFFECTS, **{effect.key: effect for effect in private}}
+    seen = {effect.key: effect for effect in sighted()}
+    by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
+    made = []
+    for key in carded(found):
+        if found.sight is not None and key in by_sight:
+            made.append(_card(found.sight.base, seen[key]))
+        elif key in known:
+            made.append(_card(found.base, known[key]))
+    return made
+
+
+def _card(base: Fit, effect: Effect) -> Card:
+    try:
+        fitted = refit_with(base, effect)
+    except CANNOT_FIT:
+        return Card(effect.key, (), None)
+    pairs = zip(effect.parameters, fitted.own_values, strict=True)
+    return Card(effect.key, tuple((p.name, float(v), p.unit) for p, v in pairs), _overlay(base, fitted))
+
+
+def _overlay(base: Fit, candidate: Candidate) -> Overlay:
+    """Against the covariate along which the candidate changes most."""
+    change = candidate.force_N - base.force_N
+    std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
+    best = max(seen_covariates(base), key=lambda one: _spread(one, change / std))
+    number = bins(best, BINS)
+    rows = [number == k for k in range(int(number.max()) + 1)]
+    residual = base.residual_N / std
+    counts = np.array([np.count_nonzero(row) for row in rows])
+    spread = np.array([residual[row].std() for row in rows]) / np.sqrt(np.maximum(counts, 1))
+    return Overlay(
+        name=best.name, unit=best.unit, key=candidate.effect.key,
+        values=np.array([best.values[row].mean() for row in rows]),
+        residual=np.array([residual[row].mean() for row in rows]), error=1.96 * spread,
+        predicted=np.array([(change / std)[row].mean() for row in rows]),
+    )  # fmt: skip
+
+
+def _spread(covariate: Covariate, change: Floats) -> float:
+    """How much of a change the bins' means carry."""
+    number = bins(covariate, BINS)
+    count = np.bincount(number)
+    mean = np.bincount(number, change) / np.maximum(count, 1)
+    return float(count @ (mean - np.average(mean, weights=count)) ** 2)

@@ -11,6 +11,12 @@ body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink);
        max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; margin-bottom: .2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
 p.lead { font-size: 1.1rem; }
+div.verdict { border-left: 6px solid var(--soft); background: #f6f6f4; padding: .6rem 1.1rem; margin: 1rem 0; }
+div.verdict.found { border-color: var(--bad); } div.verdict.clean { border-color: var(--good); }
+div.verdict b { letter-spacing: .04em; } div.verdict p { margin: .35rem 0; }
+div.card { border: 1px solid var(--line); padding: .3rem 1rem .6rem; margin: .8rem 0; break-inside: avoid; }
+div.card h3 { font-size: 1.02rem; margin: .5rem 0; } div.card figure { float: right; max-width: 46%; margin: 0; }
+div.card::after { content: ""; display: block; clear: both; }
 .soft { color: var(--soft); } .good { color: var(--good); } .bad { color: var(--bad); }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
@@ -40,6 +46,16 @@ def section(title: str, *parts: str) -> str:
 def paragraph(text: str, *, kind: str = "") -> str:
     """Text that is escaped; `kind` is a class of STYLE."""
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def block(kind: str, *parts: str) -> str:
+    """Parts in one box; `kind` is a class of STYLE."""
+    return f'<div class="{kind}">' + "\n".join(part for part in parts if part) + "</div>"
+
+
+def heading(text: str) -> str:
+    """A small heading inside a box."""
+    return f"<h3>{escape(text)}</h3>"
 
 
 def listing(items: Sequence[str]) -> str:

@@ -90,7 +90,11 @@ def _prior_cost(base: Fit, one: Candidate) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Errors of presses that the fit did not see: rms in N, and the whitened sum of squares."""
+    """Errors of presses that the fit did not see: rms in N, and the whitened sum of squares.
+
+    What a fit strains its parameters' priors by counts as well, each fold its share: a model that fits only by
+    leaving what is known of it has not understood the rest.
+    """
 
     rms_N: float
     squares: float
@@ -108,6 +112,7 @@ def hold_out(model: Model, about: Fit, start: Floats, folds: Ints) -> HeldOut:
         force = model.predict(problem.full(found.values), data)
         error[out] = (data.normal_N - force)[out]
         squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
+        squares += float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))
     return HeldOut(float(np.sqrt(np.mean(error**2))), squares)
 
 

@@ -25,6 +25,9 @@ from tactilevision.records import Floats
 
 DRAWS = 199
 SCATTER = "scatter while loading"
+ALIKE = (
+    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
+)
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS, OTHER_BINS = 16, 6
 
@@ -37,6 +40,10 @@ class Scored:
     statistic: float
     p: float
     p_adjusted: float
+
+    def as_json(self) -> dict[str, str | float]:
+        """One entry of covariates."""
+        return {"name": self.key, "p_adjusted": self.p_adjusted}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +79,7 @@ def _explained(fitted: Fit) -> Floats:
     columns = np.column_stack([fitted.jacobian[:, fitted.free], group_basis(fitted.data)])
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, size > 1e-7 * size[0]])
+    return np.asarray(left[:, size > ALIKE * size[0]])
 
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
@@ -87,7 +94,7 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
     seen = seen_covariates(fitted)
     steps = {c.name: _steps(fitted, c) for c in seen}
     cast = _Cast(fitted, [*tables.values(), *steps.values()])
-    real, white = cast.scores(fitted.noise, fitted.residual_N[:, None], [0])[0]
+    real, white = cast.scores(fitted.noise, fitted.residual_N[:, None], cast.own_priors[:, None], [0])[0]
     drawn = cast.null(rng, draws)
     null = [scores for scores, _ in drawn]
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
@@ -173,15 +180,19 @@ class _Cast:
         self._jacobian = fitted.jacobian[:, free]
         known = [0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters]
         self._priors = np.diag(np.array(known)[free])[np.array(known)[free] > 0]
+        self.own_priors = np.array([(p.prior.mean - v) / p.prior.std for p, v in zip(
+            fitted.parameters, fitted.values, strict=True) if p.prior is not None and not p.fixed])  # fmt: skip
         self._ends = np.cumsum([t.shape[1] for t in tables])
         self._tables = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
         self.left = self._split_seen()
 
-    def scores(self, noise: Noise, residual_N: Floats, which: Sequence[int]) -> list[tuple[list[Floats], Floats]]:
+    def scores(
+        self, noise: Noise, residual_N: Floats, priors: Floats, which: Sequence[int]
+    ) -> list[tuple[list[Floats], Floats]]:
         """Scores of each table's directions for the columns `which` of residuals (N, b), under one noise, and the
-        white residual (N,) itself.
+        white residual (N,) itself. `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
         """
-        directions, white = self._freed(noise, residual_N[:, which])
+        directions, white = self._freed(noise, residual_N[:, which], priors[:, which])
         unit = directions / np.where(self._visible, np.linalg.norm(directions, axis=0), np.inf)
         all_scores = unit.T @ white
         size = self.fitted.data.size
@@ -192,17 +203,18 @@ class _Cast:
         fitted = self.fitted
         whitener = Whitener(fitted.data, fitted.noise, fitted.about)
         errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))
+        priors = rng.standard_normal((len(self._priors), draws))
         noises = renewed_noise(fitted, errors)
-        return [self.scores(noises[k], errors, [k])[0] for k in range(draws)]
+        return [self.scores(noises[k], errors, priors, [k])[0] for k in range(draws)]
 
-    def _freed(self, noise: Noise, residual_N: Floats) -> tuple[Floats, Floats]:
+    def _freed(self, noise: Noise, residual_N: Floats, priors: Floats) -> tuple[Floats, Floats]:
         """Directions and residuals, whitened and orthogonal to the fit (priors included)."""
         fitted = self.fitted
         whitener = Whitener(fitted.data, noise, fitted.about)
         both = whitener.apply(np.column_stack([self._jacobian, self._tables, residual_N]))
         free, count = self._jacobian.shape[1], self._tables.shape[1]
         jacobian = np.vstack([both[:, :free], self._priors])
-        rest = np.vstack([both[:, free:], np.zeros((len(self._priors), both.shape[1] - free))])
+        rest = np.vstack([both[:, free:], np.column_stack([np.zeros((len(self._priors), count)), priors])])
         scale = np.linalg.norm(jacobian, axis=0)
         q, _ = np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0))
         self._before = np.linalg.norm(rest[:, :count], axis=0)
@@ -210,7 +222,8 @@ class _Cast:
         return rest[:, :count], rest[:, count:]
 
     def _split_seen(self) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-        directions, _ = self._freed(self.fitted.noise, np.zeros((self.fitted.data.size, 0)))
+        nothing = np.zeros((self.fitted.data.size, 0))
+        directions, _ = self._freed(self.fitted.noise, nothing, np.zeros((len(self._priors), 0)))
         self.sizes = np.linalg.norm(directions, axis=0)
         self._visible = self.sizes > SEEN * np.maximum(self._before, 1e-300)
         self._visible &= self.sizes > 1e-9

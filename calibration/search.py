@@ -107,8 +107,8 @@ def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
     for best in turn.candidates:
         scored = turn.scored[best.effect.key]
-        if scored.p_adjusted > level or not _inside(best):
-            continue
+        if scored.p_adjusted > level or not _inside(best) or best.cost > current.chi2:
+            continue  # chance, at the end of its range, or held back by what is known of it beforehand
         try:
             skill = _skill(current, best)
             if skill > 0:

@@ -139,7 +139,10 @@ def sight_of(data: Observations) -> Observations | None:
     both = data.samples(usable)
     assert both.reconstructed_mm is not None
     nothing = np.full(both.size, np.nan)
-    return replace(both.with_force(both.reconstructed_mm), force_std_N=nothing, depth_std_mm=nothing)
+    presses = replace(both.presses, speed_mm_s=np.full(both.count, np.nan))  # a picture knows no rate
+    return replace(
+        both.with_force(both.reconstructed_mm), force_std_N=nothing, depth_std_mm=nothing, presses=presses
+    )
 
 
 def fit_sight(data: Observations) -> Fit | None:
@@ -161,9 +164,15 @@ def risen(candidate: Candidate, data: Observations) -> float:
 
 
 def _stated(data: Observations) -> Floats | None:
-    """The height map's own std of the face (N,), where it is known throughout."""
+    """The height map's own std of the face (N,), where it is known throughout; smooth over the depth, since all
+    presses share it.
+    """
     std = data.reconstructed_std_mm
-    return std if std is not None and np.isfinite(std).all() and (std > 0).all() else None
+    if std is None or not (np.isfinite(std).all() and (std > 0).all()):
+        return None
+    degree = 1 if np.ptp(data.depth_mm) > 0.1 * np.max(data.depth_mm) else 0
+    line = np.polynomial.Polynomial.fit(data.depth_mm, std / data.depth_mm, degree)
+    return np.asarray(data.depth_mm * np.maximum(line(data.depth_mm), 0.5 * np.min(std / data.depth_mm)))
 
 
 def _across(depth_mm: Floats) -> Floats:

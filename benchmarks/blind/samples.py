@@ -27,7 +27,7 @@ from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
 
 SEED = 20261122
-BALLS_STATED = 1.06  # the balls' radii as stated over the true ones: every slope is taken for smaller than it is
+BALLS_STATED = 1.25  # a ball of 5 mm taken for one of 4: every slope is taken for smaller than it is
 
 
 def main(arguments: Sequence[str] = ()) -> None:

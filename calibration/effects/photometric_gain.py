@@ -31,7 +31,7 @@ class PhotometricGain(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """g."""
-        return (Parameter("gain", "1", 0.0, (-0.2, 0.2), "relative error of the depth", 0.03),)
+        return (Parameter("gain", "1", 0.0, (-0.5, 0.5), "relative error of the depth", 0.03),)
 
     def missing(self, data: Observations) -> str:
         """What these data would need."""

@@ -40,7 +40,7 @@ class Recovery(EffectBase):
         """A and tau."""
         return (
             Parameter("share", "1", 0.0, (0.0, 0.3), "how much softer right after a press", 0.03),
-            Parameter("time_s", "s", 40.0, (2.0, 2000.0), "time constant of healing", 40.0),
+            Parameter("time_s", "s", 40.0, (10.0, 2000.0), "time constant of healing", 40.0),
         )
 
     def missing(self, data: Observations) -> str:
@@ -53,7 +53,7 @@ class Recovery(EffectBase):
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.03, tau] for tau in (8.0, 30.0, 100.0, 400.0)])
+        return np.array([[0.03, tau] for tau in (15.0, 40.0, 120.0, 400.0)])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Soften by what is left."""

@@ -21,7 +21,7 @@ from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-TAU_S = (0.05, 500.0)
+TAU_S = (0.05, 100.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +13,10 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import take
 
 if TYPE_CHECKING:
-    from calibration.diagnosis import Diagnosis
-    from calibration.report import Picture
+    from calibration.data import Observations
     from calibration.stages import Effect
+    from calibration.steps import Step
+    from tactilevision.cli.measure import Taken
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 With = Annotated[
@@ -39,30 +41,31 @@ def diagnose(
     import numpy as np
 
     from calibration import diagnose as method
-    from calibration.calibrate import observe
     from calibration.diagnosis_report import diagnosis_page, summary
-    from calibration.steps import History, Step
+    from calibration.steps import Step
+    from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text
 
     taken = take(recordings)
     own = _private(private)
     with console.progress_bar("diagnosing"):
-        data = observe([one.measured for one in taken])
-        found = method.diagnose(data, np.random.default_rng(seed), effects=own, known=_known(known))
-    history = History(tuple(str(path) for path in recordings))
-    for effect in found.effects:
-        history = history.add(Step(effect.key, "", found.errors.before, found.errors.after))
+        found = method.diagnose(_data(taken), np.random.default_rng(seed), effects=own, known=_known(known))
+    steps = [Step(key, "") for key in known or ()]
+    steps += [Step(e.key, _path_of(e.key, own, private), found.errors.before, found.errors.after)
+              for e in found.effects if e.key in found.fitted.model.keys]  # fmt: skip
+    surfaces = reliefs(taken)
+    content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
-        write_json(stage / "diagnosis.json", found.as_json())
-        history.save(stage / "history.json")
-        write_text(stage / "repeat.sh", history.script())
+        write_json(stage / "diagnosis.json", content)
+        _keep_history(recordings, steps, stage)
         if apply:
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
-        write_text(stage / "report.html", diagnosis_page(title, found, _figures(found, stage)))
+        pictures = evidence(found, surfaces, stage)
+        write_text(stage / "report.html", diagnosis_page(title, found, pictures, drawn_cards(found, own, stage)))
     console.warn(found.after.warnings)
     console.say(*summary(found), f"wrote {out / 'report.html'}, and the tables and figures beside it")
-    console.hand_over(found.as_json(), json)
+    console.hand_over(content, json)
 
 
 def compare(
@@ -79,17 +82,21 @@ def compare(
     import numpy as np
 
     from calibration import compare as method
-    from calibration.calibrate import observe
+    from calibration.steps import Step
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots import style
 
-    data = observe([one.measured for one in take(recordings)])
-    found = method.compare(data, [*_known(known), *_private(private)], np.random.default_rng(seed))
-    console.warn([f"{key} could not be fitted and is left out: {why}" for key, why in found.left_out])
+    own = _private(private)
+    found = method.compare(_data(take(recordings)), [*_known(known), *own], np.random.default_rng(seed))
+    left_out = [f"{key} could not be fitted and is left out: {why}" for key, why in found.left_out]
+    console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
+    steps = [Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
+             for before, model in pairwise(found.models)]  # fmt: skip
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
+        _keep_history(recordings, steps, stage)
         drawn = draw.draw_waterfall(names, [model.held_out_N for model in found.models], found.models[-1].floor_N)
         style.save_png(drawn, stage / "error.png")
     for name, model in zip(names, found.models, strict=True):
@@ -97,7 +104,7 @@ def compare(
             f"{name:24s} rms {1e3 * model.rms_N:7.2f} mN, held out {1e3 * model.held_out_N:7.2f} mN, "
             f"floor {1e3 * model.floor_N:6.2f} mN"
         )
-    console.say(f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
+    console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)
 
 
@@ -124,37 +131,51 @@ def _private(paths: Sequence[Path] | None) -> list[Effect]:
     return [load_effect(path) for path in paths or ()]
 
 
-def _figures(found: Diagnosis, folder: Path) -> list[Picture]:
-    import numpy as np
+def _data(taken: Sequence[Taken]) -> Observations:
+    """The curves of these recordings where there are any, else the certified points."""
+    from calibration.calibrate import observe
+    from calibration.observe import observe_all
 
-    from calibration.drawing import confusability, drawn_points, fitted_lines, residual_panels
-    from calibration.screen import screen
-    from tactilevision.cli.pictures import keep
-    from tactilevision.plots import diagnosis as draw
-    from tactilevision.plots.indentation import draw_fit
+    sets = [one.measured for one in taken]
+    return observe_all(sets) if any(one.curves for one in sets) else observe(sets)
 
-    kept = []
-    for name, fitted in (("before", found.base), ("after", found.fitted)):
-        if name == "before" or found.effects:
-            drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
-            kept.append(keep(drawn, folder / f"fit_{name}.png", f"The measurements and the model, {name}."))
-    base = screen(found.base, (), np.random.default_rng(0))
-    panels = draw.draw_residuals(residual_panels(found.base, base.covariates))
-    kept.append(
-        keep(panels, folder / "residuals.png", "What the base model leaves; red where it is not by chance.")
-    )
-    errors = found.errors
-    names = [
-        "base",
-        *([" + ".join(e.key.replace("_", " ") for e in found.effects)] if found.effects else []),
-    ]
-    held = [errors.held_out_before, errors.held_out_after][: len(names)]
-    fall = draw.draw_waterfall(names, held, errors.floor)
-    kept.append(keep(fall, folder / "error.png", "Error on presses that the fit did not see."))
-    table = confusability(found)
-    if table is not None:
-        drawn = draw.draw_confusability(*table)
-        kept.append(
-            keep(drawn, folder / "confusability.png", "Below 3 std two effects cannot be told apart here.")
-        )
-    return kept
+
+def _path_of(key: str, own: Sequence[Effect], paths: Sequence[Path] | None) -> str:
+    """The file of a private effect; empty for one of the catalogue."""
+    return next((str(path) for effect, path in zip(own, paths or (), strict=True) if effect.key == key), "")
+
+
+def _keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path) -> None:
+    """history.json, and the script that repeats these steps."""
+    from calibration.steps import History
+    from tactilevision.files import write_text
+
+    history = History(tuple(str(path) for path in recordings))
+    for step in steps:
+        history = history.add(step)
+    history.save(folder / "history.json")
+    write_text(folder / "repeat.sh", history.script())
+
+
+def steps(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="What diagnose or compare wrote.")],
+    undo: Annotated[bool, typer.Option("--undo", help="Take the last step back.")] = False,
+    redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
+) -> None:
+    """The steps of an analysis: show them, take one back, and write the script that repeats them (repeat.sh)."""
+    from calibration.steps import load_history
+    from tactilevision.files import write_text
+
+    history = load_history(folder / "history.json")
+    if undo:
+        history = history.undo()
+    if redo:
+        history = history.redo()
+    history.save(folder / "history.json")
+    write_text(folder / "repeat.sh", history.script())
+    for number, step in enumerate(history.steps, start=1):
+        console.say(f"{number}. + {step.key.replace('_', ' ')}: {1e3 * step.rms_before_N:.2f} -> "
+                    f"{1e3 * step.rms_after_N:.2f} mN")  # fmt: skip
+    for step in reversed(history.undone):
+        console.say(f"   taken back: {step.key.replace('_', ' ')}")
+    console.say(history.script().splitlines()[-1])

@@ -30,6 +30,29 @@ class Panel:
     p_adjusted: float
 
 
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """What is left against one covariate in bins (k,), with its error, and what a candidate would leave there."""
+
+    name: str
+    unit: str
+    key: str
+    values: Floats
+    residual: Floats
+    error: Floats
+    predicted: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Of each sample (N,): certified depth, the press's number, seen over certified depth, and the fit's."""
+
+    depth_mm: Floats
+    order: Floats
+    ratio: Floats
+    fitted: Floats
+
+
 @style.house_look
 def draw_residuals(panels: Sequence[Panel]) -> Figure:
     """What the model leaves against each covariate, the most telling first; bins with 95 % bands of their mean."""
@@ -58,8 +81,8 @@ def _panel(axes: Axes, panel: Panel) -> None:
         )  # fmt: skip
     axes.axhline(0, color=style.GREY, lw=0.8)
     p = f"p = {panel.p_adjusted:.2g}" if panel.p_adjusted > 1e-300 else "p < 1e-300"
-    verdict = p + (" *" if telling else "")
-    axes.set_title(f"{panel.name}: {verdict}", color=style.RED if telling else "black")
+    axes.set_title(f"{'depends on' if telling else 'no pattern in'} {panel.name} ({p})",
+                   color=style.RED if telling else "black", fontsize=8.5)  # fmt: skip
     axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
 
 
@@ -106,4 +129,53 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
     axes.grid(False)
     figure.colorbar(image, ax=axes, label="separation (std), capped at 9", shrink=0.8)
     axes.set_title("Can these data tell them apart?")
+    return figure
+
+
+@style.house_look
+def draw_overlay(overlay: Overlay) -> Figure:
+    """A candidate's predicted residual as a line over the measured one."""
+    figure, (axes,) = style.new_figure(4.2, 2.6)
+    order = np.argsort(overlay.values)
+    axes.errorbar(overlay.values, overlay.residual, yerr=overlay.error, fmt="o", ms=4, color=style.GREY,
+                  label="what the base model leaves")  # fmt: skip
+    axes.plot(overlay.values[order], overlay.predicted[order], "-", color=style.RED,
+              label=f"what {overlay.key.replace('_', ' ')} would leave")  # fmt: skip
+    axes.axhline(0, color=style.GREY, lw=0.8)
+    axes.set(xlabel=f"{overlay.name} ({overlay.unit})" if overlay.unit else overlay.name, ylabel="residual / std")
+    axes.legend(fontsize=7.5)
+    return figure
+
+
+@style.house_look
+def draw_sighting(seen: Sighting) -> Figure:
+    """Reconstructed over certified depth, against the depth and in the order of the presses."""
+    figure, places = style.new_figure(8.4, 2.8, columns=2)
+    for axes, values, label in zip(
+        places, (seen.depth_mm, seen.order), ("certified depth (mm)", "press"), strict=True
+    ):
+        axes.plot(values, seen.ratio, ".", ms=4, color=style.BLUE, alpha=0.6, label="measured")
+        axes.plot(values, seen.fitted, "_", ms=7, color=style.RED, label="with what was found")
+        axes.axhline(1, color=style.GREY, lw=0.8)
+        low, high = np.quantile(seen.ratio, [0.02, 0.98])
+        axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(min(low, 1) - 0.05, max(high, 1) + 0.05))
+    places[0].legend(fontsize=7.5)
+    return figure
+
+
+@style.house_look
+def draw_relief(residual_mm: Floats, axis: Floats, count: int) -> Figure:
+    """The mean residual height map about the punch's axis; white where nothing is compared."""
+    figure, (axes,) = style.new_figure(4.4, 3.6)
+    reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))
+    image = axes.pcolormesh(
+        axis, axis, 1e3 * residual_mm, cmap="RdBu_r", vmin=-reach, vmax=reach, shading="nearest"
+    )
+    axes.invert_yaxis()
+    axes.set_aspect("equal")
+    axes.grid(False)
+    axes.set(
+        xlabel="x (punch radii)", ylabel="y (punch radii)", title=f"measured - expected, mean of {count} presses"
+    )
+    figure.colorbar(image, ax=axes, label="depth (um)", shrink=0.85)
     return figure

@@ -1,0 +1,93 @@
+"""The pictures of a diagnosis, written as PNG and handed to its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactilevision.cli.pictures import keep
+
+if TYPE_CHECKING:
+    from calibration.diagnosis import Diagnosis
+    from calibration.diagnosis_report import Drawn
+    from calibration.relief import Relief
+    from calibration.report import Picture
+    from calibration.stages import Effect
+    from tactilevision.cli.measure import Taken
+
+RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"
+
+
+def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
+    """Where the model fails, how the error falls, what the picture says, what can be told apart."""
+    from calibration.drawing import confusability, drawn_points, fitted_lines, residual_panels, sighting
+    from tactilevision.plots import diagnosis as draw
+    from tactilevision.plots.indentation import draw_fit
+
+    panels = draw.draw_residuals(residual_panels(found.base, found.covariates_before))
+    kept = [
+        keep(panels, folder / "residuals.png", f"What the plain law leaves, the most telling first ({RED_IS}).")
+    ]
+    names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
+    fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
+    words = "Error on presses that the fit did not see; the dashed line is what repeats differ by."
+    kept.append(keep(fall, folder / "error.png", words))
+    seen = sighting(found)
+    if seen is not None:
+        kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png",
+                         "The depth that the picture gives over the certified one; 1 is right."))  # fmt: skip
+    for number, one in enumerate(reliefs):
+        p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
+        drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)
+        kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
+    for name, fitted in (("before", found.base), ("after", found.fitted)):
+        if name == "before" or found.effects:
+            drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
+            kept.append(keep(drawn, folder / f"fit_{name}.png", f"The measurements and the model, {name}."))
+    table = confusability(found)
+    if table is not None:
+        drawn = draw.draw_confusability(*table)
+        kept.append(keep(drawn, folder / "confusability.png", "Below 3 std two effects look alike in these data."))
+    return kept
+
+
+def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> list[Drawn]:
+    """Each candidate with what it would leave, over what is left."""
+    from calibration.diagnosis_report import Drawn
+    from calibration.drawing import cards
+    from tactilevision.plots.diagnosis import draw_overlay
+
+    made = []
+    for card in cards(found, private):
+        picture = None
+        if card.overlay is not None:
+            words = f"What the plain law leaves, and what {_words(card.key)} alone would."
+            picture = keep(draw_overlay(card.overlay), folder / "candidates" / f"{card.key}.png", words)
+        made.append(Drawn(card, picture))
+    return made
+
+
+def reliefs(taken: Sequence[Taken]) -> list[Relief]:
+    """What the height maps of each recording with frames leave."""
+    from calibration.relief import Surface, relief
+
+    found = []
+    for one in taken:
+        if one.certificate is None or one.recording.sensor.gel is None:
+            continue
+        surfaces = []
+        for point in one.certificate.points:
+            evidence = one.certificate.evidence.get(point.press)
+            if not point.accepted or evidence is None or evidence.height_map is None or evidence.footprint is None:
+                continue
+            indenter = one.recording.indenters[point.indenter]
+            surfaces.append(Surface(evidence.height_map, evidence.footprint.centre_mm, indenter.radius_mm,
+                                    point.depth_mm, indenter.bevel))  # fmt: skip
+        left = relief(surfaces, one.recording.sensor.gel)
+        found += [left] if left is not None else []
+    return found
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
