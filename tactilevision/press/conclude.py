@@ -183,6 +183,8 @@ def _point(
             "touch_sigmas": touch.onset.gain**0.5,
             "force_readings": event.readings,
             "force_dwell": int(event.dwell),
+            "reconstructed_depth_mm": touch.depth_seen_mm,
+            "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
         }
     if look is not None and look.watch.footprint is not None:
         face = look.watch.footprint
@@ -195,6 +197,25 @@ def _point(
         depth_uncorrected_mm=height, rest_s=chain.rest_s[press.press], speed_mm_s=press.speed_mm_s,
         x_mm=press.x_mm, y_mm=press.y_mm, extra=extra,
     )  # fmt: skip
+
+
+def _shared_std(chain: Chain, watch: Watch) -> float:
+    """How far off a face's reconstructed depth may be in all presses alike, relative; NaN where no map says.
+
+    The height map's std counts the scale of a single ball as unsure; what all presses share is the scale's mean
+    over the balls that it was made from.
+    """
+    face, seen = watch.footprint, watch.face_map
+    if face is None or seen.std_mm is None:
+        return float("nan")
+    inside = face.mask & seen.valid & (seen.depth_mm > 0)
+    if not inside.any():
+        return float("nan")
+    whole = float(np.median(seen.std_mm[inside] / seen.depth_mm[inside]))
+    card = getattr(getattr(chain.reconstructor, "method", None), "card", {})
+    single, balls = float(card.get("held_out_gain_std", 0.0)), max(float(card.get("balls", 1.0)), 1.0)
+    rest = max(whole**2 - single**2, 0.0)
+    return float(np.sqrt(rest + single**2 / balls))
 
 
 def _judged(point: CertifiedPoint, said: tuple[Finding, ...]) -> CertifiedPoint:
