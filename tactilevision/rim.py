@@ -83,8 +83,7 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
         (_, shift_x, shift_y), spread, uneven = _harmonics(angles[good], flanks[good])
         if spread > OFF_ROUND_PX * px:
             return None
-        with np.errstate(all="ignore"):
-            half, quarter = _flanks(places, np.nanmedian(values, axis=0)[None])[:, 0]
+        half, quarter = _flanks(places, part_of(values, 0.5)[None])[:, 0]
         if not np.isfinite(half + quarter):
             return None
         blur = (half - quarter) / (QUARTER - HALF)
@@ -134,6 +133,13 @@ class _Ring:
         values = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         places = np.asarray(inner + step * (np.arange(bins) + 0.5), np.float64)
         return places, np.asarray(values), 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
+
+
+def part_of(values: Floats, share: float) -> Floats:
+    """The value (J,) that `share` of the known ones in each column of (K, J) do not exceed; NaN without any."""
+    last = np.maximum(np.isfinite(values).sum(axis=0) - 1, 0)
+    ordered = np.sort(values, axis=0)  # NaN last
+    return np.asarray(np.take_along_axis(ordered, (share * last).astype(np.intp)[None], axis=0)[0])
 
 
 def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.rim import Rim, find_rims
+from tactilevision.rim import Rim, find_rims, part_of
 
 Picture = npt.NDArray[np.floating[Any]]
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
@@ -109,12 +109,10 @@ def window_of(
 
 def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
-    with np.errstate(all="ignore"):
-        # the median: on a side away from all lights the slopes are read far too low
-        mean, count = np.nanmedian(rim.slopes, axis=0), np.isfinite(rim.slopes).sum(axis=0)
-        ordered = np.sort(rim.slopes, axis=0)  # NaN last
-        highest = np.take_along_axis(ordered, (0.8 * np.maximum(count - 1, 0)).astype(np.intp)[None], axis=0)[0]
-        scatter = 1.86 * np.nanmedian(np.abs(rim.slopes - mean), axis=0) / np.sqrt(np.maximum(count, 1))
+    # the median: on a side away from all lights the slopes are read far too low
+    mean, highest = part_of(rim.slopes, 0.5), part_of(rim.slopes, 0.8)
+    count = np.maximum(np.isfinite(rim.slopes).sum(axis=0), 1)
+    scatter = 1.86 * part_of(np.abs(rim.slopes - mean), 0.5) / np.sqrt(count)  # of a median of normal numbers
     s = rim.places_mm - rim.radius_mm
     far = max(FAR * rim.radius_mm, 8 * px)
     steep = np.isfinite(mean) & ~(highest < limit)
