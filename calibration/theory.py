@@ -21,7 +21,9 @@ def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
     """The smallest and the largest beta for any nu in this range; None where a/h is too far from the figures'."""
     if not A_OVER_H[0] <= a_over_h <= A_OVER_H[1]:
         return None
-    return LOWEST, float(np.max(np.interp(poisson_ratio, NU, HIGHEST)))
+    low, high = np.clip(poisson_ratio, NU[0], NU[-1])
+    inside = [nu for nu in NU if low < nu < high]  # the largest may lie between the ends
+    return LOWEST, float(np.max(np.interp([low, *inside, high], NU, HIGHEST)))
 
 
 def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_recordings import Truth, draw
 
+from calibration import theory
 from calibration.calibrate import calibrate
 from calibration.data import Measured
 from calibration.joint import joint_picture
@@ -96,3 +97,10 @@ def test_the_joint_region_spans_what_silicones_span_where_nothing_fixes_nu() -> 
     assert seen.best is None
     assert (seen.region[:, 0].min(), seen.region[:, 0].max()) == pytest.approx((0.45, 0.4999))
     assert [band.used for band in seen.bands] == [False], "beta is drawn, and not used"
+
+
+def test_the_largest_beta_is_looked_for_over_the_whole_range_of_nu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(theory, "HIGHEST", (1.0, 1.0, 1.0, 1.3, 1.0))
+    assert theory.beta_range((0.45, 0.495), 0.83) == (theory.LOWEST, 1.3)
+    assert theory.beta_range((0.485, 0.495), 0.83) == (theory.LOWEST, pytest.approx(1.2))
+    assert theory.beta_range((0.45, 0.495), 2.0) is None
