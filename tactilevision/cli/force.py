@@ -13,6 +13,7 @@ from tactilevision.cli import console, source
 
 if TYPE_CHECKING:
     from tactilevision.force.calibrated import Sensitivity
+    from tactilevision.force.compare import Residuals
     from tactilevision.force.frame import ForceJob, FrameForce
     from tactilevision.recording import Recording
     from tactilevision.records import Material, TractionMap
@@ -90,10 +91,9 @@ def _shear(read: list[FrameForce]) -> dict[str, Any]:
 
 
 def _beside(rows: tuple[FrameForce, ...]) -> dict[str, Any] | None:
-    from tactilevision.force.compare import residuals, summary
-    from tactilevision.force.field import CUT
+    from tactilevision.force.compare import summary
 
-    found = residuals(rows, flagged=(CUT,))
+    found = _left(rows)
     if found is None:
         return None
     said = summary(found)
@@ -109,18 +109,35 @@ def _beside(rows: tuple[FrameForce, ...]) -> dict[str, Any] | None:
     return said
 
 
+def _left(rows: tuple[FrameForce, ...]) -> Residuals | None:
+    """What is left beside the F/T sensor; contacts that the border cuts count only where there are no others."""
+    from tactilevision.force.compare import residuals
+    from tactilevision.force.field import CUT
+
+    found = residuals(rows, flagged=(CUT,))
+    return found if found is None or found.usable.any() else residuals(rows)
+
+
+def _strength(rows: tuple[FrameForce, ...]) -> list[float]:
+    """fz of each frame, NaN for none; of contacts that the border cuts only where there are no others."""
+    from tactilevision.force.field import CUT
+
+    whole = [row.resultant_N[2] if row.read and CUT not in row.flags else float("nan") for row in rows]
+    if any(force > 0 for force in whole):
+        return whole
+    return [row.resultant_N[2] if row.read else float("nan") for row in rows]
+
+
 def _figures(recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], folder: Path, *,
              most: int) -> list[dict[str, Any]]:  # fmt: skip
     """Draw the strongest frames, the course of the resultant, what E and nu do to it, and what is left."""
     from tactilevision.cli import moments
-    from tactilevision.force.compare import residuals
-    from tactilevision.force.field import CUT
     from tactilevision.plots import force as draw
     from tactilevision.plots import resultants, style
     from tactilevision.recording import read_frame
 
     said: list[dict[str, Any]] = []
-    strength = [row.resultant_N[2] if row.read and CUT not in row.flags else float("nan") for row in rows]
+    strength = _strength(rows)
     for number in moments.telling(recording, strength, most=most):
         solved = job.solve(read_frame(recording, number))
         figure = draw.draw_force(solved.found, solved.height, solved.shear)
@@ -130,7 +147,7 @@ def _figures(recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], 
         solved = job.solve(read_frame(recording, best))
         said = _sensitivity(job, solved.found, job.sensitivity(solved), folder)
     style.save_png(resultants.draw_resultants(rows, recording.presses), folder / "resultants.png")
-    found = residuals(rows, flagged=(CUT,))
+    found = _left(rows)
     if found is not None:
         style.save_png(resultants.draw_residuals(found), folder / "residuals.png")
     console.say(f"figures are in {folder}")

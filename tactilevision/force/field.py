@@ -3,8 +3,8 @@
 Set up once for a gel, a material and a view; each call narrows the contact, solves for the tractions, corrects for
 large depth and propagates what is not known. A call changes nothing but the first, which learns the view's size.
 
-Standard deviation of the resultant: noise of the depth and shear through the linear map; an error of the depth
-that the whole contact shares, pushed through the same map as one; the material's own
+Standard deviation of the resultant: noise of the depth and shear through the linear map; errors of depth and
+shear that the whole contact shares, pushed through the same map as one; the material's own
 covariance; MODEL_STD of the resultant for cells and mask (rms error over random contacts without noise,
 benchmarks); STICK_STD of the normal force where no shear is measured, since sticking stiffens a punch by up to
 4.7 %; and, where the contact is cut by a border, the force that would lie there if the border's pressure went
@@ -146,6 +146,9 @@ class ForceField:
         variance = np.diag(found.propagate(weights, noise)).copy()
         if not np.isfinite(self._noise.correlation_px):
             variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
+        if parts == 3 and seen.shear_std_mm > 0:
+            shared = np.full(len(found.cells), seen.shear_std_mm * _share(grid, found, seen.shear_alike_mm))
+            variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
         variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
@@ -189,6 +192,12 @@ class ForceField:
         )
         slope = np.stack([by_modulus, by_poisson], axis=1)
         return np.asarray(np.einsum("ki,ij,kj->k", slope, covariance, slope))
+
+
+def _share(grid: NodeGrid, found: Solution, alike_mm: float) -> float:
+    """How much of an error that is alike over `alike_mm` remains in the mean over the contact."""
+    width = 2 * float(np.sqrt(len(found.cells) * grid.cell_mm2 / np.pi))
+    return min(1.0, alike_mm / width)
 
 
 def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poisson_ratio: float) -> float:

@@ -77,11 +77,12 @@ class Solution:
         full = (once + self.subcell * self.gain(once)) * std_mm
         return np.asarray(full @ full.T)
 
-    def shift(self, weights: Floats, depth_mm: Floats) -> Floats:
-        """What weights (K, nC) @ traction gains (K,) where the depth (C,) of all cells is greater at once."""
-        depths = np.zeros(self.traction.size)
-        depths[-len(depth_mm) :] = depth_mm
-        once = lapack.dpotrs(self.factor, depths, lower=1)[0]
+    def shift(self, weights: Floats, moved_mm: Floats, component: int = -1) -> Floats:
+        """What weights (K, nC) @ traction gains (K,) where one component of all cells' displacement is greater by
+        `moved_mm` (C,) at once: the last, depth, or another."""
+        whole = np.zeros_like(self.traction)
+        whole[component] = moved_mm
+        once = lapack.dpotrs(self.factor, whole.ravel(), lower=1)[0]
         return np.asarray(weights @ (once + self.subcell * lapack.dpotrs(self.factor, once, lower=1)[0]))
 
     def cell_std(self, std_mm: Floats) -> Floats:

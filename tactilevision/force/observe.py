@@ -20,20 +20,21 @@ from tactilevision.records import Bools, Floats, HeightMap, ShearMap
 MAD_TO_STD = 1.4826
 FEWEST_FAR = 50
 SAME_SCALE = 1e-3
-SPARSE = 4  # every fourth pixel of a map of standard deviations says enough
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
     """`displacement_mm` (3 or 1, rows, columns): x, y, z or z alone; `std_mm` of each, from cell to cell; `known`
     cells; `flags`. `depth_std_mm` (rows, columns) is of the depth itself, errors that a whole contact shares
-    included."""
+    included; `shear_std_mm` that of the shear in the contact, alike over `shear_alike_mm`."""
 
     displacement_mm: Floats
     std_mm: Floats
     known: Bools
     flags: tuple[str, ...]
     depth_std_mm: Floats
+    shear_std_mm: float = 0.0
+    shear_alike_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +59,8 @@ def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise:
     if not finite.all():
         depth_px = np.where(finite, depth_px, np.float32(0))
     flags: list[str] = []
-    if shear is not None and _share_known(shear) < 0.5:
-        flags += [*shear.flags, "shear not used: known over less than half of the view"]
+    if shear is not None and _share_known(shear, depth_px) < 0.5:
+        flags += [*shear.flags, "shear not used: known over less than half of the view, or of its deep part"]
         shear = None
     if shear is not None:
         depth_px, finite = material_depth(depth_px, finite, shear)
@@ -69,9 +70,11 @@ def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise:
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), whole)
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
-    side = mean_std(grid, float(np.median(np.atleast_2d(shear.std_mm)[::SPARSE, ::SPARSE])), shear.correlation_px)
+    own = _shear_std(grid, shear, depth, known)
+    side = mean_std(grid, own, shear.correlation_px)
     said = tuple(dict.fromkeys([*shear.flags, *flags]))
-    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole)
+    alike = shear.correlation_px * float(np.mean(shear.mm_per_px))
+    return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
 
 
 def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
@@ -135,6 +138,18 @@ def _depth_std(
     return (noise_of_cells(depth, known) if share >= 1 else share * usual), share * at_cells
 
 
+def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
+    """Rms of the stated standard deviation where the gel is at least half as deep as anywhere; far away the shear
+    is better known, and of no use."""
+    if np.ndim(shear.std_mm) == 0:
+        return float(shear.std_mm)
+    at_cells = np.asarray(shear.std_mm)[_centres(grid)]
+    valid = shear.valid[_centres(grid)] & known & np.isfinite(at_cells)
+    deep = valid & (depth > float(np.max(depth, where=known, initial=0.0)) / 2)
+    chosen = at_cells[deep if deep.any() else valid]
+    return float(np.sqrt(np.mean(chosen**2))) if chosen.size else 0.0
+
+
 def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Indices (rows, 1), (1, columns) of the pixels at the cells' middles."""
     (height, width), (sx, sy) = grid.view_px, grid.mm_per_px
@@ -153,8 +168,13 @@ def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Fl
     return np.asarray(means[tuple(nearest)])
 
 
-def _share_known(shear: ShearMap) -> float:
-    return float(np.mean(shear.valid))
+def _share_known(shear: ShearMap, depth: Array) -> float:
+    """Of the view or of its deep part, whichever is less."""
+    if shear.valid.all():
+        return 1.0
+    top = float(depth.max())
+    here = float(shear.valid[depth > top / 2].mean()) if top > 0 else 1.0
+    return min(here, float(shear.valid.mean()))
 
 
 def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:

@@ -24,6 +24,7 @@ REACH = 0.4
 ROUNDS = 12
 FEWEST = 12
 NEIGHBOURS = 6
+ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
 MAD_TO_STD = 1.4826
 
 
@@ -96,8 +97,11 @@ def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None 
     return MarkerMotion(before_px, motion, found)
 
 
-def spread_motion(motion: MarkerMotion, shape: tuple[int, int], step_px: int) -> tuple[Floats, float]:
-    """Motion (H, W, 2) in pixels at every pixel, and its standard deviation by leaving out each marker in turn."""
+def spread_motion(motion: MarkerMotion, shape: tuple[int, int], step_px: int) -> tuple[Floats, Floats]:
+    """Motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by leaving out markers in turn.
+
+    The deviation at a place is that of the markers round about: near a contact's edge it is greater.
+    """
     place, moved = motion.place_px[motion.found], motion.motion_px[motion.found]
     scale = float(max(shape))
     kernel = _thin_plate(place / scale, place / scale)
@@ -116,8 +120,11 @@ def spread_motion(motion: MarkerMotion, shape: tuple[int, int], step_px: int) ->
     field = coarse.reshape(len(rows), len(columns), 2).astype(np.float32)
     x, y = np.meshgrid(np.arange(shape[1], dtype=np.float32), np.arange(shape[0], dtype=np.float32))
     dense = cv2.remap(field, x / step_px, y / step_px, cv2.INTER_LINEAR)
-    std = float(np.sqrt(np.mean(left_out**2)))
-    return np.asarray(dense, dtype=np.float64), std
+    near = np.exp(-0.5 * _square(nodes, place / scale) * (scale / (ROUND_ABOUT * _spacing(place))) ** 2) + 1e-6
+    missed = (near @ (left_out**2).mean(axis=1)) / near.sum(axis=1)
+    std = np.sqrt(missed).reshape(len(rows), len(columns)).astype(np.float32)
+    std = cv2.remap(std, x / step_px, y / step_px, cv2.INTER_LINEAR)
+    return np.asarray(dense, dtype=np.float64), np.asarray(std, dtype=np.float64)
 
 
 def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
@@ -165,8 +172,12 @@ def _from_neighbours(seen: Floats, pairs: Bools, near: np.ndarray, motion: Float
     return np.where(total > 0, mean, motion)
 
 
+def _square(a: Floats, b: Floats) -> Floats:
+    return np.asarray(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=-1))
+
+
 def _thin_plate(a: Floats, b: Floats) -> Floats:
-    square = ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=-1)
+    square = _square(a, b)
     return np.asarray(0.5 * square * np.log(np.maximum(square, 1e-300)))
 
 

@@ -15,7 +15,7 @@ import pytest
 from tactilevision.cli import main
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
-FRAMES = 26  # one press
+FRAMES = 162
 CALIBRATION: dict[str, Any] = {
     "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
     "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},
@@ -29,11 +29,9 @@ CALIBRATION: dict[str, Any] = {
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """The first press of the rig's sample, on an unbounded gel: sides take half a minute to work out."""
+    """The rig's sample on an unbounded gel: sides take half a minute to work out."""
     path = tmp_path / "rig"
     shutil.copytree(RIG, path)
-    lines = (path / "frames.csv").read_text().splitlines()
-    (path / "frames.csv").write_text("\n".join(lines[: FRAMES + 1]) + "\n")
     settings = (path / "recording.toml").read_text()
     assert 'shape = "disc"' in settings
     (path / "recording.toml").write_text(settings.replace('shape = "disc"', 'shape = "unbounded"'))
@@ -76,7 +74,7 @@ def test_a_press_becomes_forces_figures_and_numbers(
     assert result["measured"]["z"]["frames"] > 5
     assert 0.6 < result["measured"]["z"]["ratio"] < 1.4
     assert result["shear"]["known"] == 0
-    assert result["shear"]["why"], "an ink without grain: the output says why fx and fy are not there"
+    assert "follow" in result["shear"]["why"], "an ink without grain: the output says why fx and fy are not there"
     figures = {path.name for path in (out / "figures").iterdir()}
     assert {"resultants.png", "sensitivity.png", "residuals.png"} <= figures
     assert any(name.endswith("_force.png") for name in figures)
