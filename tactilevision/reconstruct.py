@@ -17,6 +17,7 @@ import numpy as np
 
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
+from tactilevision.held_out_depth import held_out_depth
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -156,6 +157,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     waves_mm = untouched_rms_mm(Reconstructor(sensor, calibration.method), pictures, calibration.balls)
     free = free_frames(recording)
     card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm, "sensor": sensor.kind}
+    card |= held_out_depth(calibration, pictures, sensor.mm_per_px)
     method_now = dataclasses.replace(calibration.method, reference=tare(calibration.method, free), card=card)
     return Reconstructor(sensor, settle(method_now, free), calibration=calibration)
 

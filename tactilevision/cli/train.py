@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -13,25 +14,36 @@ from tactilevision.errors import InputError
 
 def train(
     recording: Annotated[Path, typer.Argument(help="A recording with reference/flat and reference/ball.")],
-    method: Annotated[str, typer.Option(help="polynomial or lookup.")] = "polynomial",
+    method: Annotated[str, typer.Option(help="polynomial, lookup or network.")] = "polynomial",
     out: Annotated[Path, typer.Option("--out", help="The method's file; its card lies beside it.")] = Path(
         "method.npz"
     ),
+    licence: Annotated[str, typer.Option(help="Of the method's file, for its card.")] = "not stated",
 ) -> None:
     """Calibrate a photometric method, to be used later with --method FILE; its card says how far it is off."""
+    from tactilevision.photometric import PHOTOMETRIC
+    from tactilevision.photometric.card import provenance
     from tactilevision.photometric.method import CalibratedMethod
     from tactilevision.photometric.storage import save_method
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 
+    if method not in PHOTOMETRIC:
+        raise InputError(
+            "no photometric method of that name", where="--method", value=method,
+            remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
+        )  # fmt: skip
     source = read_recording(recording)
+    if not source.balls:
+        raise InputError("no ball presses to train on", where=recording / "reference" / "ball",
+                         remedy="Press a ball of known radius all over the gel, twenty times.")  # fmt: skip
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
-    if not isinstance(made.method, CalibratedMethod):
-        raise InputError("is not made from ball presses", where="--method", value=method)
-    path = save_method(made.method, out)
-    console.say(f"wrote {path} and {path.with_suffix('.json')}")
-    console.say(
-        *(f"  {name}: {value}" for name, value in made.method.card.items() if not isinstance(value, dict | list))
-    )
+    assert isinstance(made.method, CalibratedMethod)
+    data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
+    card = {**made.method.card, **provenance(data, licence=licence)}
+    path = save_method(dataclasses.replace(made.method, card=card), out)
+    also = (".onnx", ".json") if method == "network" else (".json",)
+    console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
+    console.say(*(f"  {name}: {value}" for name, value in card.items() if not isinstance(value, dict | list)))

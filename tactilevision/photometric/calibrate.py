@@ -55,7 +55,8 @@ class Calibration:
     """A method and how far it is to be trusted.
 
     `balls` as found, None where a picture was left out (its reason is among `warnings`);
-    `direction_error_deg` median and `slope_error` rms over balls held out of the fit.
+    `direction_error_deg` median and `slope_error` rms over balls held out of the fit; `unseen` for each ball a
+    law that never saw it.
     """
 
     method: CalibratedMethod
@@ -63,6 +64,7 @@ class Calibration:
     direction_error_deg: float
     slope_error: float
     warnings: tuple[str, ...]
+    unseen: tuple[ColourLaw | None, ...] = ()
 
 
 def calibrate_from_balls(
@@ -93,8 +95,8 @@ def calibrate_from_balls(
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     ridges = getattr(fit, "ridges", RIDGES)
     scores = [_held_out(fit, touching, still, ridge) for ridge in ridges]
-    best = int(np.argmin([_mean_square(found, touching) for found in scores]))
-    law, found = fit(touching, still, ridge=ridges[best]), scores[best]
+    best = int(np.argmin([_mean_square(found, touching) for found, _ in scores]))
+    law, (found, unseen) = fit(touching, still, ridge=ridges[best]), scores[best]
     quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
@@ -111,8 +113,9 @@ def calibrate_from_balls(
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
     return Calibration(
-        CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings)
-    )
+        CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
+        tuple(unseen.get(number) for number in range(len(pictures))),
+    )  # fmt: skip
 
 
 def direction_error_deg(found: Floats, true: Floats) -> Floats:
@@ -179,15 +182,17 @@ def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) 
     )
 
 
-def _held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> Floats:
-    """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball."""
+def _held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> tuple[Floats, dict[int, ColourLaw]]:
+    """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and each ball's such law."""
     found = np.empty_like(contact.slopes)
     numbers = np.unique(contact.press)
+    laws: dict[int, ColourLaw] = {}
     for fold in range(FOLDS):
         apart = np.isin(contact.press, numbers[fold::FOLDS])
         law = fit(contact.where(~apart), quiet.where(~np.isin(quiet.press, numbers[fold::FOLDS])), ridge=ridge)
         found[apart] = law.at(contact.change[apart], contact.place[apart])
-    return found
+        laws |= dict.fromkeys(map(int, numbers[fold::FOLDS]), law)
+    return found, laws
 
 
 def _gain_std(found: Floats, samples: Samples) -> float:

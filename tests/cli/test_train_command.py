@@ -1,0 +1,76 @@
+"""train as a user calls it: any method, its card, and what it says of recordings it cannot use."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from tactilevision.cli import main
+from tactilevision.photometric import PHOTOMETRIC
+from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.reconstruct import build_reconstructor
+from tactilevision.recording import read_recording
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
+    return main()
+
+
+def shortened(folder: Path, balls: int) -> Path:
+    """The sample's light and its first balls, without its presses."""
+    target = folder / "recording"
+    shutil.copytree(SAMPLE / "reference", target / "reference")
+    for name in SAMPLE.iterdir():
+        if name.is_file() and name.suffix in {".toml", ".npz"} and name.name != "truth.toml":
+            shutil.copy(name, target)
+    (target / "frames").mkdir()
+    shutil.copy(next((SAMPLE / "reference" / "flat").iterdir()), target / "frames" / "0.png")
+    (target / "frames.csv").write_text("frame,time_s\n0.png,0.0\n")
+    table = target / "reference" / "ball.csv"
+    table.write_text("\n".join(table.read_text().splitlines()[: balls + 1]) + "\n")
+    if balls == 0:
+        table.unlink()
+        shutil.rmtree(target / "reference" / "ball")
+    return target
+
+
+def test_a_network_is_trained_and_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(PHOTOMETRIC, "network", NetworkFitter(steps=40))
+    out = tmp_path / "light.npz"
+    assert run(monkeypatch, "train", SAMPLE, "--method", "network", "--out", out, "--licence", "CC0-1.0") == 0
+    card = json.loads(out.with_suffix(".json").read_text())
+    assert card["method"] == "network"
+    assert card["licence"] == "CC0-1.0"
+    assert card["sensor"] == "gelslim3"
+    assert "16 ball presses" in card["data"]
+    assert {"torch", "onnxruntime", "kornia"} <= set(card["versions"])
+    assert 0.5 < card["held_out_depth_ratio"] < 1.5
+    assert card["held_out_direction_error_deg"] < 20.0
+    found = build_reconstructor(read_recording(SAMPLE), str(out))
+    assert found.method.name == "network"
+
+
+@pytest.mark.parametrize("balls", [0, 2])
+def test_too_few_balls_are_told(
+    balls: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "train", shortened(tmp_path, balls), "--out", tmp_path / "light.npz") == 2
+    said = capsys.readouterr().err
+    assert ("no ball presses" in said) if balls == 0 else ("too few ball presses" in said)
+    assert not (tmp_path / "light.npz").exists()
+
+
+def test_an_unknown_method_is_named_with_the_known_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "train", SAMPLE, "--method", "magic", "--out", tmp_path / "light.npz") == 2
+    said = capsys.readouterr().err
+    assert "polynomial" in said
+    assert "network" in said
