@@ -154,8 +154,10 @@ def _stalled(look: Look, force: ForceWindow) -> Finding | None:
         return None
     still_s = float(force.time_s[force.phases.hold]) - look.offset_s
     depth = look.watch.depth_mm
-    there = float(np.interp(still_s, look.watch.time_s, depth))
-    deepest = float(np.nanmax(depth))
+    after = int(np.searchsorted(look.watch.time_s, still_s))  # a frame taken since: none is made up in a gap
+    if after >= depth.size:
+        return None
+    there, deepest = float(depth[after]), float(np.nanmax(depth[after:]))
     if deepest - there > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"

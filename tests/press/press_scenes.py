@@ -36,6 +36,7 @@ class Made:
     fault: str = ""
     start_s: float = 0.0
     dwell_s: float = 0.0  # a micrometre beyond the touch
+    pause: bool = False
 
     @property
     def touch_mm(self) -> float:
@@ -140,6 +141,9 @@ def recording(folder: Path, made: list[Made], *, seed: int = 0, rate_Hz: float =
             here = here[np.abs(here - press.touch_s) > 0.15]
         if press.dwell_s:  # nothing new is to be seen there, and so few frames are kept
             here = here[(here < press.touch_s - 0.01) | (here > press.touch_s + press.dwell_s - 0.05)]
+        if press.pause:  # the last of the ramp and the first of the hold go by unseen
+            top_s = press.end_s - 0.5 - press.top_mm - HOLD_S
+            here = here[(here < top_s - 0.8 * OVER_MM / SPEED) | (here > top_s + 0.9 * HOLD_S)]
         times += here.tolist()
     names = tuple(f"{k:05d}.png" for k in range(len(times)))
     ok, png = cv2.imencode(".png", np.full((SIZE[1], SIZE[0], 3), 99, np.uint8))

@@ -182,3 +182,9 @@ def test_few_frames_while_the_rig_stands_still_at_the_touch_are_no_loss(tmp_path
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", "", "", "dropped_frames"]
     assert certificate.points[2].extra["force_dwell"] == 1
+
+
+def test_a_gap_between_ramp_and_hold_is_no_saturation(tmp_path: Path) -> None:
+    made = line_up([Made(0.15), Made(0.5), Made(0.15, pause=True)])
+    certificate = certify(*recording(tmp_path, made, seed=4))
+    assert [point.reason for point in certificate.points] == ["", "", ""]
