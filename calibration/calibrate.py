@@ -15,7 +15,7 @@ from calibration.checks import check, of_shape
 from calibration.data import Measured, Observations
 from calibration.fitting import Fit, fit
 from calibration.identify import identify, main_radius
-from calibration.laws import get_law
+from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.model import Model
@@ -23,6 +23,7 @@ from calibration.observe import observe_curves, observe_points
 from calibration.published import published_route
 from calibration.repeats import allow_for_indenters, noise_floor
 from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.round_result import of_round
 from calibration.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.stages import Law
 from calibration.theory import beta_outside_theory
@@ -40,15 +41,17 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit a law to the accepted points, or to the curves where there are no points.
 
-    `law` a Law or the key of one ("default" is flat_punch); `effects` a model whose effects are fitted along;
-    `clock_offset` and `bulge` (nu from the rise beside the punch) come from the certificate, where it has them.
-    Raises NothingCertified where every press was rejected, InputError for measurements no law can be fitted to.
+    `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
+    a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
+    from the certificate, where it has them. Raises NothingCertified where every press was rejected, InputError for
+    measurements no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
-    stated = of_shape(observe(sets))
-    chosen = get_law(law) if isinstance(law, str) else law
+    seen = observe(sets)
+    chosen = _chosen(law, seen)
+    stated = _sized(of_shape(seen, shape_of(chosen)))
     data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
-    check(data)
+    check(data, shape=shape_of(chosen))
     model = Model(_free(chosen, data), effects.effects if effects else ())
     result = conclude(allow_for_indenters(fit(model, data)))
     if isinstance(chosen, FlatPunch):
@@ -76,8 +79,21 @@ def observe(sets: Sequence[Measured]) -> Observations:
     return observe_curves(sets)
 
 
+def _chosen(law: Law | str, data: Observations) -> Law:
+    if not isinstance(law, str):
+        return law
+    return default_law({indenter.shape for indenter in data.indenters}) if law == "default" else get_law(law)
+
+
+def _sized(data: Observations) -> Observations:
+    """A cone has no radius: 0, so that its presses stay one group."""
+    return replace(data, presses=replace(data.presses, radius_mm=np.nan_to_num(data.presses.radius_mm)))
+
+
 def conclude(fitted: Fit) -> CalibrationResult:
     """The material behind a fit of any law in the catalogue."""
+    if shape_of(fitted.model.law) != FLAT:
+        return of_round(fitted)
     return published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
 
 

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
+from calibration.laws.cone import Cone
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
+from calibration.laws.sphere import Sphere
 from calibration.stages import Law
 from tactilevision.errors import InputError
 
-LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper())})
+LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper(), Sphere(), Cone())})
+
+
+FLAT = "flat_cylinder"
+
+
+def shape_of(law: Law) -> str:
+    """The indenter's shape that a law is for."""
+    return str(getattr(law, "shape", FLAT))
+
+
+def default_law(shapes: Collection[str]) -> Law:
+    """The default law for indenters of these shapes: a flat cylinder's where there is one, else the body's own."""
+    known: dict[str, Law] = {FLAT: FlatPunch(), "sphere": Sphere(), "cone": Cone()}
+    return next((law for shape, law in known.items() if shape in shapes), FlatPunch())
 
 
 def get_law(key: str) -> Law:

@@ -1,0 +1,108 @@
+"""A ball or a cone on a bonded layer: exact for small strain, with a free rest for what large strain adds.
+
+    P = E F(w; nu, body, h) (1 + beta w/h)
+
+F from the integral equation of mechanics/round_contact.py (Hertz and Sneddon in the limit of a thick gel).
+Frictionless, small strain, a layer far wider than the contact; nothing here knows what a gel that sticks adds.
+beta is held near 0 by BETA_STD. Several thicknesses at once (a wedge) are interpolated between NODES of them. No
+force where w <= 0. Range: contact radius up to ten thicknesses and, for a ball, .95 of its radius; InputError
+beyond. Source: see round_contact.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from calibration.data import Observations
+from calibration.laws.flat_punch import NOMINAL_NU, poisson_parameter
+from calibration.parameters import Parameter, Prior
+from calibration.stages import State
+from tactilevision.mechanics.round_contact import Ball, Cone, contact_curve
+from tactilevision.records import Floats, Indenter
+
+BETA_STD = 0.5  # finite elements of flat punches lie between 0 and 1.3
+NODES = 4
+LEAST_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
+TABLE = 60
+NU_STEP = 0.01
+STIFFNESS_STEP = 1e-4  # of the depth
+
+Body = Ball | Cone
+
+
+def round_parameters(data: Observations, body_of: Callable[[Indenter], Body]) -> tuple[Parameter, ...]:
+    """E, nu, beta."""
+    deep = int(np.argmax(data.depth_mm))
+    unit = _force_over_E(
+        body_of(_indenter_of(data, deep)), data.gel.thickness_mm, NOMINAL_NU, data.depth_mm[[deep]]
+    )
+    start = max(float(data.normal_N[deep] / unit[0]), 1e-4)
+    modulus = Parameter("youngs_modulus_MPa", "MPa", start, (1e-5, 1e4), "Young's modulus of the gel", start)
+    beta = Parameter("beta", "1", 0.0, (-3.0, 3.0), "what large strain adds", 1.0,
+                     Prior(0.0, BETA_STD, "round contacts have no printed value"))  # fmt: skip
+    return (modulus, poisson_parameter(data.gel, free=False), beta)
+
+
+def apply_round(state: State, values: Floats, data: Observations, body_of: Callable[[Indenter], Body]) -> State:
+    """Force and its slope over depth on the state's own radius and thickness."""
+    force = _force(state, values, data, body_of)
+    step = STIFFNESS_STEP * np.maximum(state.depth_mm, 1e-3)
+    more = _force(replace(state, depth_mm=state.depth_mm + step), values, data, body_of)
+    return replace(state, force_N=force, stiffness_N_per_mm=(more - force) / step)
+
+
+def _force(state: State, values: Floats, data: Observations, body_of: Callable[[Indenter], Body]) -> Floats:
+    modulus, nu, beta = values
+    force = np.zeros(data.size)
+    number = data.presses.indenter[data.press]
+    for k in np.unique(number):
+        rows = (number == k) & (state.depth_mm > 0)
+        if not rows.any():
+            continue
+        radius = float(np.median(state.radius_mm[rows]))
+        body = body_of(replace(data.indenters[k], radius_mm=radius))
+        force[rows] = _on_layers(body, state.thickness_mm[rows], float(nu), state.depth_mm[rows])
+    strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
+    return np.asarray(modulus * state.factor * force * (1 + beta * strain))
+
+
+def _on_layers(body: Body, thickness_mm: Floats, nu: float, depth_mm: Floats) -> Floats:
+    """F (n,) where each sample has its own thickness: linear between a few of them."""
+    places = np.unique(thickness_mm)
+    if len(places) > NODES:
+        places = np.linspace(places[0], places[-1], NODES)
+    found = np.stack([_force_over_E(body, float(h), nu, depth_mm) for h in places])
+    if len(places) == 1:
+        return np.asarray(found[0])
+    low = np.clip(np.searchsorted(places, thickness_mm) - 1, 0, len(places) - 2)
+    part = (thickness_mm - places[low]) / (places[low + 1] - places[low])
+    columns = np.arange(depth_mm.size)
+    return np.asarray((1 - part) * found[low, columns] + part * found[low + 1, columns])
+
+
+def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) -> Floats:
+    """F (n,) at depths > 0, by logarithms of tables at three nu about this one, which all steps of a fit share."""
+    deepest = float(1.3 ** np.ceil(np.log(float(depth_mm.max())) / np.log(1.3)))
+    middle = min(max(round(nu / NU_STEP), 1) * NU_STEP, 0.5 - NU_STEP)
+    t = (nu - middle) / NU_STEP
+    weights = (t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2)
+    tables = [_table(body, thickness_mm, middle + k * NU_STEP, deepest) for k in (-1, 0, 1)]
+    depth = tables[0][0]
+    force = np.exp(sum(w * np.log(table[1]) for w, table in zip(weights, tables, strict=True)))
+    inside = np.maximum(depth_mm, depth[0])
+    value = np.exp(np.interp(np.log(inside), np.log(depth), np.log(force / depth**1.5))) * inside**1.5
+    return np.asarray(value * (depth_mm / inside) ** (1.5 if isinstance(body, Ball) else 2.0))
+
+
+@lru_cache(maxsize=512)
+def _table(body: Body, thickness_mm: float, nu: float, deepest_mm: float) -> tuple[Floats, Floats]:
+    depth = np.geomspace(LEAST_SHARE * deepest_mm, deepest_mm, TABLE)
+    return depth, contact_curve(body, depth, thickness_mm=thickness_mm, poisson_ratio=nu).force_over_E_mm2
+
+
+def _indenter_of(data: Observations, sample: int) -> Indenter:
+    return data.indenters[int(data.presses.indenter[data.press[sample]])]

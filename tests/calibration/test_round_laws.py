@@ -1,0 +1,109 @@
+"""Balls and cones: the exact contact comes back, thick gels are Hertz' and Sneddon's, and what is open is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_recordings import points_of
+
+from calibration.calibrate import calibrate
+from calibration.data import Measured
+from calibration.laws.round_body import _force_over_E
+from tactilevision.errors import InputError
+from tactilevision.mechanics.round_contact import Ball, Cone, contact_force, half_space_force
+from tactilevision.records import Floats, Gel, Indenter
+
+DEPTHS = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+E_MPA, NU = 0.2, 0.478
+KNOWN = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=NU, poisson_ratio_std=0.002)
+BODIES: dict[str, tuple[Ball | Cone, Indenter]] = {
+    "sphere": (Ball(3.0), Indenter("body", "sphere", 3.0)),
+    "cone": (Cone(70.0), Indenter("body", "cone", half_angle_deg=70.0)),
+}
+
+
+def forces(body: Ball | Cone, thickness_mm: float = 3.0) -> Floats:
+    return contact_force(body, DEPTHS, youngs_modulus_MPa=E_MPA, poisson_ratio=NU, thickness_mm=thickness_mm)
+
+
+def measured(shape: str, force_N: Floats, gel: Gel = KNOWN) -> Measured:
+    made = points_of(DEPTHS, force_N, gel=gel)
+    names = {name: replace(BODIES[shape][1], name=name) for name in made.recording.indenters}
+    return replace(made, recording=replace(made.recording, indenters=names))  # type: ignore[type-var]
+
+
+@pytest.mark.parametrize("shape", BODIES)
+def test_the_exact_contact_comes_back(shape: str) -> None:
+    result = calibrate(measured(shape, forces(BODIES[shape][0])))
+    assert result.law == shape
+    assert result.youngs_modulus.value == pytest.approx(E_MPA, rel=2e-3)
+    assert result.beta.value == pytest.approx(0.0, abs=0.02)
+    assert result.c.value is None
+    assert "no stiffness at depth 0" in result.c.why
+    low, high = result.youngs_modulus.interval95 or (0.0, 0.0)
+    assert low < E_MPA < high
+
+
+@pytest.mark.parametrize("shape", BODIES)
+def test_without_a_prior_only_the_curve_is_given(shape: str) -> None:
+    result = calibrate(measured(shape, forces(BODIES[shape][0]), Gel(3.0)))
+    assert result.youngs_modulus.value is None
+    assert result.poisson_ratio.interval95 == (0.45, 0.4999)
+    low, high = result.youngs_modulus.interval95 or (0.0, 0.0)
+    assert low < E_MPA < high
+    curve = np.array(result.youngs_modulus_of_nu)
+    assert float(np.interp(NU, *curve.T)) == pytest.approx(E_MPA, rel=5e-3)
+    json.dumps(result.as_json())
+
+
+@pytest.mark.parametrize("shape", BODIES)
+def test_a_thick_gel_is_a_half_space(shape: str) -> None:
+    body = BODIES[shape][0]
+    thick = _force_over_E(body, 300.0, NU, DEPTHS)
+    exact = half_space_force(body, DEPTHS, youngs_modulus_MPa=1.0, poisson_ratio=NU)
+    share = 0.04 if shape == "sphere" else 0.01  # Hertz' ball is a parabola, ours a sphere
+    np.testing.assert_allclose(thick, exact, rtol=share)
+
+
+def test_the_table_of_a_fit_is_the_contact_itself() -> None:
+    depth = np.array([1e-5, 0.011, 0.17, 0.333, 0.6])  # the first lies below the table, where a power law goes on
+    for body, _ in BODIES.values():
+        exact = contact_force(body, depth, youngs_modulus_MPa=1.0, poisson_ratio=NU, thickness_mm=3.0)
+        found = _force_over_E(body, 3.0, NU, depth)
+        np.testing.assert_allclose(found[1:], exact[1:], rtol=1e-3)
+        assert found[0] == pytest.approx(exact[0], rel=0.03)
+
+
+def test_a_cone_needs_its_angle() -> None:
+    made = measured("cone", forces(BODIES["cone"][0]))
+    bare = {name: replace(one, half_angle_deg=None) for name, one in made.recording.indenters.items()}
+    with pytest.raises(InputError, match="angle"):
+        calibrate(replace(made, recording=replace(made.recording, indenters=bare)))  # type: ignore[type-var]
+
+
+def test_a_ball_is_refused_where_a_flat_law_was_asked_for() -> None:
+    with pytest.raises(InputError, match="flat_cylinder"):
+        calibrate(measured("sphere", forces(BODIES["sphere"][0])), law="flat_punch")
+
+
+def test_the_command_reads_a_ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tactilevision.cli import main
+
+    folder = tmp_path / "ball"
+    folder.mkdir()
+    (folder / "recording.toml").write_text(
+        'format = 1\nname = "ball"\n[sensor]\nkind = "gelslim3"\nmm_per_px = 0.0634\n[sensor.gel]\n'
+        "thickness_mm = 3.0\npoisson_ratio = 0.478\npoisson_ratio_std = 0.002\n"
+        '[indenter.B]\nshape = "sphere"\nradius_mm = 3.0\n'
+    )
+    rows = [f"{k},B,{w},{p}" for k, (w, p) in enumerate(zip(DEPTHS, forces(Ball(3.0)), strict=True), 1)]
+    (folder / "points.csv").write_text("press,indenter,depth_mm,fz_N\n" + "\n".join(rows) + "\n")
+    monkeypatch.setattr("sys.argv", ["tactilevision", "calibrate", str(folder), "--out", str(tmp_path / "out")])
+    assert main() == 0
+    content = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert content["law"] == "sphere"
+    assert content["youngs_modulus_MPa"]["value"] == pytest.approx(E_MPA, rel=2e-3)
