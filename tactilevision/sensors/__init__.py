@@ -10,6 +10,7 @@ from typing import Any
 
 from tactilevision.errors import InputError
 from tactilevision.records import Sensor
+from tactilevision.sensors.custom import find_grid, save_rectification, sensor_from_corners, sensor_from_grid
 from tactilevision.sensors.digit import DIGIT
 from tactilevision.sensors.gelsight_mini import GELSIGHT_MINI
 from tactilevision.sensors.gelsight_wedge import GELSIGHT_WEDGE
@@ -22,12 +23,16 @@ SENSORS: dict[str, Sensor] = {
 
 __all__ = [
     "SENSORS",
+    "find_grid",
     "get_sensor",
     "maps_from_corners",
     "maps_from_grid",
     "maps_from_lookup",
     "may_have_marks",
     "rectify",
+    "save_rectification",
+    "sensor_from_corners",
+    "sensor_from_grid",
 ]
 
 
