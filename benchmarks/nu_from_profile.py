@@ -17,11 +17,13 @@ import numpy as np
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.bulge import fit_poisson_ratio
 from tactilevision.mechanics.profile import PunchCase, seen_profile
-from tactilevision.mechanics.profile_table import TABULATED, FemProfile, solve_case
+from tactilevision.mechanics.punch_fem import PunchProblem, PunchSolution, RoundedPunch, press_to_depths
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.records import Floats
+from tactilevision.mechanics.tables.profile import TABULATED
+from tactilevision.records import Floats, Material
 
-RADIUS_MM, THICKNESS_MM = 2.5, 3.0
+RADIUS_MM, THICKNESS_MM, EDGE_MM, PAD_MM = 2.5, 3.0, 0.05, 15.0
+DEPTHS_MM = (0.06, 0.15, 0.225, 0.3, 0.375)
 PX_MM, SHAPE = 0.127, (160, 213)
 PRESSES, RECORDINGS = 15, 10
 
@@ -35,7 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
         rng = np.random.default_rng(seed)
         nu, friction = rng.uniform(0.45, 0.495), rng.choice([0.0, 0.1, 0.2, 0.4, 0.7])
         try:
-            truth = solve_case(nu, RADIUS_MM / THICKNESS_MM, friction)
+            truth = solve(nu, friction)
         except ConvergenceError as fault:
             print(f"{seed:4d} {nu:.4f} {friction:8.2f} no truth: {fault}", flush=True)
             continue
@@ -60,15 +62,21 @@ def main(arguments: list[str] | None = None) -> None:
     )
 
 
-def recording(truth: FemProfile, rng: np.random.Generator) -> list[SurfaceView]:
+def solve(poisson_ratio: float, friction: float) -> PunchSolution:
+    """The gel of one recording, of modulus 1; some ten seconds."""
+    punch = RoundedPunch(RADIUS_MM, EDGE_MM, friction)
+    return press_to_depths(PunchProblem(Material(1.0, poisson_ratio), punch, THICKNESS_MM, PAD_MM), DEPTHS_MM)
+
+
+def recording(truth: PunchSolution, rng: np.random.Generator) -> list[SurfaceView]:
     """15 presses at the depths of the solution, as a height map shows them."""
     from scipy.ndimage import gaussian_filter
 
     gain, views = 1 + 0.03 * rng.normal(), []
     rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
     for press in range(PRESSES):
-        step = 1 + press % (len(truth.w_over_h) - 1)
-        depth = float(truth.w_over_h[step]) * THICKNESS_MM
+        step = 1 + press % (len(truth.depth_mm) - 1)
+        depth = float(truth.depth_mm[step])
         x, y = rng.normal(0, 0.3, 2)
         r = np.hypot((columns - (SHAPE[1] - 1) / 2) * PX_MM - x, (rows - (SHAPE[0] - 1) / 2) * PX_MM - y)
         noise = gaussian_filter(rng.normal(size=SHAPE), 1 / PX_MM, mode="wrap")
@@ -81,23 +89,24 @@ def recording(truth: FemProfile, rng: np.random.Generator) -> list[SurfaceView]:
     return views
 
 
-def depth_at(truth: FemProfile, step: int, r_mm: Floats) -> Floats:
+def depth_at(truth: PunchSolution, step: int, r_mm: Floats) -> Floats:
     """Depth of the solution's surface (mm) where the camera sees it; flat beyond the pad."""
+
+    depth = float(truth.depth_mm[step])
 
     def source(r_over_a: Floats, _: PunchCase, /) -> tuple[Floats, Floats]:
         at = r_over_a * RADIUS_MM
-        rise, outward = (np.interp(at, truth.r_mm, part[step]) for part in (truth.rise, truth.outward))
+        rise, outward = (np.interp(at, truth.r_mm, part[step]) / depth for part in (truth.u_z_mm, truth.u_r_mm))
         return np.asarray(rise), np.asarray(outward)
 
-    depth = float(truth.w_over_h[step]) * THICKNESS_MM
     case = PunchCase(0.48, RADIUS_MM / THICKNESS_MM, depth / THICKNESS_MM)  # the source takes the depth alone
     grid = np.linspace(0, 22, 4401)
     return np.interp(r_mm, grid, -depth * seen_profile(grid / RADIUS_MM, case, source=source))
 
 
-def paper(truth: FemProfile) -> float:
+def paper(truth: PunchSolution) -> float:
     """nu = .0813 ln beta + .4464, beta from a line through P/w against w/h; NaN where beta is not above 0."""
-    slope, offset = np.polyfit(truth.w_over_h, truth.force_over_E_mm2 / truth.w_over_h, 1)
+    slope, offset = np.polyfit(truth.depth_mm / THICKNESS_MM, truth.force_N / truth.depth_mm, 1)
     return float(0.0813 * np.log(slope / offset) + 0.4464) if slope > 0 < offset else float("nan")
 
 

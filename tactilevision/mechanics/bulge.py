@@ -39,8 +39,8 @@ from tactilevision.mechanics.bulge_press import (
 )
 from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
 from tactilevision.mechanics.profile import LINEAR, ProfileModel
-from tactilevision.mechanics.profile_table import TABULATED
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
+from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Estimate, Floats
 
 START = 0.45

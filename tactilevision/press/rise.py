@@ -20,14 +20,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.contact.bevel import EDGE_MM
+from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.mechanics.touch import touch_depth
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Gel, Indenter
 
 _HALF_RING_MM = 0.3
 _SOFT_GEL = (0.45, 0.4999)  # silicones and the like, where nothing is said of the gel
-# What finite elements have beyond the linear profile at w/h = .13, over w: .004 (friction .3), .008 (stick)
-_BEYOND_LINEAR = 0.005
 _STATED_STD = 0.01  # of a Poisson's ratio stated without one
 _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
 
@@ -124,9 +123,12 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
         nu, nu_std = 0.5 * sum(_SOFT_GEL), (_SOFT_GEL[1] - _SOFT_GEL[0]) / float(np.sqrt(12))
     if not 0 < indenter.height_mm < 0.25 * gel.thickness_mm:
         return None
-    touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=gel.thickness_mm,
-                        poisson_ratio=min(nu, 0.4999), poisson_ratio_std=nu_std)  # fmt: skip
-    return touch.rise_over_depth + _BEYOND_LINEAR, touch.rise_over_depth_std
+    nu, h = min(nu, 0.4999), gel.thickness_mm
+    # beside a punch that the gel sinks in with, the depth at touch may exceed the height
+    model = profile_model(nu, indenter.radius_mm / h, 1.5 * indenter.height_mm / h)
+    touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=h, poisson_ratio=nu,
+                        poisson_ratio_std=nu_std, model=model)  # fmt: skip
+    return touch.rise_over_depth, touch.rise_over_depth_std
 
 
 def blur_place(rise: Rise, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> Rise:

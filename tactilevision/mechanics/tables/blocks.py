@@ -84,7 +84,8 @@ def relative_of(key: Key, there: Sequence[Key]) -> Key | None:
     """Whose deviations are carried: same but for the edge, then the law, then friction; None: it stands alone."""
     law, friction, edge = key
     sharpest = min(k[2] for k in there)
-    for relative in ((law, friction, sharpest), ("neo-hooke", friction, edge), ("neo-hooke", 0.3, edge)):
+    usual = "neo-hooke", 0.3
+    for relative in ((law, friction, sharpest), ("neo-hooke", friction, edge), (*usual, edge), (*usual, sharpest)):
         if relative != key and relative in there:
             return relative
     return None

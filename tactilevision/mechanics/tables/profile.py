@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.profile import ProfileModel, PunchCase
+from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase
 from tactilevision.mechanics.tables.punch import surface_over_depth
 from tactilevision.mechanics.tables.table import shipped_table
 from tactilevision.records import Floats
@@ -56,4 +56,11 @@ TABULATED = ProfileModel(
     poisson_range=POISSON_RANGE,
     a_over_h_range=A_OVER_H_RANGE,
     deepest=DEEPEST,
+    shape_error=((0.1, 0.01), (0.25, 0.007), (0.5, 0.004), (0.9, 0.0025), (1.6, 0.0015)),
 )
+
+
+def profile_model(poisson_ratio: float, a_over_h: float, deepest: float) -> ProfileModel:
+    """The tabulated model where it holds this nu, a/h and w/h; linear theory, with its larger error, elsewhere."""
+    wanted = (poisson_ratio, POISSON_RANGE), (a_over_h, A_OVER_H_RANGE), (deepest, (0.0, DEEPEST))
+    return TABULATED if all(low <= value <= high for value, (low, high) in wanted) else LINEAR
