@@ -24,7 +24,7 @@ def bent(x_mm: Floats, y_mm: Floats) -> Floats:
 
 def dots(*, bright: bool) -> tuple[Bytes, Floats]:
     """A raw picture of the grid, unevenly lit, and where its dots are."""
-    y, x = SPACING_MM * np.indices((ROWS, COLUMNS), dtype=np.float64)
+    x, y = np.meshgrid(SPACING_MM * np.arange(COLUMNS), SPACING_MM * np.arange(ROWS))
     places = bent(x, y)
     row, column = np.indices(RAW, dtype=np.float64)
     picture = 110 + 0.25 * column
@@ -46,8 +46,10 @@ def test_a_seen_grid_straightens_and_scales_each_axis(bright: bool) -> None:
     assert rectify(sensor, raw).shape == (sensor.height_px, sensor.width_px, 3)
     assert sensor.rectification is not None
     map_x, map_y = sensor.rectification
-    y, x = np.indices(map_x.shape)
-    true = bent(x * sensor.mm_per_px[0], y * sensor.mm_per_px[1])
+    x, y = np.meshgrid(
+        *(scale * np.arange(n) for scale, n in zip(sensor.mm_per_px, map_x.shape[::-1], strict=True))
+    )
+    true = bent(x, y)
     off = np.hypot(map_x - true[..., 0], map_y - true[..., 1])
     assert off.max() < 0.6, "half a pixel, also between the dots"
 
