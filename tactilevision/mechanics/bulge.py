@@ -240,8 +240,11 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     other = _residuals(task, theta, white, rise_factor=1 + task.model.relative_error)
     pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
     systematic = float((covariance @ pull)[0])
-    groups = (scores, _by_direction(white, slopes, now), _by_depth(white, scores))
+    depths = _by_depth(white, scores)
+    groups = (scores, _by_direction(white, slopes, now), depths)
     shown = max(_clustered(covariance, information, part) for part in groups)
+    if len(depths) < FEWEST_CLUSTERS:  # no scatter tells what the model has wrong at these depths
+        systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
     return BulgeFit(
         poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
         names=NAMES,

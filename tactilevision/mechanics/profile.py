@@ -109,7 +109,8 @@ class ProfileModel:
 
     `relative_error` is the standard deviation of its rise, as a share of the rise, that more presses cannot
     average away; `shape_error` pairs ((r - a)/h, std of the rise over the depth there): what edge, law and solver
-    leave open of its shape; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
+    leave open of its shape; `single_depth_std` is of nu from presses of one depth, where no other depth tells what
+    the profile has wrong there; `frictional` says whether the source knows friction; `deepest` is in thicknesses.
     """
 
     source: ProfileSource
@@ -120,6 +121,7 @@ class ProfileModel:
     a_over_h_range: tuple[float, float] = A_OVER_H_RANGE
     deepest: float = 0.3
     shape_error: tuple[tuple[float, float], ...] = ()
+    single_depth_std: float = 0.0
 
 
 LINEAR = ProfileModel(
@@ -127,6 +129,7 @@ LINEAR = ProfileModel(
     "linear layer theory, frictionless",
     relative_error=0.06,
     shape_error=((0.1, 0.03), (0.25, 0.025), (0.5, 0.015), (0.9, 0.006), (1.6, 0.004)),
+    single_depth_std=0.01,
 )
 
 

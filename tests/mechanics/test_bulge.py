@@ -15,7 +15,9 @@ from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Floats
 
-EXACT = replace(LINEAR, relative_error=0.0, shape_error=())  # the truth of these tests is linear theory itself
+EXACT = replace(
+    LINEAR, relative_error=0.0, shape_error=(), single_depth_std=0.0
+)  # the truth of these tests is linear theory itself
 
 
 def test_exact_surfaces_give_their_own_poisson_ratio() -> None:
@@ -88,6 +90,14 @@ def test_profile_that_is_known_badly_widens_the_interval_by_what_it_does() -> No
     bias = (fits[0].value or 0) - 0.47
     sure, unsure = (fit.std or 0 for fit in fits)
     assert np.sqrt(unsure**2 - sure**2) == pytest.approx(abs(bias), rel=0.3)
+
+
+def test_one_depth_alone_is_trusted_less() -> None:
+    model = replace(EXACT, single_depth_std=0.005)
+    made = views(0.48, np.random.default_rng(9), depths_mm=(0.4,), noise_mm=1e-4)
+    (sure, unsure) = (fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=one) for one in (EXACT, model))
+    stds = [fit.poisson_ratio.std or 0.0 for fit in (sure, unsure)]
+    assert np.sqrt(stds[1] ** 2 - stds[0] ** 2) == pytest.approx(0.005, rel=1e-3)
 
 
 def test_shallow_press_in_noise_cannot_tell() -> None:

@@ -19,7 +19,7 @@ from tactilevision.recording import Recording
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Frame, SlopeMap
 
 NU, CENTRE = 0.478, (0.3, -0.2)
-EXACT = replace(LINEAR, relative_error=0.0, shape_error=())
+EXACT = replace(LINEAR, relative_error=0.0, shape_error=(), single_depth_std=0.0)
 X, Y = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * MM_PER_PX for n in SIZE))
 R = np.hypot(X - CENTRE[0], Y - CENTRE[1])
 GRID = np.linspace(0, 20, 2001)
