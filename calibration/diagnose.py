@@ -39,7 +39,7 @@ from calibration.stages import Effect
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.025  # of saying that something unknown is left
-MOSTLY = 0.8  # of a misfit explained: the rest is then a matter of the effect's form
+MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
 
 

@@ -34,12 +34,16 @@ DEPTH_BINS, OTHER_BINS = 16, 6
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """One effect or covariate: its statistic, its own p, and p adjusted for having looked at all."""
+    """One effect or covariate: its statistic, its own p, and p adjusted for having looked at all.
+
+    `usual` is the statistic's mean where nothing is there.
+    """
 
     key: str
     statistic: float
     p: float
     p_adjusted: float
+    usual: float = 0.0
 
     def as_json(self) -> dict[str, str | float]:
         """One entry of covariates."""
@@ -308,7 +312,8 @@ def _ranked(
     scored = []
     for k in kept:
         p = tails[k](real[k])
-        scored.append(Scored(keys[k], real[k], p, float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12))))))
+        adjusted = float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12))))
+        scored.append(Scored(keys[k], real[k], p, adjusted, float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
 
 

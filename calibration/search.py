@@ -68,8 +68,8 @@ class Searched:
 
     @property
     def explained(self) -> float:
-        """Of what repeats cannot account for in the base model, the share that the steps do."""
-        return explained_share(self.base, self.current)
+        """Of what the base model leaves, the share that the steps explain."""
+        return explained_share(self.base, self.current, self.last)
 
 
 def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float) -> Searched:
@@ -154,9 +154,12 @@ def _apart(current: Fit, best: Candidate, other: Effect) -> float:
         return float("inf")
 
 
-def explained_share(base: Fit, current: Fit) -> float:
-    """How much of what repeats cannot account for the added effects do; whitened by the last model's noise."""
+def explained_share(base: Fit, current: Fit, left: Screen) -> float:
+    """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
+    telling covariate still stands above chance by; all white under the last model's noise.
+    """
     whitener = Whitener(current.data, current.noise, current.about)
     before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
-    excess = before - base.data.size
-    return (before - after) / excess if excess > 0 else 0.0
+    still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
+    taken = max(before - after, 0.0)
+    return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0

@@ -35,7 +35,7 @@ class Skin(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """S and t."""
         return (
-            Parameter("excess_mm", "mm", 0.0, (0.0, 3.0), "excess of modulus times thickness", 0.1),
+            Parameter("excess_mm", "mm", 0.0, (0.0, 1.0), "excess of modulus times thickness", 0.1),
             Parameter("thickness_mm", "mm", 0.02, (0.002, 0.2), "thickness of the skin", 0.02),
         )
 

@@ -1,7 +1,7 @@
 """The gel's thickness is h (1 + d) instead of h.
 
 Changes kappa(nu, a/h) and the strain w/h. On one radius it is E and beta; several radii show it. The stated
-thickness is a measurement too: d ~ N(0, s^2), s from thickness_std_mm, else 10 %, what a gel that is cast and
+thickness is a measurement too: d ~ N(0, s^2), s from thickness_std_mm, else 15 %, what a gel that is cast and
 glued by hand may be off. Without it other misfits run into a thickness that no gel has.
 Vanishes at d = 0. Source: the law's own h; s is a judgement.
 """
@@ -15,7 +15,7 @@ from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-JUDGED = 0.1
+JUDGED = 0.15
 
 
 @dataclass(frozen=True, slots=True)
