@@ -103,9 +103,7 @@ class Reconstructor:
     def _read(self, rgb: Bytes) -> tuple[SlopeMap, Bools]:
         if isinstance(self.method, CalibratedMethod):
             reading = self.method.read(rgb)
-            size = reading.drift.untouched.shape[::-1]
-            told = cv2.resize(self.method.calm, size, interpolation=cv2.INTER_AREA) > 0.95
-            return reading.slopes, reading.drift.untouched & told
+            return reading.slopes, reading.drift.untouched & self.method.told
         slopes = self.method.slopes(rgb)
         return slopes, _flat_blocks(slopes)
 

@@ -35,9 +35,11 @@ class ColourChange:
             fill(self._mean, reference.marks.mask)
         self.scale: Planes = np.empty_like(self._mean)
         self.offset: Planes = np.empty_like(self._mean)
+        self.leaning = np.empty((2, *self._mean.shape), np.float32)  # the offset times x, times y
+        x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
+        self.places = (x[None, None, :], y[None, :, None])
         self._settle()
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self.x, self.y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self._out: Planes = np.empty_like(self._mean)
         self._work = np.empty(reference.shape, np.float32)
 
@@ -49,10 +51,10 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         for c, grey in enumerate(cv2.split(rgb)):
-            constant, along_x, along_y = drift.gains[c].astype(np.float32)
-            np.multiply(grey, self.scale[c], out=self._out[c])
-            np.add((1.0 + constant + along_x * self.x)[None, :], (along_y * self.y)[:, None], out=self._work)
-            self._work *= self.offset[c]
+            constant, along_x, along_y = (float(gain) for gain in drift.gains[c])
+            cv2.multiply(grey, self.scale[c], dst=self._out[c], dtype=cv2.CV_32F)
+            cv2.addWeighted(self.leaning[0, c], along_x, self.leaning[1, c], along_y, 0.0, dst=self._work)
+            cv2.scaleAdd(self.offset[c], 1.0 + constant, self._work, dst=self._work)
             self._out[c] -= self._work
         if self.reference.marks is not None:
             fill(self._out, marked(rgb, self.reference.marks))
@@ -79,6 +81,8 @@ class ColourChange:
         np.add(self._mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
         np.multiply(self._mean, self.scale, out=self.offset)
+        for place, product in zip(self.places, self.leaning, strict=True):
+            np.multiply(self.offset, place, out=product)
 
     def _check(self, rgb: Bytes) -> None:
         if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:

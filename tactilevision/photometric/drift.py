@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.reference import Reference
@@ -21,6 +22,7 @@ from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
+SAMPLED = 8  # pixels along each side of a block that stand for it
 USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
@@ -47,19 +49,22 @@ class DriftTracker:
         height, width = reference.shape
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
-        self.reference = cv2.resize(reference.rgb, self.size, interpolation=cv2.INTER_AREA).astype(np.float64)
+        self.inside = min(SAMPLED, block)
+        self.reference = self._blocks(reference.rgb)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)
-        self.noise = np.sqrt(noise**2 / block**2 + 0.3**2)  # of a block's mean; rounding does not average out
+        self.noise = np.sqrt(
+            noise**2 / self.inside**2 + 0.3**2
+        )  # of a block's mean; rounding does not average out
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
-        self.level = flat = self.reference.reshape(-1, 3)
-        self.terms = [flat[:, c, None] * self.basis for c in range(3)]
+        self.level = self.reference.reshape(-1, 3)
+        self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
-        blocks = cv2.resize(rgb, self.size, interpolation=cv2.INTER_AREA).reshape(-1, 3).astype(np.float64)
+        blocks = self._blocks(rgb).reshape(-1, 3)
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
@@ -84,24 +89,26 @@ class DriftTracker:
         solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         return np.asarray(cv2.dilate(solid, np.ones((7, 7), np.uint8)).ravel() > 0)
 
+    def _blocks(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
+        """Means (h, w, 3) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
+        few = (self.size[0] * self.inside, self.size[1] * self.inside)
+        sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA), np.float64)
+
     def _strangeness(self, change: Floats, gains: Floats) -> Floats:
         """Distance of each block from the drift, in standard deviations of its noise, over the channels."""
-        total = np.zeros(len(change))
-        for c in range(3):
-            total += ((change[:, c] - self.terms[c] @ gains[c]) / self.noise[c]) ** 2
-        return np.asarray(np.sqrt(total))
+        left = (change - self.level * (self.basis @ gains.T)) / self.noise
+        return np.asarray(np.sqrt(np.einsum("nc,nc->n", left, left)))
 
     def _fit(self, change: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
-        gains = np.empty((3, 3))
-        for c in range(3):
-            weighted = self.terms[c] * (weights / self.noise[c] ** 2)[:, None]
-            normal = weighted.T @ self.terms[c]
-            likely = UNEVEN * abs(float(constant[c])) + LEAST_UNEVEN
-            normal[(1, 2), (1, 2)] += CORRELATED / likely**2
-            normal[0, 0] += 1e-9
-            gains[c] = np.linalg.solve(normal, weighted.T @ change[:, c])
-        return gains
+        heavy = (self.level / self.noise**2).T * weights
+        normal = ((heavy * self.level.T) @ self.squares).reshape(3, 3, 3)
+        likely = UNEVEN * np.abs(constant) + LEAST_UNEVEN
+        normal[:, (1, 2), (1, 2)] += (CORRELATED / likely**2)[:, None]
+        normal[:, 0, 0] += 1e-9
+        right = (heavy * change.T) @ self.basis
+        return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         usable = self.usable

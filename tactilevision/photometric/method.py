@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,6 +17,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]
+Array = npt.NDArray[np.floating[Any]]
 
 
 class PhotometricMethod(Protocol):
@@ -81,6 +83,7 @@ class CalibratedMethod:
         self.bias = (quiet[0] * self.calm + rest[0] * self.calm, quiet[1] * self.calm + rest[1] * self.calm)
         self.noise: Picture = quiet[2] * self.calm
         self.readable = self.reference.usable & (self.calm > 0.5)
+        self.told = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA) > 0.95
 
     @property
     def quiet_now(self) -> Quiet:
@@ -94,16 +97,18 @@ class CalibratedMethod:
 
         Raises InputError for a frame that cannot be read.
         """
-        return self.read(rgb_rectified).slopes
+        slopes = self.read(rgb_rectified).slopes
+        return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy))
 
     def read(self, rgb_rectified: Bytes) -> Reading:
-        """The slopes and what was found on the way."""
+        """The slopes, without their deviation, and what was found on the way."""
         change, drift, valid = self.change.measure(rgb_rectified)
         dz_dx, dz_dy = self.evaluate(change)
         for slope, bias in zip((dz_dx, dz_dy), self.bias, strict=True):
             slope *= self.calm
             slope -= bias
-        return Reading(SlopeMap(dz_dx, dz_dy, valid & self.readable, self._std(dz_dx, dz_dy)), drift)
+        valid &= self.readable
+        return Reading(SlopeMap(dz_dx, dz_dy, valid), drift)
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
@@ -113,7 +118,7 @@ class CalibratedMethod:
         """The same law against another picture of the untouched gel."""
         return CalibratedMethod(self.law, reference, self.relative_error, self.quiet, self.card)
 
-    def _std(self, dz_dx: Picture, dz_dy: Picture) -> Picture:
+    def _std(self, dz_dx: Array, dz_dy: Array) -> Array:
         std = np.abs(dz_dx)
         std += np.abs(dz_dy)
         std *= np.float32(self.relative_error)

@@ -24,6 +24,11 @@ from tactilevision.records import Floats
 
 ROWS = 16  # of a picture worked on at once, so that everything stays in the cache
 PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
+RAISED = tuple(  # colour, the products of one order from it on, their products with it
+    (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
+    for start, end, skips, aboves in ((0, 3, (0, 1, 2), (3, 6, 8)), (3, 9, (0, 3, 5), (9, 15, 18)))
+    for c, skip, above in zip(range(3), skips, aboves, strict=True)
+)
 PLACE_ORDER = {1: 3, 2: 2, 3: 1}
 POWERS = tuple((i, n - i) for n in range(4) for i in range(n + 1))
 TYPICAL = 0.2
@@ -92,46 +97,45 @@ class PolynomialEvaluator:
     """The polynomial over a whole picture, row by row: in one row it is a cubic of X alone.
 
     slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
+    The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
     """
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
         y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(4)[None, :]
-        per_row = np.zeros((shape[0], 2, 4, len(PRODUCTS)))
+        per_row = np.zeros((shape[0], 4, 2, len(PRODUCTS)))
         for m, (i, j) in enumerate(POWERS):
-            per_row[:, :, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
+            per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
         self.per_row: Picture = per_row.reshape(shape[0], 8, len(PRODUCTS)).astype(np.float32)
         self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        self._products = np.empty((ROWS, len(PRODUCTS), shape[1]), np.float32)
-        self._sums = np.empty((ROWS, 8, shape[1]), np.float32)
+        self._x = np.repeat(self.x[None, :], ROWS, axis=0)
+        self._products = np.empty((len(PRODUCTS), ROWS, shape[1]), np.float32)
+        self._sums = np.empty((4, 2, ROWS, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
         for top in range(0, change.shape[1], ROWS):
             rows = slice(top, top + ROWS)
-            colours = change[:, rows]
-            products = self._products[: colours.shape[1]]
-            for k, pick in enumerate(PRODUCTS):
-                if len(pick) == 1:
-                    products[:, k] = colours[pick[0]]
-                else:
-                    np.multiply(products[:, PRODUCTS.index(pick[1:])], colours[pick[0]], out=products[:, k])
-            sums = np.matmul(self.per_row[rows], products, out=self._sums[: len(products)])
-            for s in (0, 1):
-                found = out[s, rows]
-                np.multiply(sums[:, 4 * s + 3], self.x, out=found)
-                for i in (2, 1):
-                    found += sums[:, 4 * s + i]
-                    found *= self.x
-                found += sums[:, 4 * s]
-        np.clip(out, -self.bound, self.bound, out=out)
+            count = out[0, rows].shape[0]
+            products, sums, x = self._products[:, :count], self._sums[:, :, :count], self._x[:count]
+            np.copyto(products[:3], change[:, rows])
+            for first, below, above in RAISED:
+                np.multiply(products[below], products[first], out=products[above])
+            by_row = sums.reshape(8, count, -1) if count == ROWS else np.empty((8, *x.shape), np.float32)
+            np.matmul(self.per_row[rows], products.transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
+            sums = by_row.reshape(4, 2, count, -1)
+            found = sums[3]
+            for i in (2, 1, 0):
+                found *= x
+                found += sums[i]
+            np.clip(found, -self.bound, self.bound, out=out[:, rows])
         return out[0], out[1]
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
         x = self.x[None, :] ** np.arange(4)[:, None]
-        linear = np.einsum("hsik,iw->skhw", self.per_row.reshape(-1, 2, 4, len(PRODUCTS))[..., :3], x)
+        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, 4, 2, len(PRODUCTS))[..., :3], x)
         return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 
