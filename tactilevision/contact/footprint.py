@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 
 from tactilevision.contact.circle import Circle, fit_circle
-from tactilevision.contact.edge import edge_points, place_px
+from tactilevision.contact.edge import edge_points, place_px, sample
 from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter, Pair
 
 _GRID_MM = 0.2
 _RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
+_BESIDE, _ROUND = (1.2, 1.5), 180  # of the radius, beyond the steep wall; directions
 _MODEL = 0.25  # share of the wall's correction that is doubtful: blurs differ from a Gaussian by about that
 _SURE = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
 
@@ -46,6 +47,27 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
             return None
         start = (circle.centre_mm, circle.radius_mm)
     return None if circle is None else _describe(height, circle, _MODEL * drawn)
+
+
+def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> float:
+    """How much the depth just outside the face differs round it, rms in mm beside a mean and a slope.
+
+    Beside a disc the gel falls away alike all round; a slot, a burr or a crumb shows there even where the wall is
+    as steep as a disc's. `away_from` (x, y) points to the bevel, whose quarter is left out. NaN where less than a
+    third of the way round is in view.
+    """
+    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    towards = np.c_[np.cos(angle), np.sin(angle)]
+    radii = np.linspace(*_BESIDE, 7) * face.radius_mm
+    places = towards[:, None, :] * radii[None, :, None] + np.asarray(face.centre_mm)
+    depth = np.where(height.valid, height.depth_mm, np.nan)
+    beside = sample(depth, place_px(height, places)).mean(axis=1)
+    use = np.isfinite(beside) & (towards @ np.asarray(away_from) < np.cos(np.pi / 4))
+    if use.sum() < _ROUND / 3:
+        return float("nan")
+    basis = np.c_[np.ones(_ROUND), towards][use]
+    answer, *_ = np.linalg.lstsq(basis, beside[use], rcond=None)
+    return float(np.sqrt(np.mean((beside[use] - basis @ answer) ** 2)))
 
 
 def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.contact.bevel import SIDES
+from tactilevision.contact.footprint import unevenness_mm
 from tactilevision.press.certificate import Finding, Touch
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
@@ -25,6 +26,7 @@ TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resul
 TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by against the face
 TILT_READ = 0.005  # rad: what a height map that is right to one part in a hundred may tilt a flat face by
 RADIUS_SHARE = 0.06  # c grows as the radius does: three times what the footprint itself may be off
+UNEVEN_SHARE = 0.05  # of the depth: the gel beside a disc dips and rises by a third of it, alike all round
 FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
 _GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
 _REST = 0.5  # of the usual rest
@@ -50,7 +52,8 @@ class Look:
 @dataclass(frozen=True, slots=True, eq=False)
 class Usual:
     """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
-    interval of frames at the event, the rest, the chance that two readings of the free gel are equal."""
+    interval of frames at the event, the rest, the chance that two readings of the free gel are equal, and how
+    uneven the gel is beside the face."""
 
     radius: dict[str, float]
     tilt: Floats
@@ -58,6 +61,7 @@ class Usual:
     interval_s: float
     rest_s: float
     equal: float
+    uneven_mm: float
 
 
 def findings(look: Look, usual: Usual, forces: ForceSeries) -> tuple[Finding, ...]:
@@ -88,6 +92,11 @@ def _footprint(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
+    uneven = unevenness_mm(look.watch.face_map, face, away_from=SIDES[look.watch.side])
+    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.uneven_mm):
+        return Finding(
+            "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
+        )
     if not np.isfinite(nominal):
         return None
     ratio = face.radius_mm / nominal / usual.radius.get(look.watch.indenter.name, 1.0)

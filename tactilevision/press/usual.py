@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tactilevision.contact.bevel import SIDES
+from tactilevision.contact.footprint import unevenness_mm
 from tactilevision.press.checks import Look, Usual, face_tilt, interval_at
 from tactilevision.records import Floats
 
@@ -26,11 +28,15 @@ def usual_of(looks: Mapping[str, Look]) -> Usual:
         interval_at(look.watch.time_s, look.event_s) for look in looks.values() if np.isfinite(look.event_s)
     ]
     finite = [gap for gap in intervals if np.isfinite(gap)]
+    uneven = [unevenness_mm(look.watch.face_map, look.watch.footprint, away_from=SIDES[look.watch.side])
+              for look in seen if look.watch.footprint is not None]  # fmt: skip
+    known = [value for value in uneven if np.isfinite(value)]
     rest = [look.rest_s for look in looks.values() if np.isfinite(look.rest_s)]
     return Usual(
         radius=_radius_ratios(seen), tilt=np.asarray(tilt), tilt_scatter=scatter,
         interval_s=float(np.median(finite)) if finite else float("inf"),
         rest_s=float(np.median(rest)) if rest else 0.0, equal=_equal(looks),
+        uneven_mm=float(np.median(known)) if len(known) >= 3 else 0.0,
     )  # fmt: skip
 
 

@@ -37,6 +37,7 @@ class Made:
     start_s: float = 0.0
     dwell_s: float = 0.0  # a micrometre beyond the touch
     pause: bool = False
+    crumb: bool = False  # under the gel beside the face: a bump of a third of its depth
 
     @property
     def touch_mm(self) -> float:
@@ -103,6 +104,8 @@ def surface(press: Made, w: float) -> Floats:
     unit = _BESIDE(np.sqrt(np.clip(r - radius, 0, 12.5)))
     tilt = 0.04 * x if press.fault == "tilt" and w > 0 else 0.0
     depth = np.where(r <= radius, np.maximum(w + tilt, 0), w * unit)
+    if press.crumb:
+        depth = depth + 0.35 * w * np.exp(-0.5 * ((r - 1.35 * radius) ** 2 + (x - 0.5) ** 2) / 0.4**2)
     beyond = along - 5.0
     bevel = w - press.height_mm - np.tan(np.radians(10)) * beyond
     depth = np.where((beyond >= 0) & (bevel > depth), bevel, depth)

@@ -188,3 +188,10 @@ def test_a_gap_between_ramp_and_hold_is_no_saturation(tmp_path: Path) -> None:
     made = line_up([Made(0.15), Made(0.5), Made(0.15, pause=True)])
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", ""]
+
+
+def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
+    made = line_up([Made(0.35), Made(0.5), Made(0.35, crumb=True)])
+    certificate = certify(*recording(tmp_path, made, seed=4))
+    assert [point.reason for point in certificate.points] == ["", "", "footprint"]
+    assert "uneven" in str(certificate.points[2].extra["findings"])
