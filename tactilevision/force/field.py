@@ -27,7 +27,7 @@ from tactilevision.force.observe import Observation, PixelNoise, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 
-MODEL_STD = np.array([0.003, 0.003, 0.012])
+MODEL_STD = np.array([0.002, 0.002, 0.008])
 STICK_STD = 0.03
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still

@@ -1,0 +1,84 @@
+"""Force from whole frames: every frame of a recording beside its own F/T sensor, by band of depth.
+
+The recording's calibration is made first, as a user would. Presses that `calibrate` rejects are left out, and of
+the others the frames in which a contact is cut by the border.
+
+python -m benchmarks.force_frames [recording] [calibration.json]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from tactilevision.force.calibrated import read_clock_offset, read_material
+from tactilevision.force.compare import residuals
+from tactilevision.force.field import CUT
+from tactilevision.force.folder import force_folder, force_job
+from tactilevision.force.frame import FrameForce
+from tactilevision.reconstruct import build_reconstructor
+from tactilevision.recording import read_recording
+
+BANDS_MM = (0.03, 0.12, 0.2, 0.3, 0.4, 0.8)
+FREE_N, LEAST_N = 0.02, 0.05
+SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+
+
+def calibrated(path: Path, folder: Path) -> Path:
+    """calibration.json of the recording, made as a user makes it."""
+    from tactilevision.cli import main as command
+
+    sys.argv = ["tactilevision", "calibrate", str(path), "--out", str(folder)]
+    if command() != 0:
+        raise SystemExit(1)
+    return folder / "calibration.json"
+
+
+def beside_the_sensor(path: Path, calibration: Path, out: Path) -> tuple[FrameForce, ...]:
+    """Forces of every frame, with the reading of its time."""
+    recording = read_recording(path)
+    job = force_job(recording, build_reconstructor(recording), read_material(calibration), out)
+    return force_folder(recording, job, clock_offset_s=read_clock_offset(calibration))
+
+
+def report(rows: Sequence[FrameForce], accepted: Sequence[str]) -> None:
+    """The table."""
+    free = [row for row in rows if row.read and abs(row.measured_N[2]) < FREE_N]
+    pushed = np.array([row.resultant_N[2] for row in free])
+    print(
+        f"{len(free)} frames of a free gel: {np.mean(pushed == 0):.0%} say so; largest force {pushed.max():.3f} N"
+    )
+    left = residuals(rows, flagged=(CUT,))
+    assert left is not None
+    good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > LEAST_N)
+    pull = left.residual_N[:, 2] / left.std_N[:, 2]
+    for low, high in pairwise(BANDS_MM):
+        band = good & (left.depth_mm >= low) & (left.depth_mm < high)
+        if band.any():
+            ratio, says = left.ratio[band], np.median(left.std_N[band, 2] / left.force_N[band, 2])
+            inside = np.mean(np.abs(pull[band]) < 1.96)
+            print(f"read {low} to {high} mm deep: {band.sum():3d} frames, force/reading {np.median(ratio):.3f}")
+            print(
+                f"    {ratio.min():.2f} to {ratio.max():.2f}; std {says:.1%}; {inside:.0%} inside 95 %", flush=True
+            )
+    inside, rms = np.mean(np.abs(pull[good]) < 1.96), np.sqrt(np.mean(pull[good] ** 2))
+    print(f"all {good.sum()}: {inside:.0%} inside; rms pull {rms:.2f}")
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the table of a recording (first argument) with its calibration.json (second; made if left out)."""
+    path = Path(arguments[0]) if arguments else SAMPLE
+    with tempfile.TemporaryDirectory() as folder:
+        calibration = Path(arguments[1]) if len(arguments) > 1 else calibrated(path, Path(folder) / "calibration")
+        rows = beside_the_sensor(path, calibration, Path(folder) / "out")
+        report(rows, json.loads(calibration.read_text())["presses_accepted"])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
