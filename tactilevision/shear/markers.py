@@ -22,7 +22,6 @@ from tactilevision.records import Bools, Bytes, Floats
 
 REACH = 0.4
 ROUNDS = 12
-FEWEST = 12
 NEIGHBOURS = 6
 ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
 MAD_TO_STD = 1.4826
@@ -59,16 +58,6 @@ def find_markers(rgb: Bytes) -> Floats:
     right, low = left + stats[1:, cv2.CC_STAT_WIDTH], top + stats[1:, cv2.CC_STAT_HEIGHT]
     kept &= (left > 0) & (top > 0) & (right < dark.shape[1]) & (low < dark.shape[0])  # a cut spot has no middle
     return np.asarray(places[kept])
-
-
-def are_markers(places_px: Floats) -> bool:
-    """Whether spots lie as markers do: enough of them, and spaced alike (coefficient of variation below a
-    third).
-    """
-    if len(places_px) < FEWEST:
-        return False
-    nearest = np.asarray(KDTree(places_px).query(places_px, 2)[0])[:, 1]
-    return bool(np.std(nearest) < np.mean(nearest) / 3)
 
 
 def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None = None) -> MarkerMotion:

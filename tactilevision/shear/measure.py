@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.marks import FEWEST, evenly_spaced
 from tactilevision.records import Bytes, Floats, Pair, ShearMap
 from tactilevision.shear.markers import (
-    FEWEST,
     MarkerMotion,
-    are_markers,
     find_markers,
     follow_markers,
     hull,
@@ -83,7 +82,7 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
     if markers and len(places) < FEWEST:
         raise InputError("too few markers in the reference frame to follow the gel", where="read_untouched",
                          value=len(places), remedy="Say markers=False to follow the ink's texture.")  # fmt: skip
-    if markers or (markers is None and are_markers(places)):
+    if markers or (markers is None and evenly_spaced(places)):
         return Untouched(shape, mm_per_px, markers=places)
     texture = read_texture(reference)
     return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= LEAST_KNOWN else None)

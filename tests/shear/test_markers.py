@@ -10,8 +10,9 @@ import pytest
 from drawn_gels import SHAPE, marks, motion, origin, photograph
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.marks import evenly_spaced
 from tactilevision.records import Bytes, Floats
-from tactilevision.shear.markers import are_markers, find_markers
+from tactilevision.shear.markers import find_markers
 from tactilevision.shear.measure import LOST, marker_motion, measure_shear
 
 SCALE = (0.08, 0.08)
@@ -30,7 +31,7 @@ def pictures(push: tuple[float, float], *, shade: float = 0.5, bulge: float = 0.
 def test_places_are_found_to_a_tenth_of_a_pixel() -> None:
     found = find_markers(photograph(marks(STILL[0], STILL[1]), 0.0, np.random.default_rng(1)))
     assert len(found) == 13 * 17
-    assert are_markers(found)
+    assert evenly_spaced(found)
     off = found - (12 + 18 * np.round((found - 12) / 18))
     assert np.sqrt(np.mean(off**2)) < 0.12
 
