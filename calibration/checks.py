@@ -115,3 +115,46 @@ def _falls(depth: Floats, force: Floats) -> bool:
 
 def _press(data: Observations, sample: int) -> str:
     return f"press {data.presses.label[int(data.press[sample])]}"
+
+
+def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
+    """What a law can be fitted to: presses of this shape, of radii pressed to more than one depth.
+
+    What is left out and what these measurements lack is said in the warnings. Raises InputError where nothing is
+    left to fit.
+    """
+    kept = of_shape(data, shape)
+    single = [r for r in np.unique(kept.presses.radius_mm) if _one_depth(kept, float(r))]
+    if single and len(single) < np.unique(kept.presses.radius_mm).size:
+        named = ", ".join(f"{r:g} mm" for r in single)
+        warning = f"presses of radius {named} are left out: at one depth stiffness and curvature look alike"
+        kept = kept.take(~np.isin(kept.presses.radius_mm, single))
+        kept = replace(kept, warnings=(*kept.warnings, warning))
+    check(kept, shape=shape)
+    return replace(kept, warnings=(*kept.warnings, *lacks(kept)))
+
+
+def lacks(data: Observations) -> Iterator[str]:
+    """A sentence for each thing that these measurements do not have and an analysis would use."""
+    from calibration.conditions import repeat_groups
+
+    if data.count == 1:
+        yield "there is one press: how presses differ from each other is assumed, not measured"
+    elif np.unique(repeat_groups(data)).size == data.count and data.is_curves:
+        yield "no press repeats another (same punch, like speed): how repeats differ is assumed, not measured"
+    sizes = np.bincount(data.press)
+    single = np.flatnonzero(sizes == 1)
+    if data.is_curves and single.size:
+        names = ", ".join(data.presses.label[k] for k in single[:5])
+        yield f"{single.size} presses have one sample each ({names}): they show no course in time"
+    begin, end = data.time_s[data.first], data.time_s[np.append(data.first[1:], data.size) - 1]
+    late = np.flatnonzero(begin[1:] < np.maximum.accumulate(end)[:-1])
+    if late.size:
+        pair = " and ".join(data.presses.label[k] for k in (late[0], late[0] + 1))
+        yield f"{late.size} presses begin before another ends ({pair}): the waits between them are not known"
+
+
+def _one_depth(data: Observations, radius_mm: float) -> bool:
+    mine = (data.phase != "free") & (data.radius_mm == radius_mm)
+    depth = data.depth_mm[mine]
+    return bool(depth.size and np.ptp(depth) < SAME_DEPTH * np.max(depth))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.checks import check, of_shape
+from calibration.checks import usable
 from calibration.data import Observations
 from calibration.effects import get_effect
 from calibration.fitting import Fit, fit
@@ -87,8 +87,7 @@ def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.
     An effect that finds no minimum is passed over, named in `left_out`, and the next one is added without it.
     Raises InputError for unusable data.
     """
-    data = of_shape(data)
-    check(data)
+    data = usable(data)
     model = base_model(data)
     found = [judge(fit_alone(model, data), rng)]
     left_out = []

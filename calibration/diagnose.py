@@ -20,7 +20,7 @@ import numpy as np
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
 from calibration.change import change_point
-from calibration.checks import check, of_shape
+from calibration.checks import usable
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnosis import Added, Diagnosis, Errors
@@ -76,8 +76,7 @@ def diagnose(
 
     A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
     """
-    data = of_shape(data)
-    check(data)
+    data = usable(data)
     catalogue = [*EFFECTS.values(), *effects]
     model = base_model(data)
     for effect in known:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_presses import indenter, observations
 from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
@@ -18,6 +19,7 @@ from calibration.change import change_point
 from calibration.compare import Comparison, compare
 from calibration.data import Measured, Observations
 from calibration.diagnose import diagnose
+from calibration.diagnosis import Diagnosis
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit
@@ -266,28 +268,58 @@ def test_a_jump_is_dated_to_its_press() -> None:
     )
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_presses_still_get_an_answer(count: int) -> None:
-    data = presses(count)
-    found = diagnose(
-        measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)), np.random.default_rng(0)
-    )
-    assert found.verdict in ("ADEQUATE", "AMBIGUOUS")
-
-
-def test_curves_of_one_sample_and_presses_that_overlap_in_time_are_taken() -> None:
-    data = presses(12)
-    single = data.samples(np.isin(np.arange(data.size) % 17, (3, 9, 16)) | (data.press > 2))
-    overlapping = replace(single, time_s=single.time_s % 50)
-    force = MODEL.predict(TRUTH, overlapping)
-    found = diagnose(measured(overlapping, force, np.random.default_rng(1)), np.random.default_rng(0))
+def analysed(data: Observations) -> tuple[Diagnosis, str]:
+    """The diagnosis of the plain law on these presses, and all that is said about them."""
+    radii = np.unique(data.presses.radius_mm).size
+    force = MODEL.predict(np.append(TRUTH, [TRUTH[-1]] * (radii - 1)), data)
+    noise = np.random.default_rng(1).standard_normal((2, data.size))
+    taken = data.with_force(force * (1 + 0.005 * noise[0, : data.count][data.press]) + 0.004 * noise[1])
+    found = diagnose(taken, np.random.default_rng(0))
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
+    return found, " ".join(found.after.warnings)
+
+
+def test_one_press_is_analysed_and_its_want_is_said() -> None:
+    found, said = analysed(presses(1))
+    assert "there is one press" in said
+    assert found.not_testable["ageing"]
+
+
+def test_presses_without_repeats_are_analysed_and_their_want_is_said() -> None:
+    assert "no press repeats another" in analysed(presses(2))[1]
+
+
+def test_a_radius_pressed_to_one_depth_is_left_out_by_name() -> None:
+    depths = [np.linspace(0.03, 0.6, 9)] * 6 + [np.array([0.4])] * 2
+    kinds = [indenter("A", 2.5)] * 6 + [indenter("B", 1.5)] * 2
+    found, said = analysed(observations(depths, kinds))
+    assert "radius 1.5 mm are left out" in said
+    assert found.base.data.count == 6
+    with pytest.raises(InputError, match="one depth"):
+        diagnose(
+            observations([np.array([0.4])] * 3, [indenter()] * 3).with_force(np.ones(3)), np.random.default_rng(0)
+        )
+
+
+def test_curves_of_one_sample_and_presses_that_overlap_in_time_are_taken_and_said() -> None:
+    data = presses(12)
+    single = data.samples(np.isin(np.arange(data.size) % 17, (3,)) | (data.press > 2))
+    said = analysed(replace(single, time_s=single.time_s % 50))[1]
+    assert "3 presses have one sample each (p0, p1, p2)" in said
+    assert "begin before another ends" in said
 
 
 def test_constant_force_is_refused() -> None:
     data = presses(4)
-    with pytest.raises(InputError):
-        diagnose(data.with_force(np.full(data.size, 0.0)), np.random.default_rng(0))
+    with pytest.raises(InputError, match="force never changes"):
+        diagnose(data.with_force(np.full(data.size, 0.5)), np.random.default_rng(0))
+
+
+def test_an_effect_that_lacks_its_covariate_says_what_it_needs_and_the_rest_goes_on() -> None:
+    found, _ = analysed(presses(8))
+    assert "needs a temperature" in found.not_testable["temperature"]
+    assert "needs presses at several places" in found.not_testable["thickness_wedge"]
+    assert "depth_zero" in found.visible
 
 
 def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:

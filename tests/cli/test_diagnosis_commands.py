@@ -42,6 +42,20 @@ def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch:
     assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])
 
 
+def test_a_step_is_taken_back_and_put_back_and_the_script_follows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path) == 0
+    script = (tmp_path / "repeat.sh").read_text()
+    assert "--with depth_zero" in script
+    assert run(monkeypatch, "steps", tmp_path, "--undo") == 0
+    assert "--with" not in (tmp_path / "repeat.sh").read_text()
+    assert "taken back: depth zero" in capsys.readouterr().out
+    assert run(monkeypatch, "steps", tmp_path, "--undo") == 2, "nothing is left to undo"
+    assert run(monkeypatch, "steps", tmp_path, "--redo") == 0
+    assert (tmp_path / "repeat.sh").read_text() == script
+
+
 def test_an_unknown_effect_is_named_with_the_known_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
