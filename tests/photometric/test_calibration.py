@@ -19,8 +19,10 @@ from tactilevision.photometric import (
     make_reference,
     save_method,
 )
+from tactilevision.photometric.network_training import NetworkFitter
 
 SCALE = (MM_PER_PX, MM_PER_PX)
+FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=60)}  # what it can do when trained on: test_network.py
 RADIUS_MM = 4.0
 
 
@@ -36,7 +38,7 @@ def pictures(count: int, seed: int = 1) -> list[BallPicture]:
 def calibrated(name: str) -> Calibration:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, pictures(12), SCALE, fit=PHOTOMETRIC[name])
+    return calibrate_from_balls(reference, pictures(12), SCALE, fit=FITS[name])
 
 
 def test_balls_are_found_to_a_fraction_of_a_pixel() -> None:
