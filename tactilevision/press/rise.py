@@ -27,6 +27,7 @@ from tactilevision.records import Bools, Floats, Gel, Indenter
 
 _HALF_RING_MM = 0.3
 _SOFT_GEL = (0.45, 0.4999)  # silicones and the like, where nothing is said of the gel
+_SINKS, _SUNK = 1.4, 1.5  # of the radius, within which the gel sinks in; of the height, the depth at touch there
 _STATED_STD = 0.01  # of a Poisson's ratio stated without one
 _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
 
@@ -124,8 +125,9 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     if not 0 < indenter.height_mm < 0.25 * gel.thickness_mm:
         return None
     nu, h = min(nu, 0.4999), gel.thickness_mm
-    # beside a punch that the gel sinks in with, the depth at touch may exceed the height
-    model = profile_model(nu, indenter.radius_mm / h, 1.5 * indenter.height_mm / h)
+    # near a punch, which the gel sinks in with, the depth at touch may exceed the height
+    deepest = indenter.height_mm * (_SUNK if distance_mm < _SINKS * indenter.radius_mm else 1.0)
+    model = profile_model(nu, indenter.radius_mm / h, deepest / h)
     touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=h, poisson_ratio=nu,
                         poisson_ratio_std=nu_std, model=model)  # fmt: skip
     return touch.rise_over_depth, touch.rise_over_depth_std

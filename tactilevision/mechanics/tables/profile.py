@@ -57,6 +57,7 @@ TABULATED = ProfileModel(
     a_over_h_range=A_OVER_H_RANGE,
     deepest=DEEPEST,
     shape_error=((0.1, 0.01), (0.25, 0.007), (0.5, 0.004), (0.9, 0.0025), (1.6, 0.0015)),
+    single_depth_std=0.005,
 )
 
 
