@@ -245,12 +245,15 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     shown = max(_clustered(covariance, information, part) for part in groups)
     if len(depths) < FEWEST_CLUSTERS:  # no scatter tells what the model has wrong at these depths
         systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
+    own_nu = np.array([part[0, 0] for part in own])
+    alone = theta[0] - scores[:, 0] / own_nu
+    systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
     return BulgeFit(
         poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
         names=NAMES,
         values=theta,
         covariance=covariance,
-        press_estimates=theta[0] - scores[:, 0] / np.array([part[0, 0] for part in own]),
+        press_estimates=alone,
         effective_samples=sum(noise.effective_samples(press.blocks) for press in task.presses),
         residual_mm=float(np.hypot(noise.std_mm, noise.white_mm)),
         noise=noise,
@@ -284,6 +287,26 @@ def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Se
         turn = np.arctan2(blocks.y_mm, blocks.x_mm) / (2 * np.pi) % 1.0
         np.add.at(total, np.minimum((SECTORS * turn).astype(int), SECTORS - 1), scores)
     return total
+
+
+def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> float:
+    """Half of what nu changes by over the depths, as far as that exceeds what noise and scatter make at 95 %.
+
+    The gel has one nu: a change with depth is what profile or map have wrong, and no depth is known to be right.
+    """
+    from scipy.stats import t
+
+    depth = np.array([true_depth(press, 1.0) for press in presses])
+    reach = float(np.ptp(depth))
+    if len(depth) < FEWEST_CLUSTERS or reach < SAME_DEPTH * depth.max():
+        return 0.0
+    away = depth - np.average(depth, weights=weights)
+    power = float(weights @ away**2)
+    slope = float(weights @ (away * estimates)) / power
+    left = estimates - np.average(estimates, weights=weights) - slope * away
+    scatter = float(weights @ left**2) / (len(depth) - 2)  # 1 where it is the noise's own
+    chance = float(t.ppf(0.975, len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
+    return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
 
 
 def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
