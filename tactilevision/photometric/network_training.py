@@ -29,7 +29,7 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 if TYPE_CHECKING:
     import torch
 
-WIDTH, LAYERS = 16, 3
+WIDTH, LAYERS = 16, 2
 STEPS, AT_ONCE, RATE, DECAY = 900, 2048, 1e-2, 1e-3
 SHOWN = 4  # times that each press is shown beside its own picture
 SEED = 20261121
@@ -115,7 +115,8 @@ def make_module(typical_change: Floats) -> torch.nn.Module:
 
         def forward(self, x: torch.Tensor) -> torch.Tensor:
             m, u = self.last(self.body(x)), x[:, :3]
-            return torch.cat([(m[:, :3] * u).sum(1, keepdim=True), (m[:, 3:] * u).sum(1, keepdim=True)], 1)
+            slopes: torch.Tensor = m[:, :2] * u[:, :1] + m[:, 2:4] * u[:, 1:2] + m[:, 4:] * u[:, 2:3]
+            return slopes
 
     return Perceptron()
 
