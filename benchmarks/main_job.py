@@ -45,6 +45,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.calibrate import calibrate
     from calibration.data import Measured
+    from tactilevision.press.beside import with_nu
     from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
@@ -53,8 +54,10 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
         place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, dwell_s))
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
-        certificate = certify(recording, build_reconstructor(recording))
-        result = calibrate(Measured(recording, certificate.points), clock_offset=certificate.clock_offset)
+        reconstructor = build_reconstructor(recording)
+        certificate, bulge = with_nu(recording, reconstructor, certify(recording, reconstructor))
+        measured = Measured(recording, certificate.points)
+        result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)
     return compare(seed, result.as_json(), truth, {p.press: p.reason for p in certificate.points})
 
 

@@ -20,7 +20,7 @@ from calibration.calibrate import calibrate
 from calibration.data import Measured
 from tactilevision.errors import ConvergenceError, TactilevisionError
 from tactilevision.mechanics.profile_table import FemProfile
-from tactilevision.press.beside import nu_beside, with_rise
+from tactilevision.press.beside import with_nu
 from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
@@ -103,15 +103,13 @@ def run(seed: int) -> tuple[float, float, Estimate, Estimate, str]:
         place = simulate(Path(folder) / "made", seed=seed, options=options_of(seed, nu, profile))
         recording = read_recording(place)
         reconstructor = build_reconstructor(recording)
-        certificate = certify(recording, reconstructor)
-        bulge = nu_beside(recording, reconstructor, certificate)
+        certificate, bulge = with_nu(recording, reconstructor, certify(recording, reconstructor))
         if bulge is None:
             raise TactilevisionError(f"seed {seed}: no press shows the gel beside it")
-        certificate = with_rise(certificate, recording, bulge.poisson_ratio)
     measured = Measured(recording, certificate.points)
-    result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge.poisson_ratio)
+    result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)
     paper = calibrate(measured, law="paper").poisson_ratio
-    return nu, friction, bulge.poisson_ratio, paper, result.poisson_ratio_source
+    return nu, friction, bulge, paper, result.poisson_ratio_source
 
 
 def main(arguments: list[str] | None = None) -> None:

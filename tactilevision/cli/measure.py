@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,20 +51,13 @@ def take(paths: Sequence[Path]) -> list[Taken]:
 
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
-    from calibration.laws.flat_punch import STATED_NU_STD
-    from tactilevision.press.beside import nu_beside, with_rise
+    from tactilevision.press.beside import with_nu
 
     if taken.certificate is None or taken.reconstructor is None:
         return taken, None
     with console.progress_bar("reading the gel beside the punch"):
-        found = nu_beside(taken.recording, taken.reconstructor, taken.certificate)
-    if found is None:
-        return taken, None
-    gel, estimate = taken.recording.sensor.gel, found.poisson_ratio
-    stated = gel is not None and gel.poisson_ratio is not None
-    if stated and gel is not None and (estimate.std or math.inf) > (gel.poisson_ratio_std or STATED_NU_STD):
-        return taken, estimate
-    return replace(taken, certificate=with_rise(taken.certificate, taken.recording, estimate)), estimate
+        certificate, found = with_nu(taken.recording, taken.reconstructor, taken.certificate)
+    return replace(taken, certificate=certificate), found
 
 
 def _certified(recording: Recording) -> Taken:

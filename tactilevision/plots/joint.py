@@ -40,8 +40,10 @@ def draw_joint(
         y, colour = floor + (place + 0.6) * ROW * height, colours.get(name, style.GREY)
         if used:
             axes.axvspan(low, high, color=colour, alpha=0.08, lw=0)
-        bar = np.clip([low, high], left, right)
-        axes.plot(bar, [y, y], color=colour, lw=4 if used else 1.5, label=WORDS.get(name, name))
+        bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
+        if bar[0] == bar[1]:
+            words += f": {low:.3f} to {high:.3f}, off the picture"
+        axes.plot(bar, [y, y], color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
     axes.legend(fontsize=8, loc="upper right")

@@ -13,6 +13,7 @@ slopes are taken for in part: it leaves a bowl, which is fitted along.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -42,6 +43,7 @@ CENTRE_STD_MM = 0.05
 GUARD = 0.4  # thicknesses beside the edge, where profiles depend on the edge's radius and the wall's blur reaches
 BOWL_STD_PER_MM = 3e-4  # three thousandths of slope at 10 mm
 UNKNOWN_GAIN, LEAST_GAIN = 0.1, 0.01
+STATED_STD = 0.005  # of a Poisson's ratio stated without one
 RING_SHARE = 0.25  # of the picture, and so of the balls
 
 Picture = npt.NDArray[np.float32]
@@ -72,6 +74,19 @@ def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: C
         )
     except InputError:  # no view that the profiles reach
         return None
+
+
+def with_nu(
+    recording: Recording, reconstructor: Reconstructor, certificate: Certificate
+) -> tuple[Certificate, Estimate | None]:
+    """nu_beside, and the certificate with depths that follow it where nothing better is stated of the gel."""
+    found, gel = nu_beside(recording, reconstructor, certificate), recording.sensor.gel
+    if found is None or gel is None:
+        return certificate, None
+    stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
+    if (found.poisson_ratio.std or math.inf) > stated:
+        return certificate, found.poisson_ratio
+    return with_rise(certificate, recording, found.poisson_ratio), found.poisson_ratio
 
 
 def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Estimate) -> Certificate:
