@@ -9,9 +9,16 @@ from calibration import page, wording
 from calibration.diagnosis import Added, Diagnosis
 from calibration.drawing import Card
 from calibration.effects import get_effect
+from calibration.outside import WouldHaveToBe
 from calibration.report import Picture
 from calibration.stages import EffectBase
 from tactilevision.errors import InputError
+
+
+OWN_IDEA = (
+    "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, then "
+    "diagnose with --effect my_effect.py."
+)
 
 
 def in_words(key: str) -> str:
@@ -33,6 +40,10 @@ def verdict_sentence(found: Diagnosis) -> str:
             return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
         case "AMBIGUOUS":
             several = ", ".join(in_words(key) for key in found.candidates)
+            if "beta_outside_theory" in found.flags and not found.effects:
+                beta = wording.estimate(found.before.beta)
+                what = "A line fits, but no contact law allows its slope"
+                return f"{what}, beta = {beta}; these data cannot tell which of these is off instead: {several}."
             return f"Something is missing from the model; these data cannot tell which of: {several}."
         case _:
             known = f" beyond {named}" if named else ""
@@ -45,7 +56,7 @@ def _left(found: Diagnosis) -> str:
     left = found.left
     if left is None:
         return ""
-    on = " and ".join(_said(key) for key in left.covariates[:2])
+    on = " and ".join(list(dict.fromkeys(_said(key) for key in left.covariates))[:2])
     parts = [f"it depends on {on}"] if on else []
     if left.size_N > 0:
         parts.append(f"is about {1e3 * left.size_N:.0f} mN large and varies over {left.length_mm:.2g} mm of depth")
@@ -130,13 +141,31 @@ def _head(found: Diagnosis) -> str:
     """What a reader in a hurry takes away."""
     lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
     lines += [page.paragraph(_in_plain_words(effect)) for effect in found.effects]
-    before, after = found.before.youngs_modulus, found.after.youngs_modulus
-    if found.effects and before.value is not None and after.value is not None:
-        lines.append(page.paragraph(
-            f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
-            f"{wording.estimate(before)}."))  # fmt: skip
+    lines += [page.paragraph(_needed(w)) for w in found.would_have_to_be]
+    lines += [page.paragraph(text) for text in _material_moves(found)]
+    if found.verdict == "UNKNOWN":
+        lines.append(page.paragraph(OWN_IDEA))
     lines.append(page.paragraph(next_sentence(found)) if found.measure_next else "")
     return page.block("verdict " + ("clean" if found.verdict == "ADEQUATE" else "found"), *lines)
+
+
+def _material_moves(found: Diagnosis) -> list[str]:
+    """What the finding does to E, in a sentence."""
+    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if not found.effects or before.value is None or after.value is None:
+        return []
+    if found.fitted is found.base:
+        return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
+    return [f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
+            f"{wording.estimate(before)}."]  # fmt: skip
+
+
+def _needed(one: WouldHaveToBe) -> str:
+    """What one candidate would have to be."""
+    unit = "" if one.unit == "1" else f" {one.unit}"
+    size = f"{100 * one.value:+.0f} %" if one.parameter == "relative" else f"{one.value:.3g}{unit}"
+    what = f"{in_words(one.key).capitalize()}: {_parameter(one.parameter)} would have to be {size}"
+    return f"{what}; the line would stay straight to R² = {one.r_squared:.4f}."
 
 
 def _in_plain_words(added: Added) -> str:

@@ -111,9 +111,12 @@ def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] |
 
 
 def _shows(base: Fit, candidate: Candidate) -> bool:
-    """Whether the candidate, as fitted, changes anything beyond the noise of the whole."""
+    """Whether the candidate, as fitted, changes anything that the base model could not take."""
     whitener = Whitener(base.data, base.noise, base.about)
-    return bool(np.linalg.norm(whitener.apply(candidate.force_N - base.force_N)) > TOLD_APART)
+    change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
+    taken, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
+    left = change[:, -1] - taken @ (taken.T @ change[:, -1])
+    return bool(np.linalg.norm(left) > TOLD_APART)
 
 
 def _parted(base: Fit, one: Candidate, other: Effect) -> float:
@@ -152,7 +155,10 @@ def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     seen = {effect.key: effect for effect in sighted()}
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
     made = []
+    elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
     for key in carded(found):
+        if key in elsewhere:  # in the table of what each would have to be
+            continue
         if found.sight is not None and key in by_sight:
             made.append(_card(found.sight.base, seen[key]))
         elif key in known:

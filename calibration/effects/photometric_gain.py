@@ -21,7 +21,7 @@ class PhotometricGain(EffectBase):
     """One factor on the depth."""
 
     key = "photometric_gain"
-    title = "the height map is too high by a factor"
+    title = "the height map is off by a factor"
     stage = Stage.DEPTH
     seen_in = ("certified against reconstructed depth",)
     confused_with = ("youngs_modulus", "beta")

@@ -30,9 +30,10 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         keep(panels, folder / "residuals.png", f"What the plain law leaves, the most telling first ({RED_IS}).")
     ]
     names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
-    fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
-    words = "Error on presses that the fit did not see; the dashed line is what repeats differ by."
-    kept.append(keep(fall, folder / "error.png", words))
+    if len(found.held_out) > 1:
+        fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
+        words = "Error on presses that the fit did not see; the dashed line is what repeats differ by."
+        kept.append(keep(fall, folder / "error.png", words))
     seen = sighting(found)
     if seen is not None:
         kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png",
@@ -42,7 +43,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)
         kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
     for name, fitted in (("before", found.base), ("after", found.fitted)):
-        if name == "before" or found.effects:
+        if name == "before" or fitted is not found.base:
             drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
             kept.append(keep(drawn, folder / f"fit_{name}.png", f"The measurements and the model, {name}."))
     table = confusability(found)

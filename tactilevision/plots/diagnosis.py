@@ -68,7 +68,8 @@ def draw_residuals(panels: Sequence[Panel]) -> Figure:
 
 def _panel(axes: Axes, panel: Panel) -> None:
     telling = panel.p_adjusted < 0.05
-    axes.plot(panel.values, panel.residual, ".", ms=2, color=style.GREY, alpha=0.35)
+    few = panel.values.size < 60
+    axes.plot(panel.values, panel.residual, ".", ms=6 if few else 2, color=style.GREY, alpha=0.8 if few else 0.35)
     for low, high in _bins(panel.values):
         inside = (panel.values >= low) & (panel.values <= high)
         count = np.count_nonzero(inside)
