@@ -21,7 +21,7 @@ from tactilevision.photometric.ball import Ball, ball_slopes
 from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.one_core import one_core
-from tactilevision.photometric.onnx_file import export_network
+from tactilevision.photometric.onnx_file import export_network, require_exporter
 from tactilevision.photometric.polynomial import QUIET, TYPICAL
 from tactilevision.photometric.samples import CONTACT, INSIDE, Samples, join
 from tactilevision.records import Bools, Bytes, Floats, Pair
@@ -53,6 +53,7 @@ class NetworkFitter:
         self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
     ) -> NetworkFitter:
         """The same with `pictures` (H, W, 3) augmented; a ball that was not found is None."""
+        require_exporter()
         parts = [
             augmented(change, rgb, ball, mm_per_px, number=number, most=SHOWN * CONTACT // len(pictures))
             for number, (rgb, ball) in enumerate(zip(pictures, balls, strict=True))

@@ -47,6 +47,15 @@ def run_network(session: Any, *inputs: Array) -> Array:
         raise InputError(f"the network does not fit its use: {str(fault)[:200]}", where="network") from fault
 
 
+def require_exporter() -> None:
+    """Raises InputError where torch cannot write ONNX, before any time is spent on training."""
+    try:
+        import onnx  # noqa: F401 -- torch's exporter asks for it
+    except ImportError as fault:
+        raise InputError("a network is written by the package onnx, which is missing", where="train",
+                         remedy="pip install 'tactilevision[train]', or train a polynomial.") from fault  # fmt: skip
+
+
 def export_network(
     module: torch.nn.Module, example: torch.Tensor, path: Path | str, *, free_axes: dict[int, str]
 ) -> str:

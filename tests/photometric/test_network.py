@@ -181,6 +181,13 @@ def test_samples_of_drawn_lights_repeat_with_their_seed() -> None:
     assert not np.array_equal(first.slopes[:100], draw_samples(32, 4)[0].slopes[:100])
 
 
+def test_without_the_exporter_it_is_told_before_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    change = ColourChange(make_reference([flat(np.random.default_rng(0))]))
+    with pytest.raises(InputError, match=r"package onnx.*tactilevision\[train\]"):
+        NetworkFitter().prepared(change, [], [], SCALE)
+
+
 def test_importing_photometry_loads_nothing_heavy() -> None:
     code = "import sys, tactilevision.reconstruct; print(*{'torch', 'kornia', 'onnxruntime'} & set(sys.modules))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
