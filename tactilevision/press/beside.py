@@ -83,6 +83,9 @@ def with_nu(
     found, gel = nu_beside(recording, reconstructor, certificate), recording.sensor.gel
     if found is None or gel is None:
         return certificate, None
+    if found.left_out:
+        said = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
+        certificate = replace(certificate, warnings=(*certificate.warnings, said))
     stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
     if (found.poisson_ratio.std or math.inf) > stated:
         return certificate, found.poisson_ratio

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -11,7 +12,7 @@ from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 
 from tactilevision.mechanics.bulge import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
-from tactilevision.press.beside import surfaces_beside, with_rise
+from tactilevision.press.beside import surfaces_beside, with_nu, with_rise
 from tactilevision.press.certificate import Certificate, Evidence
 from tactilevision.press.rise import Rise
 from tactilevision.reconstruct import Reconstructor
@@ -27,6 +28,8 @@ GRID = np.linspace(0, 20, 2001)
 
 class Slopes:
     """Draws the slopes of a frame: walls half as steep on one side, and a light that has drifted unevenly."""
+
+    method = None  # no card: the gain is not known
 
     def __init__(self, made: list[Made]) -> None:
         self.made = made
@@ -107,3 +110,11 @@ def test_depth_follows_the_rise_of_the_nu_that_was_found(scene: tuple[list[Made]
     ratio = low.points[0].depth_mm / before.points[0].depth_mm
     assert low.curves[0].depth_mm == pytest.approx(ratio * before.curves[0].depth_mm)
     assert with_rise(before, record, Estimate(None, None, (0.4, 0.5), "1", "noise")) is before
+
+
+def test_presses_beyond_the_profiles_are_named_and_not_extrapolated(tmp_path: Path) -> None:
+    made = line_up([Made(height) for height in (0.2, 0.35, 0.95)])
+    record = recording(tmp_path, made)[0]
+    certificate, nu = with_nu(record, cast(Reconstructor, Slopes(made)), certified(made, record))
+    assert nu is not None
+    assert any("presses 3 lies beyond" in line for line in certificate.warnings)
