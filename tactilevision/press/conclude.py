@@ -33,6 +33,7 @@ from tactilevision.recording import Recording
 from tactilevision.records import CertifiedPoint, Estimate, ForceSeries, Press
 
 _NAMED = 5
+_STOPS = 3  # dwells from which their scatter can be told
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
 
 
@@ -60,17 +61,21 @@ class Chain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timed:
-    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force."""
+    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force.
+
+    `stop_std_N`: what a rig that stands still near the touch, not at it, leaves open of the force.
+    """
 
     touched: Touched
     crossed: Crossing | None
     touch: Touch | None
     event: EventForce | None
+    stop_std_N: float = 0.0
 
 
 def conclude(chain: Chain) -> Certificate:
     """Points, curves and evidence of every press."""
-    timed = {name: _time(chain, name, touched) for name, touched in chain.touches.items()}
+    timed = _stopped(chain, {name: _time(chain, name, touched) for name, touched in chain.touches.items()})
     rises = _rises(chain, timed)
     looks = {name: _look(chain, watch, timed.get(name), rises.get(name))
              for name, watch in chain.watches.items() if watch is not None}  # fmt: skip
@@ -110,6 +115,29 @@ def _time(chain: Chain, name: str, touched: Touched) -> Timed:
     touch = Touch(time_s, std_s, seen, touched.channel, onset)
     event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
     return Timed(touched, crossed, touch, event)
+
+
+def _stopped(chain: Chain, timed: dict[str, Timed]) -> dict[str, Timed]:
+    """With what the stops of the rig scatter by about the touches that the camera sees.
+
+    A dwell stands for the touch as far as the rig stops there each time. What its places scatter by against the
+    onsets, beyond the onsets' own errors, is left open; an error that all share cannot be seen so.
+    """
+    apart: dict[str, tuple[float, float, float]] = {}
+    for name, one in timed.items():
+        onset, window = one.touched.onset, chain.windows[name]
+        if one.event is None or not one.event.dwell or one.crossed is None or onset is None or window is None:
+            continue
+        there = window.at(np.array([one.crossed.time_s]))
+        law, own = one.touched.law, max(onset.std**2 - onset.shared_std**2, 0.0)
+        stiffness = float(law.force(onset.at + 1e-3) - law.force(onset.at)) / 1e-3
+        apart[name] = (onset.at - float(law.depth(there)[0]), own, stiffness)
+    if len(apart) < _STOPS:
+        return timed
+    distance, own, _ = np.array(list(apart.values())).T
+    open_mm = float(np.sqrt(max(distance.var(ddof=1) - own.mean(), 0.0)))
+    return {name: replace(one, stop_std_N=open_mm * apart[name][2]) if name in apart else one
+            for name, one in timed.items()}  # fmt: skip
 
 
 def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
@@ -174,7 +202,7 @@ def _point(
         window = chain.windows[press.press]
         tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
         force, time_s = event.force_N, touch.time_s
-        from_time = 0.0 if event.dwell else event.rate_N_s * timed.crossed.std_s
+        from_time = timed.stop_std_N if event.dwell else event.rate_N_s * timed.crossed.std_s
         force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
         extra |= {
             "touch_std_s": touch.std_s,

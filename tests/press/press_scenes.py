@@ -35,7 +35,8 @@ class Made:
     side: str = "right"
     fault: str = ""
     start_s: float = 0.0
-    dwell_s: float = 0.0  # a micrometre beyond the touch
+    dwell_s: float = 0.0
+    stop_mm: float = 0.001  # where the dwell is, beyond the touch
     pause: bool = False
     crumb: bool = False  # under the gel beside the face: a bump of a third of its depth
 
@@ -56,7 +57,7 @@ class Made:
         return self.start_s + 0.6 + self.top_mm / SPEED + self.dwell_s + HOLD_S + self.top_mm + 0.5
 
     def depth(self, time: Floats) -> Floats:
-        stop, top = min(self.touch_mm + 0.001, self.top_mm), self.top_mm
+        stop, top = min(self.touch_mm + self.stop_mm, self.top_mm), self.top_mm
         steps = [self.start_s + 0.6, stop / SPEED, self.dwell_s, (top - stop) / SPEED, HOLD_S, top]
         return np.interp(time, np.cumsum(steps), [0.0, stop, stop, top, top, 0.0])
 

@@ -195,3 +195,16 @@ def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", "footprint"]
     assert "uneven" in str(certificate.points[2].extra["findings"])
+
+
+def test_stops_that_scatter_about_the_touch_leave_the_force_open(tmp_path: Path) -> None:
+    stds = []
+    for name, off_mm in (("sure", 0.0), ("shaky", 0.006)):
+        (tmp_path / name).mkdir()
+        stops = off_mm * np.array([1, -1, 1, -1, 1])
+        made = line_up([Made(0.35, dwell_s=0.6, stop_mm=float(stop)) for stop in stops])
+        points = certify(*recording(tmp_path / name, made, seed=4)).points
+        stds.append(np.median([point.fz_std_N for point in points if point.extra["force_dwell"] == 1]))
+        assert sum(point.extra["force_dwell"] == 1 for point in points) >= 4
+    assert stds[0] < 0.003
+    assert stds[1] > 0.005
