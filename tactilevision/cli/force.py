@@ -39,6 +39,7 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
+    from tactilevision.force.beside import write_beside
     from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
     from tactilevision.force.folder import force_folder, force_job
 
@@ -58,6 +59,9 @@ def force(
     console.say(*(f"  {row.frame}: {row.why}" for row in rows if not row.read))
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
+    beside = write_beside(recording, rows, out / "beside")
+    if beside is not None:
+        console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
     content |= {"sensitivity": _figures(recording, job, rows, out / "figures", most=pictures)}
     console.hand_over(content, json)
 

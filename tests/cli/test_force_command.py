@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.recording import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
 FRAMES = 162
@@ -75,6 +76,10 @@ def test_a_press_becomes_forces_figures_and_numbers(
     assert 0.6 < result["measured"]["z"]["ratio"] < 1.4
     assert result["shear"]["known"] == 0
     assert "follow" in result["shear"]["why"], "an ink without grain: the output says why fx and fy are not there"
+    beside = read_recording(out / "beside")
+    assert {curve.press for curve in beside.curves} == {press.press for press in beside.presses}
+    assert beside.curves[0].extra["picture_fz_N"].max() > 0.1
+    assert np.isfinite([press.x_mm for press in beside.presses]).all()
     figures = {path.name for path in (out / "figures").iterdir()}
     assert {"resultants.png", "sensitivity.png", "residuals.png"} <= figures
     assert any(name.endswith("_force.png") for name in figures)
