@@ -8,12 +8,14 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft
 
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.records import Bytes, Frame, Gel
 from tactilevision.sensors import get_sensor
 from tactilevision.surface import integrate
@@ -45,7 +47,8 @@ def calibrated(size: tuple[int, int], light: int | None, method: str) -> tuple[C
     found = calibrate_from_balls(reference, shots, (scale, scale), fit=PHOTOMETRIC[method])
     sensor = get_sensor("custom", width_px=size[0], height_px=size[1], mm_per_px=scale)
     sensor = dataclasses.replace(sensor, gel=Gel(thickness_mm=3.0))
-    return camera, Reconstructor(sensor, found.method, calibration=found)
+    free = [camera.picture(Flat(), rng) for _ in range(12)]
+    return camera, tuned(sensor, found, shots, free)
 
 
 def accuracy(light: int | None) -> None:
@@ -71,16 +74,45 @@ def accuracy(light: int | None) -> None:
         rise = " ".join(f"{error[np.abs(r - at) < 0.15].mean():+.1f}" for at in (3.5, 4, 5, 6, 8))
         assert found.std_mm is not None
         face, std = found.depth_mm[r < 2.2].mean() / depth, 1e3 * found.std_mm[r < 2.2].mean()
-        print(
-            f"  punch {depth} mm: face {face:.3f} of true (std {std:.0f} um), rise off {rise} um at 3.5 4 5 6 8 mm"
-        )
+        plain = plain_depth(reconstructor, camera.picture(punch, np.random.default_rng(1)))
+        missed = plain[r < 2.2].mean() - plain[r > 8.0].mean()
+        print(f"  punch {depth} mm: face {face:.3f} of true (std {std:.0f} um; plain {missed / depth:.3f}), "
+              f"rise off {rise} um at 3.5 4 5 6 8 mm")  # fmt: skip
+
+
+def plain_depth(reconstructor: Reconstructor, rgb: Bytes) -> npt.NDArray[np.floating[Any]]:
+    """The surface of the slopes as they are read, walls and all."""
+    slopes = reconstructor.method.slopes(rgb)
+    return integrate(dataclasses.replace(slopes, valid=None), reconstructor.sensor.mm_per_px)
+
+
+def honesty(light: int | None) -> None:
+    """Share of pixels within one stated deviation, on balls and steps that the calibration never saw."""
+    camera, reconstructor = calibrated((427, 320), light, "polynomial")
+    shares: dict[str, list[float]] = {}
+    for number, centre in enumerate(((1.0, -0.7), (-4.0, 2.0), (5.0, 3.0))):
+        balls = [BallPress(*size, 3.0, 0.48, centre) for size in ((4.0, 0.8), (4.0, 1.6), (8.0, 2.5), (16.0, 4.0))]
+        steps = [PunchPress(punch_profile(0.48, 2.5, 3.0), depth, centre) for depth in (0.1, 0.3, 0.6)]
+        surfaces: list[BallPress | PunchPress] = [*balls, *steps]
+        for surface in surfaces:
+            found = reconstructor.height_map(Frame(camera.picture(surface, np.random.default_rng(number))))
+            assert found.std_mm is not None
+            edge = surface.contact_radius_mm if isinstance(surface, BallPress) else 2.5
+            r = np.hypot(*camera.grid.places(centre))
+            covered = np.abs(found.depth_mm - surface.depth_mm(camera.grid)) < found.std_mm
+            kind = "ball" if isinstance(surface, BallPress) else "step"
+            for where, mask in (("under", r < 0.9 * edge), ("beside", (r > 1.15 * edge) & (r < edge + 4))):
+                shares.setdefault(f"{where} a {kind}", []).append(float(covered[mask & found.valid].mean()))
+    print(f"light {light}: within one stated deviation "
+          + ", ".join(f"{100 * np.mean(share):.0f} % {where}" for where, share in shares.items()))  # fmt: skip
 
 
 def speed(size: tuple[int, int]) -> None:
     usual = milliseconds(straightforward(size), 5)
     for method in PHOTOMETRIC:
         camera, reconstructor = calibrated(size, 2, method)
-        frame = Frame(camera.picture(Flat(), np.random.default_rng(2)))
+        press = PunchPress(punch_profile(0.48, 2.5, 3.0), 0.1, (1.0, -0.7))
+        frame = Frame(camera.picture(press, np.random.default_rng(2)))
         slopes = reconstructor.method.slopes(frame.rgb)
         whole = milliseconds(lambda r=reconstructor, f=frame: r.height_map(f), 40)  # type: ignore[misc]
         plain = dataclasses.replace(slopes, valid=None)
@@ -124,6 +156,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     for light in (None, 1, 2):
         accuracy(light)
+        honesty(light)
     for size in SIZES:
         speed(size)
 

@@ -1,11 +1,13 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = noise^2 + waves^2 + zero^2 + (gain depth)^2 + wall^2
+    std^2 = noise^2 + waves^2 + zero^2 + gain^2 max(depth^2, <depth^2>) + wall^2
 
 noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
 the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures, as
 errors of the light's colour over wide areas make it; zero: the zero plane's; gain: how far the depth scale of
-balls that were held out of the calibration scattered; wall: how far the step of a restored wall may be off
+balls scattered, the geometric mean of balls held out of the calibration (which then knew less than it does) and
+of those in it (which it suits better than others); < > over a thickness of gel, as errors of slope spread to the
+gel beside; wall: how far the step of a restored wall may be off
 (`walls.py`), and where slopes steeper than any ball showed belong to no round face, as much again as such a slope
 drops over the wall's width; all behind the wall stands on it.
 Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
@@ -24,12 +26,13 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.surface import integrate
 from tactilevision.walls import Wall, window_of
-from tactilevision.zero_plane import ZeroPlane
+from tactilevision.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 
 Picture = npt.NDArray[np.float32]
 DRAWS = 6
 STEEP = 0.95  # of the steepest slope that was calibrated
 LEAST_STEEP = 12  # pixels; fewer are noise
+COARSE = 8  # px: grid on which depth nearby is looked up
 
 
 class DepthError:
@@ -37,16 +40,18 @@ class DepthError:
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         self.mm_per_px = mm_per_px
-        self.gain = float(method.card.get("held_out_gain_std", method.relative_error))
+        held_out = float(method.card.get("held_out_gain_std", method.relative_error))
+        self.gain = float(np.sqrt(held_out * float(method.card.get("seen_gain_std", held_out))))
         self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
         waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
-        self.variance = _noise_variance(method.noise, mm_per_px) + np.float32(waves_mm**2)
+        noise = method.noise * np.float32(method.card.get("frame_noise", 1.0))
+        self.variance = _noise_variance(noise, mm_per_px) + np.float32(waves_mm**2)
 
     def std_mm(
         self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane, walls: Sequence[Wall] = ()
     ) -> Picture:
         """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored."""
-        total = np.square(depth, dtype=np.float32)
+        total = self._nearby(depth)
         total *= np.float32(self.gain**2)
         total += self.variance
         total += np.float32(zero.std_mm**2)
@@ -57,6 +62,15 @@ class DepthError:
         if wall > 0:
             total += np.float32(wall**2) * (depth > 0.5 * depth.max())
         return np.asarray(np.sqrt(total, out=total))
+
+    def _nearby(self, depth: npt.NDArray[np.floating[Any]]) -> Picture:
+        """Square of `depth` (H, W), or of the depths about it where that is greater: errors of slope spread."""
+        height, width = depth.shape
+        coarse = np.square(depth[::COARSE, ::COARSE], dtype=np.float32)
+        spread = [USUAL_THICKNESS_MM / (COARSE * step) for step in self.mm_per_px]
+        coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
+        total = np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        return np.asarray(np.maximum(total, np.square(depth, dtype=np.float32), out=total))
 
     def wall_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap) -> float:
         """What may be missing of the depth behind walls steeper than the calibration knows."""

@@ -31,8 +31,8 @@ from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.quiet import QuietSums
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.samples import far_from
-from tactilevision.records import Bools, Bytes, Frame, HeightMap, Sensor, SlopeMap
+from tactilevision.photometric.samples import far_from, inside_ball
+from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.surface import integrate
 from tactilevision.walls import find_walls, restore
@@ -44,9 +44,10 @@ if TYPE_CHECKING:
 
 DEFAULT = "polynomial"
 SLOPE_BLOCKS = 600
-FREE_SHARE = 0.985  # of the blocks that follow the light's drift: the rest is noise
+FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
 LEAST_FREE, MOST_FREE = 4, 16
 MOST_WAVES = 8
+GAIN_SAMPLES = 500  # of each ball
 READABLE = (
     0.8  # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 )
@@ -152,12 +153,40 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
         for ball in recording.balls
     ]
     calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=fit)
-    waves_mm = untouched_rms_mm(Reconstructor(sensor, calibration.method), pictures, calibration.balls)
-    free = free_frames(recording)
-    card = {**calibration.method.card, "untouched_depth_rms_mm": waves_mm, "sensor": sensor.kind}
+    return tuned(sensor, calibration, pictures, free_frames(recording))
+
+
+def tuned(
+    sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture], free: Sequence[Bytes]
+) -> Reconstructor:
+    """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
+
+    How far untouched gel is from flat is told by the `free` frames' noise where there are enough of them, else by
+    the ball pictures.
+    """
+    gain = seen_gain_std(calibration.method, pictures, calibration.balls, sensor.mm_per_px)
+    card = {**calibration.method.card, "sensor": sensor.kind, "seen_gain_std": gain}
     card |= held_out_depth(calibration, pictures, sensor.mm_per_px)
-    method_now = dataclasses.replace(calibration.method, reference=tare(calibration.method, free), card=card)
-    return Reconstructor(sensor, settle(method_now, free), calibration=calibration)
+    method = dataclasses.replace(calibration.method, card=card)
+    settled = settle(dataclasses.replace(method, reference=tare(method, free)), free)
+    if settled.quiet is method.quiet:
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
+        settled = dataclasses.replace(settled, card={**card, "untouched_depth_rms_mm": waves_mm})
+    return Reconstructor(sensor, settled, calibration=calibration)
+
+
+def seen_gain_std(
+    method: CalibratedMethod, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
+) -> float:
+    """Scatter of the depth scale over the balls that a method was made from: 1.48 times the median from 1."""
+    gains, rng = [], np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
+    for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
+        if ball is not None:
+            change, _, valid = method.change.measure(picture.rgb)
+            seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
+            found = method.law.at(seen.change, seen.place)
+            gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
+    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
 
 
 def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
@@ -246,7 +275,8 @@ def settle(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMetho
         sums.add(
             np.asarray(slopes.dz_dx, np.float32), np.asarray(slopes.dz_dy, np.float32), method.reference.usable
         )
-    return dataclasses.replace(method, quiet=sums.added_to(method.quiet_now, method.calm))
+    card = {**method.card, "frame_noise": sums.noise_over(method.noise)}
+    return dataclasses.replace(method, quiet=sums.added_to(method.quiet_now, method.calm), card=card)
 
 
 def _untouched(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:

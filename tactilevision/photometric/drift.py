@@ -22,7 +22,7 @@ from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
-SAMPLED = 8  # pixels along each side of a block that stand for it
+SAMPLED = 16  # pixels at most along each side of a block that stand for it
 USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean

@@ -86,6 +86,15 @@ class QuietSums:
         extra = [cv2.GaussianBlur(total / seen / damped, (0, 0), 1.5) for total in (self.sum_x, self.sum_y)]
         return Quiet(_single(quiet.bias_x + extra[0]), _single(quiet.bias_y + extra[1]), quiet.noise)
 
+    def noise_over(self, noise: Picture) -> float:
+        """Median ratio of the noise gathered here to `noise` (H, W), which often is that of means of pictures."""
+        seen = self.count > 0.5
+        count = np.where(seen, self.count, 1.0)
+        variance = 0.5 * (self.squares - (self.sum_x**2 + self.sum_y**2) / count) / count
+        return float(
+            np.median(np.sqrt(np.maximum(variance, 0.0))[seen] / np.maximum(self._blocks(noise), 1e-9)[seen])
+        )
+
     def _blocks(self, picture: Picture) -> npt.NDArray[np.float64]:
         return np.asarray(cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA), np.float64)
 
