@@ -62,7 +62,9 @@ def test_poisson_ratio_is_found_with_friction_unknown(friction: float) -> None:
     nu, rng = 0.477, np.random.default_rng(11)
     made = views(nu, rng, source=table_profile, friction=friction)
     fit = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, thickness_std_mm=0.03, model=TABULATED)
-    assert fit.poisson_ratio.value == pytest.approx(nu, abs=0.003)
+    assert fit.poisson_ratio.value == pytest.approx(nu, abs=0.004)
+    low, high = fit.poisson_ratio.interval95 or (1, 0)
+    assert low < nu < high
     linear = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, thickness_std_mm=0.03, model=LINEAR)
     low, high = linear.poisson_ratio.interval95 or (1, 0)
     assert low < nu < high  # linear theory is off, and says so

@@ -16,7 +16,7 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase
-from tactilevision.mechanics.tables.grid import Axes, fit_grid
+from tactilevision.mechanics.tables.grid import Axes, continued, inside_cells, solved_nodes
 from tactilevision.records import Floats
 
 Key = tuple[str, float, float]  # law, friction, edge radius over h
@@ -109,13 +109,19 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
 
 
 def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
-    """`values` of the coarse nodes at the fine ones; NaN where a coarse neighbour is not known."""
-    spline = fit_grid(coarse, values)
-    nus, logs, roots = fine.stretched
-    places = np.stack(np.meshgrid(nus, logs, roots, indexing="ij"), axis=-1).reshape(-1, 3)
-    found = spline(places)
-    found[~spline.inside(places)] = np.nan
-    return found.reshape(len(nus), len(logs), len(roots), *values.shape[3:])
+    """`values` of the coarse nodes at the fine ones; NaN where a coarse neighbour is not known.
+
+    Monotone between nodes: where sliding sets in the ratio bends sharply, and a spline would swing.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    found = continued(coarse.depths, values)
+    for axis in range(2):
+        found = PchipInterpolator(coarse.stretched[axis], found, axis=axis)(fine.stretched[axis])
+    places = np.stack(np.meshgrid(*fine.stretched, indexing="ij"), axis=-1).reshape(-1, 3)
+    known = inside_cells(coarse, solved_nodes(values), places).reshape(found.shape[:3])
+    found[~known] = np.nan
+    return np.asarray(found)
 
 
 def _places(mine: Floats, all_: Floats) -> list[int]:

@@ -51,13 +51,7 @@ class HoledSpline:
 
     def inside(self, places: Floats) -> Bools:
         """True (N,) where a place lies on the grid and in a cell that was solved."""
-        cells, on_grid = [], np.ones(len(places), dtype=bool)
-        for k, nodes in enumerate(self.axes.stretched):
-            slack = 1e-9 * (nodes[-1] - nodes[0])
-            on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
-            # a place on a node belongs to the cell below it: a depth that was just reached is known
-            cells.append(np.clip(np.searchsorted(nodes + slack, places[:, k]) - 1, 0, len(nodes) - 2))
-        return on_grid & np.asarray(self.known[tuple(cells)])
+        return _in_known_cells(self.axes, self.known, places)
 
     def reach(self, poisson_ratio: float, a_over_h: float) -> float:
         """The greatest w/h that is known at this nu and a/h; 0 off the grid."""
@@ -82,6 +76,21 @@ def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
         knots.append(line.t)
         orders.append(order)
     return HoledSpline(axes, _cells(known), NdBSpline(tuple(knots), whole, tuple(orders)))
+
+
+def inside_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
+    """True (N,) where a stretched place lies in a cell of which all corners are among the `known` nodes."""
+    return _in_known_cells(axes, _cells(known), places)
+
+
+def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
+    cells, on_grid = [], np.ones(len(places), dtype=bool)
+    for k, nodes in enumerate(axes.stretched):
+        slack = 1e-9 * (nodes[-1] - nodes[0])
+        on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
+        # a place on a node belongs to the cell below it: a depth that was just reached is known
+        cells.append(np.clip(np.searchsorted(nodes + slack, places[:, k]) - 1, 0, len(nodes) - 2))
+    return on_grid & np.asarray(known[tuple(cells)])
 
 
 def solved_nodes(values: Floats) -> Bools:
