@@ -14,8 +14,9 @@ deviation.
 Though no number in it is fitted, its form was chosen among others on nonlinear finite elements (neo-Hooke, flat
 punches a/h .5 to 1.33, nu .45 to .48, friction 0, .3 and none slipping): there the linear resultant is 5 % low at
 w/h = .1 and 3 to 19 % at .2, and after it all lie within 2.4 %. Solves that it had never met (balls of 4 and 6 mm,
-punches of 1.1 and 3.2 mm, nu .42 to .48, friction 0 to .6) lie within 3.4 %, most within 2 %. Without shear, sticking
-contacts come out up to 10 % low at w/h = .2, frictionless ones 5 % high, wide ones (a/h 1.33) up to 16 % low.
+punches of 1.1, 3.2 and 5 mm, nu .42 to .48, any friction) lie within 3.4 %, most within 2 %. Without shear,
+sticking contacts come out up to 10 % low at w/h = .2, frictionless ones 5 % high, wide ones (a/h 1.33) up to 16 %
+low.
 Source of kappa: Hayes et al. (1972), as in tactilevision.mechanics.kappa.
 """
 
