@@ -14,10 +14,9 @@ from calibration.report import Picture
 from calibration.stages import EffectBase
 from tactilevision.errors import InputError
 
-
 OWN_IDEA = (
-    "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, then "
-    "diagnose with --effect my_effect.py."
+    "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
+    "then diagnose with --effect my_effect.py."
 )
 
 

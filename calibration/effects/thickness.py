@@ -1,7 +1,7 @@
 """The gel's thickness is h (1 + d) instead of h.
 
 Changes kappa(nu, a/h) and the strain w/h. On one radius it is E and beta; several radii show it. The stated
-thickness is a measurement too: d ~ N(0, s^2), s from thickness_std_mm, else 15 %, what a gel that is cast and
+thickness is a measurement too: d ~ N(0, s^2), s from thickness_std_mm, else 10 %, what a gel that is cast and
 glued by hand may be off. Without it other misfits run into a thickness that no gel has.
 Vanishes at d = 0. Source: the law's own h; s is a judgement.
 """
@@ -15,7 +15,7 @@ from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-JUDGED = 0.15
+JUDGED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Thickness(EffectBase):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """d."""
-        return (Parameter("relative", "1", 0.0, (-0.5, 0.8), "thickness over the stated one, less 1", 0.1),)
+        return (Parameter("relative", "1", 0.0, (-0.4, 0.4), "thickness over the stated one, less 1", 0.1),)
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """d held by what is stated or judged of the thickness."""
