@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> Figure:
     """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
     figure, (frame, depth, bevel, force) = style.new_strip(12, 2.7, (1.25, 1.4, 1, 1))
+    figure.subplots_adjust(wspace=0.4)  # room for the numbers of a signal that is all noise
     verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
     height = evidence.height_map
     if height is None:
@@ -75,4 +76,6 @@ def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
         axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.2)
         axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=5)
     axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, tared")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.2 * (high - low))  # the legend stands above the curves
     axes.legend(fontsize=8, ncols=3, loc="upper left")
