@@ -41,7 +41,9 @@ def draw_force(found: TractionMap, height: HeightMap, shear: ShearMap | None = N
         limit = max(float(np.nanmax(np.abs(field), initial=0.0)) if name == "z" else tangential, 1e-6)
         _traction_image(figure, axis, found, 1e3 * field, 1e3 * limit, name)
     if whole:
-        _said(maps[-1], found)
+        _deviation(figure, maps[-1], found)
+    if found.flags:
+        figure.supxlabel("; ".join(found.flags), fontsize=8, color=style.GREY)
     return figure
 
 
@@ -97,24 +99,32 @@ def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     axes.set(xlabel="x (mm)", ylabel="depth into the gel (mm)", title="Cut through the deepest place")
 
 
-def _said(axes: Axes, found: TractionMap) -> None:
-    """The resultant and what limits it, in words under the last map's title."""
-    if found.flags:
-        axes.text(
-            0, -0.22, "; ".join(found.flags), transform=axes.transAxes, fontsize=8, color=style.GREY, va="top"
-        )
+def _deviation(figure: Figure, axes: Axes, found: TractionMap) -> None:
+    """How far each cell's pressure may be off."""
+    if found.std_MPa is None or not np.isfinite(found.std_MPa[2]).any():
+        axes.set_axis_off()
+        return
+    std = 1e3 * found.std_MPa[2]
+    axes.set_facecolor(style.INVALID)
+    image = axes.imshow(std, cmap=style.DEPTH_MAP, vmin=0, extent=_extent(found), interpolation="none")
+    figure.colorbar(image, ax=axes, label="std of t_z (kPa)", shrink=0.8)
+    axes.grid(False)
+    axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)", title="Deviation of each cell from noise")
+
+
+def _extent(found: TractionMap) -> tuple[float, float, float, float]:
+    rows, columns = found.t_z.shape
+    sx, sy = found.mm_per_px
+    left, top = found.first_mm[0] - sx / 2, found.first_mm[1] - sy / 2
+    return (left, left + columns * sx, top + rows * sy, top)
 
 
 def _traction_image(
     figure: Figure, axes: Axes, found: TractionMap, field_kPa: Floats, limit: float, name: str
 ) -> None:
-    rows, columns = field_kPa.shape
-    sx, sy = found.mm_per_px
-    left, top = found.first_mm[0] - sx / 2, found.first_mm[1] - sy / 2
-    extent = (left, left + columns * sx, top + rows * sy, top)
     low, colours = (0.0, style.DEPTH_MAP) if name == "z" else (-limit, "PuOr")
     axes.set_facecolor(style.INVALID)
-    image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=extent, interpolation="none")
+    image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=_extent(found), interpolation="none")
     figure.colorbar(image, ax=axes, label=f"t_{name} (kPa)", shrink=0.8)
     force, std = found.resultant_N[NAMES.index(name)], found.resultant_std_N[NAMES.index(name)]
     unknown = "" if np.isfinite(found.t_x).all() else "; fx, fy not measured"
