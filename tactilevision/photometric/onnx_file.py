@@ -53,7 +53,7 @@ def require_exporter() -> None:
         import onnx  # noqa: F401 -- torch's exporter asks for it
     except ImportError as fault:
         raise InputError("a network is written by the package onnx, which is missing", where="train",
-                         remedy="Install 'tactilevision[train]', or take polynomial.") from fault  # fmt: skip
+                         remedy="Install onnx, or take polynomial.") from fault  # fmt: skip
 
 
 def export_network(
