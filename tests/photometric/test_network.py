@@ -184,7 +184,7 @@ def test_samples_of_drawn_lights_repeat_with_their_seed() -> None:
 def test_without_the_exporter_it_is_told_before_training(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnx", None)
     change = ColourChange(make_reference([flat(np.random.default_rng(0))]))
-    with pytest.raises(InputError, match=r"package onnx.*tactilevision\[train\]"):
+    with pytest.raises(InputError, match=r"package onnx.*Install onnx"):
         NetworkFitter().prepared(change, [], [], SCALE)
 
 
