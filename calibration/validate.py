@@ -31,7 +31,7 @@ FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)
 EDGE_OVER_H = 1 / 60  # where no edge radius is stated
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
-FEWEST = 3  # samples that a rival must reach to be one
+FEWEST = 2  # samples that a rival must reach to be one
 RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)
 
 

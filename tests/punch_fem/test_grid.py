@@ -115,6 +115,14 @@ def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path:
             table.mixture(law, friction, edge)
 
 
+def test_a_table_of_one_edge_serves_edges_near_it() -> None:
+    table = Table(tuple(build_blocks(solved_blocks(edges=(1 / 60,)))))
+    assert len(table.mixture("neo-hooke", 0.3, 0.04 / 2.4)) == 1
+    assert len(table.mixture("neo-hooke", 0.3, 1.05 / 60)) == 1
+    with pytest.raises(InputError, match="edge radius"):
+        table.mixture("neo-hooke", 0.3, 1.2 / 60)
+
+
 def test_a_table_that_is_not_its_cards_is_refused(tmp_path: Path) -> None:
     write_table(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), {})
     assert isinstance(read_table(tmp_path / "punch.npz"), Table)

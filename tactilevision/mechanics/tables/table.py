@@ -29,6 +29,7 @@ from tactilevision.records import Bools, Floats
 SHIPPED = Path(__file__).with_name("punch.npz")
 HALF_FRICTION = 0.25  # the friction that has half of the effect
 EDGE_POWER = 1.0
+EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
 Mixture = tuple[tuple[float, Block], ...]  # weights that add up to 1, and their blocks
 
 
@@ -55,7 +56,11 @@ class Table:
         frictions, edges = (sorted({key[k] for key in mine}) for k in range(2))
         if not frictions[0] <= friction <= frictions[-1]:
             raise _absent("friction", friction, frictions)
-        if not 0 <= edge_over_h <= edges[-1] * (1 + 1e-9) or (len(edges) == 1 and edge_over_h != edges[0]):
+        alone = len(edges) == 1  # Hayes' stiffness of the flat part still follows the edge that is asked for
+        near = (
+            abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
+        )
+        if not (near and edge_over_h >= 0):
             raise _absent("edge radius over thickness", edge_over_h, edges)
         by_friction = _weights([_friction_place(mu) for mu in frictions], _friction_place(friction))
         by_edge = _weights([edge**EDGE_POWER for edge in edges], edge_over_h**EDGE_POWER)
