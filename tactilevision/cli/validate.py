@@ -101,5 +101,5 @@ def _draw(found: Validation, folder: Path) -> None:
                 for one in found.comparisons
                 if one.law == law
             ]
-            panels.append(Panel(law.capitalize(), samples.depth_mm, measured, series))
+            panels.append(Panel(law.title(), samples.depth_mm, measured, series))
         style.save_png(draw_validation(panels, quantity, title=title), folder / f"{name}.png")
