@@ -34,6 +34,8 @@ from calibration.stages import Effect, State
 from calibration.steps import History, Step, load_history
 from tactilevision.errors import ConvergenceError, InputError, OutputError
 from tactilevision.files import write_json
+from tactilevision.press.certify import certify
+from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.records import Floats
 
@@ -156,6 +158,21 @@ def test_the_samples_end_in_their_verdicts(name: str, verdict: str, keys: list[s
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == verdict
     assert [effect.key for effect in found.effects] == keys
+
+
+@pytest.mark.slow
+def test_the_rig_with_wrong_balls_is_found_out_by_its_pictures_and_a_sound_one_is_not() -> None:
+    """The balls of hidden_rig are stated a quarter too large, so that depths read a fifth too small."""
+    for name, verdict, keys in (("hidden_rig", "IDENTIFIED", ["photometric_gain"]), ("gelslim3", "ADEQUATE", [])):
+        recording = read_recording(Path(__file__).parents[2] / "sample_frames" / name)
+        points = certify(recording, build_reconstructor(recording)).points
+        found = diagnose(observe_points(Measured(recording, points)), np.random.default_rng(0))
+        assert found.verdict == verdict, name
+        assert [effect.key for effect in found.effects] == keys
+        if keys:
+            low, high = dict(found.effects[0].parameters)["gain"].interval95 or (0.0, 0.0)
+            assert low < 1 / 1.25 - 1 + 0.02
+            assert high < -0.1
 
 
 def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
