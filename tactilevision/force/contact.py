@@ -22,7 +22,6 @@ SHALLOWEST = 0.03
 FAINTEST = 0.02
 SIGMAS = 3.0
 SURE = 5.0  # standard deviations that the deepest cell of a patch stands out by
-HIGHEST_RISE = 0.01  # quantile of the depths
 TINY = 1e-12
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
@@ -41,7 +40,7 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArr
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    rise = max(0.0, -float(np.quantile(seen, HIGHEST_RISE)))
+    rise = max(0.0, -float(seen.min()))
     sure = maximum(depth_mm / np.maximum(SURE * std_mm, rise + TINY), patches, np.arange(count + 1)) > 1
     sure[0] = False
     return np.flatnonzero(sure[patches])

@@ -135,7 +135,10 @@ def _depth_std(
     usual = float(np.median(at_cells[known])) if known.any() else 0.0
     at_cells = np.where(np.isfinite(at_cells), at_cells, usual)
     share = mean_std(grid, 1.0, noise.correlation_px)
-    return (noise_of_cells(depth, known) if share >= 1 else share * usual), share * at_cells
+    if share < 1:
+        return share * usual, share * at_cells
+    uneven = unevenness(grid, depth, known, noise.away_mm)  # what the map shows of itself where the gel lies still
+    return noise_of_cells(depth, known), np.maximum(at_cells, uneven)
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
