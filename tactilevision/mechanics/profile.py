@@ -66,9 +66,12 @@ class ProfileSource(Protocol):
 
     Takes material radii r/a >= 1 (any shape) and a case; returns (rise, u_r) of the same shape, both per unit of
     depth: rise positive out of the gel, u_r away from the axis. Law and edge radius belong to the source.
+    It is hashable, since what it gave for a case is kept.
     """
 
     def __call__(self, r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]: ...
+
+    def __hash__(self) -> int: ...
 
 
 def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, a_over_h: float) -> tuple[Floats, Floats]:
