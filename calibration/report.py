@@ -69,10 +69,11 @@ def calibration_page(
     figures: Sequence[Picture] = (),
     presses: Sequence[Picture] = (),
     notes: Sequence[str] = (),
+    why: str = "none of them can be trusted",
 ) -> str:
-    """The page for one recording; `result` is None where nothing could be certified."""
+    """The page for one recording; `result` is None where its presses fix no material, and `why` says so."""
     if result is None:
-        head = page.paragraph("No press of this recording can be trusted, so there is no result.", kind="lead bad")
+        head = page.paragraph("The presses of this recording fix no material: " + why, kind="lead bad")
         details = page.section("Notes", page.listing(notes))
     else:
         head, details = _head(result), _details(result, notes)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,7 @@ from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.result import CalibrationResult
+    from tactilevision.errors import TactilevisionError
 
 
 class LawName(StrEnum):
@@ -26,11 +27,12 @@ class LawName(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one recording; `result` is None where nothing could be certified, and `why` says so."""
+    """What became of one recording; `result` is None where its presses fix no material, and `fault` says why."""
 
     taken: Taken
-    result: CalibrationResult | None
-    why: str = ""
+    content: dict[str, Any]
+    result: CalibrationResult | None = None
+    fault: TactilevisionError | None = None
 
 
 def calibrate(
@@ -47,7 +49,6 @@ def calibrate(
     Of several recordings the newest one's result stands in OUT itself, each older one's in a folder of its own;
     history.csv says whether the gel has changed.
     """
-    from tactilevision.errors import NothingCertified
     from tactilevision.files import staged
 
     outcomes = [_calibrate_one(taken, law.value) for taken in take(recordings)]
@@ -61,21 +62,36 @@ def calibrate(
             _write_history(outcomes, law.value, stage)
     latest = outcomes[-1]
     _tell(latest, out)
-    if latest.result is None:
-        raise NothingCertified(latest.why)
-    console.hand_over(latest.result.as_json(), json)
+    console.hand_over(latest.content, json)
+    if latest.fault is not None:
+        raise latest.fault
 
 
 def _calibrate_one(taken: Taken, law: str) -> Outcome:
+    """Raises InputError where the measurements were wrong as they came, before any press was looked at."""
     from calibration.calibrate import calibrate as fit_material
-    from tactilevision.errors import NothingCertified
+    from tactilevision.errors import InputError, NothingCertified
 
     clock = taken.certificate.clock_offset if taken.certificate else None
     taken, bulge = beside_the_punch(taken) if law == LawName.DEFAULT else (taken, None)
     try:
-        return Outcome(taken, fit_material(taken.measured, law=law, clock_offset=clock, bulge=bulge))
-    except NothingCertified as fault:
-        return Outcome(taken, None, str(fault))
+        result = fit_material(taken.measured, law=law, clock_offset=clock, bulge=bulge)
+    except (NothingCertified, InputError) as fault:
+        looked_at = taken.certificate is not None
+        if isinstance(fault, InputError) and not looked_at and all(point.accepted for point in taken.points):
+            raise
+        return Outcome(taken, _unfixed(taken, law, str(fault)), fault=fault)
+    return Outcome(taken, result.as_json(), result)
+
+
+def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
+    """calibration.json of a recording whose presses fix no material."""
+    from calibration.unfixed import unfixed_as_json
+
+    gel, certificate = taken.recording.sensor.gel, taken.certificate
+    clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
+    warnings = (*taken.recording.warnings, *notes)
+    return unfixed_as_json(gel, taken.points, why, law=law, clock_offset=clock, warnings=warnings)
 
 
 def _write(outcome: Outcome, folder: Path) -> None:
@@ -90,16 +106,15 @@ def _write(outcome: Outcome, folder: Path) -> None:
         write_points(folder, taken.points)
     if certificate is not None and certificate.curves:
         write_curves(folder, certificate.curves)
-    if result is not None:
-        write_json(folder / "calibration.json", result.as_json())
+    write_json(folder / "calibration.json", outcome.content)
     with console.progress_bar("drawing") as progress:
         fits = pictures.of_fit(result, taken.points, folder) if result is not None else []
         presses = pictures.of_presses(recording, certificate, folder, progress) if certificate else []
     notes = [*recording.warnings, *(certificate.warnings if certificate else ())]
-    title = f"Calibration of {recording.name}"
+    title, why = f"Calibration of {recording.name}", str(outcome.fault)
     write_text(
         folder / "report.html",
-        calibration_page(title, result, taken.points, figures=fits, presses=presses, notes=notes),
+        calibration_page(title, result, taken.points, figures=fits, presses=presses, notes=notes, why=why),
     )
 
 
@@ -135,8 +150,11 @@ def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
 
 def _tell(outcome: Outcome, out: Path) -> None:
     from calibration.report import summary
+    from calibration.unfixed import in_words
 
     if outcome.result is not None:
         console.warn(outcome.result.warnings)
         console.say(*summary(outcome.result))
+    else:
+        console.say(*in_words(outcome.taken.points))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")

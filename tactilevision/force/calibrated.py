@@ -113,6 +113,8 @@ def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, flo
         interval = entry.get("interval95")
         if isinstance(interval, list) and len(interval) == 2 and all(isinstance(v, int | float) for v in interval):
             return (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 3.92
+        if entry.get("why"):
+            raise InputError(f"{key} is not fixed: {entry['why']}", where=path, remedy="Calibrate again.")
     raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
 
 

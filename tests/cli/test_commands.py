@@ -111,3 +111,49 @@ def test_ctrl_c_leaves_the_old_results(tmp_path: Path) -> None:
         if process.returncode != 0:
             assert after == before
         assert set(after) == set(before)
+
+
+@pytest.mark.parametrize(("kept", "code", "said"), [(0, 3, "no press can be trusted"), (1, 2, "one depth")])
+def test_too_few_presses_say_which_were_rejected_and_why(
+    kept: int,
+    code: int,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    recording, out, told = tmp_path / "recording", tmp_path / "out", tmp_path / "r.json"
+    recording.mkdir()
+    (recording / "recording.toml").write_text((PAPER / "recording.toml").read_text())
+    head, *rows = (PAPER / "points.csv").read_text().splitlines()
+    spoilt = [row if k < kept else row.replace("true,", "false,bevel_not_touched") for k, row in enumerate(rows)]
+    (recording / "points.csv").write_text("\n".join([head, *spoilt]) + "\n")
+    assert run(monkeypatch, "calibrate", recording, "--out", out, "--json", told) == code
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert f"{kept} of 5 presses accepted" in captured.out
+    assert "rejected 5: bevel not touched" in captured.out
+    content = json.loads(told.read_text())
+    assert content == json.loads((out / "calibration.json").read_text())
+    assert content["presses_rejected"][-1] == {"press": "5", "reason": "bevel_not_touched"}
+    assert len(content["presses_rejected"]) == 5 - kept
+    for key in ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta", "reduced_modulus_MPa"):
+        assert content[key]["value"] is None
+        assert said in content[key]["why"]
+    assert (out / "points.csv").exists()
+    assert said in (out / "report.html").read_text()
+    assert run(monkeypatch, "calibrate", PAPER, "--out", tmp_path / "good") == 0
+    assert set(content) == set(json.loads((tmp_path / "good" / "calibration.json").read_text()))
+
+
+def test_no_force_is_computed_from_a_calibration_that_fixed_nothing(tmp_path: Path) -> None:
+    from calibration.unfixed import unfixed_as_json
+    from tactilevision.errors import InputError
+    from tactilevision.files import write_json
+    from tactilevision.force.calibrated import read_material
+    from tactilevision.records import Gel
+
+    path = tmp_path / "calibration.json"
+    write_json(path, unfixed_as_json(Gel(3.0), (), "no press can be trusted", law="default"))
+    with pytest.raises(InputError, match="not fixed: no press can be trusted"):
+        read_material(path)
