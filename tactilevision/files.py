@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tactilevision.errors import OutputError
+
+_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
+
+
+def plain_name(label: str) -> str:
+    """Any text as part of a file's name that leads out of no folder and that every disk holds."""
+    return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
 
 
 @contextmanager

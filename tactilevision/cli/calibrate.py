@@ -49,7 +49,7 @@ def calibrate(
     Of several recordings the newest one's result stands in OUT itself, each older one's in a folder of its own;
     history.csv says whether the gel has changed.
     """
-    from tactilevision.files import staged
+    from tactilevision.files import plain_name, staged
 
     outcomes = [_calibrate_one(taken, law.value) for taken in take(recordings)]
     with staged(out) as stage:
@@ -57,7 +57,7 @@ def calibrate(
         if not _holds_a_recording(out):
             _describe(outcomes[-1].taken, stage)
         for number, outcome in enumerate(outcomes[:-1], start=1):
-            _write(outcome, stage / f"{number:02d}_{outcome.taken.recording.name}")
+            _write(outcome, stage / f"{number:02d}_{plain_name(outcome.taken.recording.name)}")
         if sum(outcome.result is not None for outcome in outcomes) > 1:
             _write_history(outcomes, law.value, stage)
     latest = outcomes[-1]

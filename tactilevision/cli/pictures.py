@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.report import Picture
 from tactilevision.cli.console import Progress
+from tactilevision.files import plain_name
 from tactilevision.plots import indentation, style
 from tactilevision.plots.press import draw_press
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
-
-_LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
@@ -80,7 +78,7 @@ def of_presses(recording: Recording, certificate: Certificate, folder: Path, pro
 
 def picture_name(label: str, number: int) -> str:
     """A file's name for the picture of a press: a label may be any text, also one that a folder cannot hold."""
-    plain = re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
+    plain = plain_name(label)
     return f"{plain}.png" if plain == label else f"{number:03d}_{plain}.png"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -157,3 +158,21 @@ def test_no_force_is_computed_from_a_calibration_that_fixed_nothing(tmp_path: Pa
     write_json(path, unfixed_as_json(Gel(3.0), (), "no press can be trusted", law="default"))
     with pytest.raises(InputError, match="not fixed: no press can be trusted"):
         read_material(path)
+
+
+def test_no_name_of_a_recording_leads_out_of_the_folder_of_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, points = ((PAPER / name).read_text() for name in ("recording.toml", "points.csv"))
+    plain = re.search(r'name = "(.*)"', settings)
+    assert plain is not None
+    for day, name in ((1, "a/../../b"), (2, "new")):
+        folder = tmp_path / "in" / str(day)
+        folder.mkdir(parents=True)
+        (folder / "points.csv").write_text(points)
+        dated = re.sub(r"date = .*\n", "", settings).replace(plain[0], f'name = "{name}"\ndate = 2026-01-0{day}')
+        (folder / "recording.toml").write_text(dated)
+    out = tmp_path / "results" / "out"
+    assert run(monkeypatch, "calibrate", *(tmp_path / "in" / str(day) for day in (1, 2)), "--out", out) == 0
+    assert (out / "01_a_.._.._b" / "calibration.json").is_file()
+    assert [path.name for path in (tmp_path / "results").iterdir()] == ["out"]
