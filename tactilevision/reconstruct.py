@@ -28,6 +28,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.quiet import QuietSums
 from tactilevision.photometric.reference import Reference
@@ -218,7 +219,10 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
-    return Reconstructor(sensor, method)
+    found = Reconstructor(sensor, method)
+    if "light" in method.card:  # else it was made for any light
+        found.warnings = other_light(method.card["light"], reference, method.relative_error)
+    return found
 
 
 def _check_kind(card: Mapping[str, Any], sensor: Sensor) -> None:
@@ -306,9 +310,14 @@ def free_frames(recording: Recording) -> list[Bytes]:
 
 
 def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]) -> Reconstructor:
-    """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today."""
-    if isinstance(method, CalibratedMethod):
-        return Reconstructor(
-            sensor, method.with_reference(make_reference(flats, may_have_marks=may_have_marks(sensor)))
-        )
-    return Reconstructor(sensor, method)
+    """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today.
+
+    Warns where the method was made in another light. Raises InputError where it was made for another view.
+    """
+    if not isinstance(method, CalibratedMethod):
+        return Reconstructor(sensor, method)
+    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    check_view(method.reference.shape, reference.shape)
+    found = Reconstructor(sensor, method.with_reference(reference))
+    found.warnings = other_light(light_of(method.reference), reference, method.relative_error)
+    return found

@@ -40,7 +40,8 @@ def depth(
     from tactilevision.folder import reconstruct_folder
     from tactilevision.tree import reconstruct_tree
 
-    light = _teller(method)
+    warned: list[str] = []
+    light = _teller(method, warned)
     if source.is_tree(path):
         with console.progress_bar("frames") as progress:
             branches = reconstruct_tree(
@@ -66,13 +67,18 @@ def depth(
     _tell(rows, out, "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff")
     statuses = Counter(row.status.split(":")[0] for row in rows)
     bad = {row.frame: row.status for row in rows if row.status != "ok"}
-    console.hand_over({"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}, json)
+    content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
+    console.hand_over(content | {"warnings": warned}, json)
 
 
-def _teller(method: str | None) -> Callable[[Recording], Reconstructor]:
+def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
+    """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
+
     def light(recording: Recording) -> Reconstructor:
         reconstructor = source.open_reconstructor(recording, method)
-        console.warn([f"{recording.name}: {words}" for words in reconstructor.warnings])
+        words = [f"{recording.name}: {line}" for line in reconstructor.warnings]
+        console.warn(words)
+        warned.extend(words)
         return reconstructor
 
     return light

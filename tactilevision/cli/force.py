@@ -58,6 +58,7 @@ def force(
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say(*(f"  {row.frame}: {row.why}" for row in rows if not row.read))
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
+    content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
     beside = write_beside(recording, rows, out / "beside")
     if beside is not None:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
+from tactilevision.photometric.light import light_of
 from tactilevision.photometric.lookup import Lookup
 from tactilevision.photometric.marks import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
@@ -46,7 +47,8 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
         np.savez_compressed(temporary, **held)  # type: ignore[arg-type]
     card = dict(method.card) | {"format": FORMAT, "method": method.name, "sha256": digest(target)}
     if isinstance(method.law, Network):
-        card |= _save_network(method.law, target.with_suffix(".onnx"))
+        light = np.round(light_of(method.reference), 1).tolist()  # the network may travel without its numbers
+        card |= _save_network(method.law, target.with_suffix(".onnx")) | {"light": light}
     write_json(target.with_suffix(".json"), card)
     return target
 
