@@ -19,7 +19,6 @@ from benchmarks.main_job import SIDES
 from calibration.calibrate import calibrate
 from calibration.data import Measured
 from tactilevision.errors import ConvergenceError, TactilevisionError
-from tactilevision.mechanics.profile_table import FemProfile
 from tactilevision.press.beside import with_nu
 from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
@@ -32,6 +31,17 @@ RADIUS_MM, THICKNESS_MM = 2.5, 3.0
 HEIGHTS_MM = (0.15, 0.22, 0.28, 0.34, 0.39)  # as deep as finite elements go at any nu
 DEPTHS = (0.01, 0.03, 0.06, 0.09, 0.12, 0.13)  # w/h of the solution
 RECORDINGS, FIRST_SEED = 10, 7000
+
+
+@dataclass(frozen=True, slots=True)
+class FemProfile:
+    """The whole surface by finite elements: `rise` and `outward` displacement over the depth, (m, n) each, at the
+    nodes `r_mm` (n,) and the depths `w_over_h` (m,)."""
+
+    r_mm: Floats
+    w_over_h: Floats
+    rise: Floats
+    outward: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +83,7 @@ def solve(nu: float, friction: float, edge_mm: float) -> SolvedProfile:
     top = top[np.argsort(r[top])]
     states = list(march(equations(model, by_force=False), [w * THICKNESS_MM for w in DEPTHS], []))
     rise, outward = (np.array([s.u[2 * top + row] / s.depth_mm for s in states]) for row in (1, 0))
-    found = FemProfile(r[top], np.array(DEPTHS), np.zeros(len(DEPTHS)), rise, outward)
-    return _beside(found)
+    return _beside(FemProfile(r[top], np.array(DEPTHS), rise, outward))
 
 
 def _beside(found: FemProfile) -> SolvedProfile:
