@@ -151,16 +151,23 @@ class TransformSolver:
     def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
         """Divergence (H, W) of slopes averaged onto the edges: a central difference, halved at the borders."""
         out: Array = np.empty(self.shape, dtype=self.dtype)
-        np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
+        if (
+            dz_dx.flags.c_contiguous
+        ):  # as one long row, which is twice as fast; both ends of each row are set below
+            flat = dz_dx.reshape(-1)
+            np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
+        else:
+            np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
         np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
         # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
         out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
+        if self.half[0] != self.half[1]:
+            dz_dy = dz_dy * (self.half[1] / self.half[0])
+        out[1:-1] += dz_dy[2:]
+        out[1:-1] -= dz_dy[:-2]
+        out[0] += dz_dy[0] + dz_dy[1]
+        out[-1] -= dz_dy[-1] + dz_dy[-2]
         out *= self.half[0]
-        scaled = dz_dy * self.half[1]
-        out[1:-1] += scaled[2:]
-        out[1:-1] -= scaled[:-2]
-        out[0] += scaled[0] + scaled[1]
-        out[-1] -= scaled[-1] + scaled[-2]
         return out
 
     def solve(self, right: Array) -> Array:
@@ -181,6 +188,8 @@ def _eigenvalues(count: int, step_mm: float) -> npt.NDArray[np.float64]:
 
 
 def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
+    if slopes.valid is None and np.isfinite(slopes.dz_dx.sum() + slopes.dz_dy.sum()):
+        return None  # a sum is quickly made, and not finite where one of its terms is not
     finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
     known = finite if slopes.valid is None else finite & slopes.valid
     return None if known.all() else known

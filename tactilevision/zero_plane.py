@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.middle import median
 from tactilevision.records import Bools, Floats, Pair
 
 Depth = npt.NDArray[np.floating[Any]]
@@ -54,12 +55,12 @@ def find_zero_plane(
     blocks = cv2.resize(np.asarray(depth), size, interpolation=cv2.INTER_AREA).astype(np.float64).ravel()
     outside = _outside(untouched)
     free = outside.ravel()
-    if free.sum() < LEAST_BLOCKS:
+    if np.count_nonzero(free) < LEAST_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
-    spread = np.ptp(terms[free, 1:3], axis=0)
-    used = [0, *(k for k in (1, 2) if spread[k - 1] > 1.0), *((3,) if terms[free, 3].max() > 0 else ())]
-    solution, std = _robust(terms[np.ix_(free, used)], blocks[free])
+    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)[free]
+    spread = terms.max(axis=0) - terms.min(axis=0)
+    used = [0, *(k for k in (1, 2) if spread[k] > 1.0), *((3,) if terms[:, 3].max() > 0 else ())]
+    solution, std = _robust(terms[:, used], blocks[free])
     full = np.zeros(4)
     full[used] = solution
     return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, float(free.mean()))
@@ -106,14 +107,14 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
 def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
     """Reweighted least squares; the coefficients, and the standard deviation of the plane at the centre."""
     weights = np.ones(len(depth))
+    stiffening = 1.0 + 1e-9 * np.eye(terms.shape[1])
     for _ in range(ROUNDS):
-        heavy = terms * weights[:, None]
-        normal = heavy.T @ terms
-        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9
-        solution = np.linalg.solve(normal, heavy.T @ depth)
+        heavy = terms.T * weights
+        normal = (heavy @ terms) * stiffening
+        solution = np.linalg.solve(normal, heavy @ depth)
         left = depth - terms @ solution
-        scale = 1.4826 * float(np.median(np.abs(left))) + 1e-12
-        weights = 1.0 / (1.0 + (left / (3.0 * scale)) ** 2) ** 2
+        scale = 1.4826 * float(median(np.abs(left))) + 1e-12
+        weights = 1.0 / np.square(1.0 + np.square(left / (3.0 * scale)))
     # errors of integrated slopes hang together over about a tenth of the picture: count that few as independent
     independent = max(1.0, len(depth) / 50.0)
     inflation = len(depth) / independent

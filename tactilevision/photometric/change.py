@@ -3,7 +3,8 @@
     u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
 
 Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
-keeps dark places from blowing their noise up. Drift is applied to first order, as u - drift I0 / (I0 + s).
+keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
+leans over the picture is small, and applied to first order.
 Marks on the gel are filled from around, in I0 once and in u frame by frame.
 """
 
@@ -42,6 +43,7 @@ class ColourChange:
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self._out: Planes = np.empty_like(self._mean)
         self._work = np.empty(reference.shape, np.float32)
+        self._greys = list(np.empty((3, *reference.shape), np.uint8))
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -50,15 +52,20 @@ class ColourChange:
         """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
-        for c, grey in enumerate(cv2.split(rgb)):
+        greys = cv2.split(rgb, self._greys)
+        for c, grey in enumerate(greys):
             constant, along_x, along_y = (float(gain) for gain in drift.gains[c])
-            cv2.multiply(grey, self.scale[c], dst=self._out[c], dtype=cv2.CV_32F)
-            cv2.addWeighted(self.leaning[0, c], along_x, self.leaning[1, c], along_y, 0.0, dst=self._work)
-            cv2.scaleAdd(self.offset[c], 1.0 + constant, self._work, dst=self._work)
+            share = 1.0 / (1.0 + constant)
+            cv2.addWeighted(
+                self.leaning[0, c], share * along_x, self.leaning[1, c], share * along_y, 0.0, dst=self._work
+            )
+            cv2.add(self.offset[c], self._work, dst=self._work)
+            cv2.multiply(grey, self.scale[c], dst=self._out[c], scale=share, dtype=cv2.CV_32F)
             self._out[c] -= self._work
         if self.reference.marks is not None:
             fill(self._out, marked(rgb, self.reference.marks))
-        return self._out, drift, self.reference.usable & unsaturated(rgb)
+        brightest = cv2.max(cv2.max(greys[0], greys[1]), greys[2])
+        return self._out, drift, self.reference.usable & (brightest < SATURATED)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
@@ -92,8 +99,3 @@ class ColourChange:
                 value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
                 remedy="Use frames and reference of the same sensor and stream.",
             )
-
-
-def unsaturated(rgb: Bytes) -> Bools:
-    """Where no channel is at its upper end."""
-    return np.asarray(cv2.inRange(rgb, (0, 0, 0), (SATURATED - 1,) * 3)) > 0

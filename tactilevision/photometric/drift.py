@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.middle import median
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats
 
@@ -50,34 +51,34 @@ class DriftTracker:
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
         self.inside = min(SAMPLED, block)
-        self.reference = self._blocks(reference.rgb)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
-        noise = np.asarray(reference.noise_grey)
-        self.noise = np.sqrt(
-            noise**2 / self.inside**2 + 0.3**2
-        )  # of a block's mean; rounding does not average out
+        noise = np.asarray(reference.noise_grey)[:, None]
+        # of a block's mean; rounding does not average out
+        self.noise = np.sqrt(noise**2 / self.inside**2 + 0.3**2)
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
-        self.level = self.reference.reshape(-1, 3)
+        self.level = self._planes(reference.rgb)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
+        self.shown = self.level / self.noise, self.basis.T.copy()
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
-        blocks = self._blocks(rgb).reshape(-1, 3)
+        blocks = self._planes(rgb)
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
         gains = np.zeros((3, 3))
-        gains[:, 0] = np.median((change / np.maximum(self.level, 1.0))[usable], axis=0)
+        gains[:, 0] = median((change / np.maximum(self.level, 1.0))[:, usable])
         scale = 1.0
         for _ in range(ROUNDS):
             size = self._strangeness(change, gains)
-            scale = max(1.0, float(np.median(size[usable])) / USUAL)
+            scale = max(1.0, float(median(size[usable])) / USUAL)
             touched = usable & (size > 4.0 * scale)
-            weights = np.where(self._beside(touched), 0.0, usable / (1.0 + (size / (3.0 * scale)) ** 2) ** 2)
+            fitting = usable / np.square(1.0 + np.square(size / (3.0 * scale)))
+            weights = fitting * ~self._beside(touched)
             if np.count_nonzero(weights) < LEAST_BLOCKS:
-                weights = usable / (1.0 + (size / (3.0 * scale)) ** 2) ** 2
+                weights = fitting
             gains = self._fit(change, weights, gains[:, 0])
         size = self._strangeness(change, gains)
         shape = (self.size[1], self.size[0])
@@ -89,41 +90,45 @@ class DriftTracker:
         solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         return np.asarray(cv2.dilate(solid, np.ones((7, 7), np.uint8)).ravel() > 0)
 
-    def _blocks(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
-        """Means (h, w, 3) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
+    def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
+        """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
         few = (self.size[0] * self.inside, self.size[1] * self.inside)
         sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
-        return np.asarray(cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA), np.float64)
+        blocks = cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA)
+        return np.array(blocks.reshape(-1, 3).T, np.float64, order="C")
 
     def _strangeness(self, change: Floats, gains: Floats) -> Floats:
         """Distance of each block from the drift, in standard deviations of its noise, over the channels."""
-        left = (change - self.level * (self.basis @ gains.T)) / self.noise
-        return np.asarray(np.sqrt(np.einsum("nc,nc->n", left, left)))
+        level, basis = self.shown
+        left = change / self.noise
+        left -= level * (gains @ basis)
+        left *= left
+        return np.asarray(np.sqrt(left[0] + left[1] + left[2]))
 
     def _fit(self, change: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
-        heavy = (self.level / self.noise**2).T * weights
-        normal = ((heavy * self.level.T) @ self.squares).reshape(3, 3, 3)
+        heavy = (self.shown[0] / self.noise) * weights
+        normal = ((heavy * self.level) @ self.squares).reshape(3, 3, 3)
         likely = UNEVEN * np.abs(constant) + LEAST_UNEVEN
         normal[:, (1, 2), (1, 2)] += (CORRELATED / likely**2)[:, None]
         normal[:, 0, 0] += 1e-9
-        right = (heavy * change.T) @ self.basis
+        right = (heavy * change) @ self.basis
         return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         usable = self.usable
-        level = float(blocks[usable].mean())
-        usual = float(self.level[usable].mean())
-        if level < 0.1 * usual or float(np.median(blocks[usable].max(axis=1))) > 252.0 > usual + 20.0:
+        level = float(blocks[:, usable].mean())
+        usual = float(self.level[:, usable].mean())
+        brightest = np.maximum(np.maximum(blocks[0], blocks[1]), blocks[2])[usable]
+        if level < 0.1 * usual or float(median(brightest)) > 252.0 > usual + 20.0:
             raise InputError(
                 "the frame is " + ("black" if level < 0.1 * usual else "saturated"),
                 where="frame",
                 value=f"mean grey {level:.0f}, the reference has {usual:.0f}",
                 remedy="Leave the frame out; check lights and exposure.",
             )
-        off = float(np.median(np.abs(change[usable])))
-        swapped = float(np.median(np.abs((blocks[:, ::-1] - self.level)[usable])))
-        if off > 12.0 and swapped < 0.4 * off:
+        off = float(median(np.abs(change[:, usable]).ravel()))
+        if off > 12.0 and float(median(np.abs((blocks[::-1] - self.level)[:, usable]).ravel())) < 0.4 * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
