@@ -20,6 +20,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.model import Model
 from calibration.observe import observe_curves, observe_points
+from calibration.plausible import FLAG, outside_gels
 from calibration.published import published_route
 from calibration.repeats import allow_for_indenters, noise_floor
 from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
@@ -93,8 +94,13 @@ def _sized(data: Observations) -> Observations:
 def conclude(fitted: Fit) -> CalibrationResult:
     """The material behind a fit of any law in the catalogue."""
     if shape_of(fitted.model.law) != FLAT:
-        return of_round(fitted)
-    return published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+        found = of_round(fitted)
+    else:
+        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+    strange = outside_gels(found.youngs_modulus)
+    if not strange:
+        return found
+    return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
 
 
 def _free(law: Law, data: Observations) -> Law:

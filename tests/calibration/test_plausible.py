@@ -1,0 +1,38 @@
+"""An E that no gel has is warned of, and left as it was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_recordings import HEIGHTS_MM, points_of
+
+from calibration.calibrate import calibrate
+from calibration.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
+from tactilevision.records import Estimate, Gel
+
+DEPTHS = np.array(HEIGHTS_MM)
+FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
+GEL = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
+
+
+@pytest.mark.parametrize("law", ["default", "paper"])
+@pytest.mark.parametrize("unit", [1e3, 1e-3])
+def test_forces_in_another_unit_are_asked_about(unit: float, law: str) -> None:
+    right, wrong = (calibrate(points_of(DEPTHS, k * FORCES, gel=GEL), law=law) for k in (1.0, unit))
+    assert not any("no gel" in line for line in right.warnings)
+    assert FLAG not in right.flags
+    assert any("are forces in N" in line for line in wrong.as_json()["warnings"])
+    assert FLAG in wrong.flags
+    assert wrong.youngs_modulus.value == pytest.approx(unit * (right.youngs_modulus.value or 0), rel=0.02)
+
+
+def test_an_open_modulus_is_judged_by_its_interval() -> None:
+    low, high = GEL_MODULUS_MPA
+    across = Estimate(None, None, (low / 2, high / 2), "MPa", "open")
+    assert outside_gels(across) == ""
+    assert "12 to 30 MPa" in outside_gels(replace(across, interval95=(12.0, 30.0)))
+    assert outside_gels(replace(across, interval95=None)) == ""
+    assert outside_gels(Estimate(1.01 * low, None, None, "MPa")) == ""
+    assert outside_gels(Estimate(0.99 * low, None, None, "MPa"))
