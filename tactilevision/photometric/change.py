@@ -21,6 +21,7 @@ from tactilevision.photometric.reference import SATURATED, Reference
 from tactilevision.records import Bools, Bytes
 
 SOFTENING_GREY = 20.0
+STRIP_PX = 32000  # pixels worked on at once, so that they stay in the cache
 
 Planes = npt.NDArray[np.float32]
 
@@ -35,15 +36,13 @@ class ColourChange:
         if reference.marks is not None:
             fill(self._mean, reference.marks.mask)
         self.scale: Planes = np.empty_like(self._mean)
-        self.offset: Planes = np.empty_like(self._mean)
-        self.leaning = np.empty((2, *self._mean.shape), np.float32)  # the offset times x, times y
-        x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
-        self.places = (x[None, None, :], y[None, :, None])
+        self.x, self.y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self._settle()
         self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self._out: Planes = np.empty_like(self._mean)
         self._work = np.empty(reference.shape, np.float32)
         self._greys = list(np.empty((3, *reference.shape), np.uint8))
+        self._rows = max(1, STRIP_PX // reference.shape[1])
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -52,19 +51,20 @@ class ColourChange:
         """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
-        greys = cv2.split(rgb, self._greys)
-        for c, grey in enumerate(greys):
-            constant, along_x, along_y = (float(gain) for gain in drift.gains[c])
-            share = 1.0 / (1.0 + constant)
-            cv2.addWeighted(
-                self.leaning[0, c], share * along_x, self.leaning[1, c], share * along_y, 0.0, dst=self._work
-            )
-            cv2.add(self.offset[c], self._work, dst=self._work)
-            cv2.multiply(grey, self.scale[c], dst=self._out[c], scale=share, dtype=cv2.CV_32F)
-            self._out[c] -= self._work
+        cv2.split(rgb, self._greys)
+        gains = (SOFTENING_GREY * (drift.gains + np.array([1.0, 0.0, 0.0]))).astype(np.float32)[:, :, None]
+        down, across = (gains[:, 0] + gains[:, 2] * self.y)[..., None], (gains[:, 1] * self.x)[:, None]
+        for c, grey in enumerate(self._greys):
+            for top in range(0, rgb.shape[0], self._rows):
+                rows = slice(top, top + self._rows)
+                out, gain = self._out[c, rows], self._work[: len(grey[rows])]
+                np.add(down[c, rows], across[c], out=gain)
+                cv2.add(grey[rows], gain, dst=out, dtype=cv2.CV_32F)
+                cv2.multiply(out, self.scale[c, rows], dst=out)
+                cv2.scaleAdd(gain, -1.0 / SOFTENING_GREY, out, dst=out)
         if self.reference.marks is not None:
             fill(self._out, marked(rgb, self.reference.marks))
-        brightest = cv2.max(cv2.max(greys[0], greys[1]), greys[2])
+        brightest = cv2.max(cv2.max(self._greys[0], self._greys[1]), self._greys[2])
         return self._out, drift, self.reference.usable & (brightest < SATURATED)
 
     def follow(self, rgb: Bytes, share: float) -> None:
@@ -87,9 +87,6 @@ class ColourChange:
     def _settle(self) -> None:
         np.add(self._mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
-        np.multiply(self._mean, self.scale, out=self.offset)
-        for place, product in zip(self.places, self.leaning, strict=True):
-            np.multiply(self.offset, place, out=product)
 
     def _check(self, rgb: Bytes) -> None:
         if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
-ROWS = 16  # of a picture worked on at once, so that everything stays in the cache
+STRIP_PX = 8000  # pixels worked on at once, so that their products stay in the cache
 PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # colour, the products of one order from it on, their products with it
     (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
@@ -76,15 +76,18 @@ class Polynomial:
         return {"coefficients": self.coefficients, "steepest": np.array(self.steepest)}
 
 
-def fit_polynomial(contact: Samples, quiet: Samples, *, ridge: float) -> Polynomial:
-    """The polynomial that explains the samples; `ridge` penalises the place terms, in parts of their power."""
+def fit_polynomial(contact: Samples, quiet: Samples, *, ridge: float, hush: float = QUIET) -> Polynomial:
+    """The polynomial that explains the samples.
+
+    `ridge` penalises the place terms, in parts of their power; `hush` is the weight of untouched gel.
+    """
     design, still = _design(contact.change, contact.place), _design(quiet.change, quiet.place)
     weights = 1.0 / (np.sum(contact.slopes**2, axis=1) + TYPICAL**2)
     weights /= weights.sum()
     scale = np.sqrt(weights @ design**2) + 1e-12
     design /= scale
     still /= scale
-    normal = (design * weights[:, None]).T @ design + QUIET * still.T @ still / max(1, len(still))
+    normal = (design * weights[:, None]).T @ design + hush * still.T @ still / max(1, len(still))
     orders = np.array([sum(POWERS[m]) for m in TERMS[:, 1]])
     normal[np.diag_indices_from(normal)] += 1e-6 + ridge * orders
     solution = np.linalg.solve(normal, (design * weights[:, None]).T @ contact.slopes) / scale[:, None]
@@ -108,28 +111,30 @@ class PolynomialEvaluator:
         self.per_row: Picture = per_row.reshape(shape[0], 8, len(PRODUCTS)).astype(np.float32)
         self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        self._x = np.repeat(self.x[None, :], ROWS, axis=0)
-        self._products = np.empty((len(PRODUCTS), ROWS, shape[1]), np.float32)
-        self._sums = np.empty((4, 2, ROWS, shape[1]), np.float32)
+        self.rows = max(1, STRIP_PX // shape[1])
+        self._x = np.repeat(self.x[None, :], self.rows, axis=0)
+        self._products = np.empty((len(PRODUCTS), self.rows, shape[1]), np.float32)
+        self._sums = np.empty((4, 2, self.rows, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
-        for top in range(0, change.shape[1], ROWS):
-            rows = slice(top, top + ROWS)
+        for top in range(0, change.shape[1], self.rows):
+            rows = slice(top, top + self.rows)
             count = out[0, rows].shape[0]
             products, sums, x = self._products[:, :count], self._sums[:, :, :count], self._x[:count]
             np.copyto(products[:3], change[:, rows])
             for first, below, above in RAISED:
                 np.multiply(products[below], products[first], out=products[above])
-            by_row = sums.reshape(8, count, -1) if count == ROWS else np.empty((8, *x.shape), np.float32)
+            by_row = sums.reshape(8, count, -1) if count == self.rows else np.empty((8, *x.shape), np.float32)
             np.matmul(self.per_row[rows], products.transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
             sums = by_row.reshape(4, 2, count, -1)
             found = sums[3]
             for i in (2, 1, 0):
                 found *= x
                 found += sums[i]
-            np.clip(found, -self.bound, self.bound, out=out[:, rows])
+            np.minimum(found, self.bound, out=found)
+            np.maximum(found, -self.bound, out=out[:, rows])
         return out[0], out[1]
 
     def noise(self, noise: Picture) -> Picture:
