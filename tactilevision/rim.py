@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tactilevision.middle import median
 from tactilevision.records import Floats, Pair, SlopeMap
 
 LEAST_STEEP = 12  # pixels; fewer are noise
@@ -121,15 +122,16 @@ class _Ring:
         inner = max(0.4 * radius, radius - INNER_PX * px)
         step = BIN_PX * px
         bins = int(((1 + OUTER) * radius + 8 * px - inner) / step)
-        at = np.floor((r - inner) / step).astype(np.intp)
-        use = (at >= 0) & (at < bins)
-        if not use.any():
+        # what lies nearer or farther goes to one more bin at either end, which is left out
+        at = np.clip((r - (inner - step)) / step, 0.0, bins + 1.0).astype(np.intp)
+        sector = ((np.arctan2(dy, dx) / (2 * np.pi) + 1.0) * sectors).astype(np.intp) % sectors
+        inward = -(self.p * dx + self.q * dy) / np.maximum(r, 1e-9)
+        index = sector * (bins + 2) + at
+        size = sectors * (bins + 2)
+        count = np.bincount(index, minlength=size).reshape(sectors, -1)[:, 1:-1]
+        if not count.any():
             return None
-        sector = ((np.arctan2(dy[use], dx[use]) / (2 * np.pi) + 1.0) * sectors).astype(np.intp) % sectors
-        inward = -(self.p[use] * dx[use] + self.q[use] * dy[use]) / r[use]
-        index = sector * bins + at[use]
-        count = np.bincount(index, minlength=sectors * bins).reshape(sectors, bins)
-        total = np.bincount(index, inward, sectors * bins).reshape(sectors, bins)
+        total = np.bincount(index, inward, size).reshape(sectors, -1)[:, 1:-1]
         values = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         places = np.asarray(inner + step * (np.arange(bins) + 0.5), np.float64)
         return places, np.asarray(values), 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
@@ -178,7 +180,7 @@ def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float, float]:
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
     terms = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=1)
-    off = places - np.median(places)
+    off = places - median(places)
     for _ in range(6):
         weights = 1.0 / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
         heavy = terms * weights[:, None]
@@ -188,4 +190,4 @@ def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float, float]:
 
 
 def _scale(off: Floats) -> float:
-    return 1.4826 * float(np.median(np.abs(off))) + 1e-9
+    return 1.4826 * float(median(np.abs(off))) + 1e-9

@@ -125,8 +125,8 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     loose = np.array([2 * px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3],
                       3 * usual[3] / rim.radius_mm, 3 * usual[3] / rim.radius_mm**2])  # fmt: skip
 
-    def misfit(unknown: Floats) -> Floats:
-        return np.concatenate([(law.seen(unknown, s[use]) - mean[use]) / std, (unknown - usual) / loose])
+    def misfit(unknowns: Floats) -> Floats:
+        return np.concatenate([(law.seen(unknowns, s[use]) - mean[use]) / std, (unknowns - usual) / loose], axis=1)
 
     found, covariance = _least_squares(misfit, usual, loose)
     reach = float(s[steep].max() + px)
@@ -163,38 +163,51 @@ class _Law:
         return np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
                          float(rate @ mean / (rate @ rate)), 0.0, 0.0])  # fmt: skip
 
-    def _blurred_fall(self, unknown: Floats) -> Floats:
-        return self._blur(unknown[3:] @ self.falls, float(np.exp(unknown[1])))
+    def _blurred_falls(self, unknowns: Floats) -> Floats:
+        blurred = {log: _blur(self.falls, np.exp(log) / self.step) for log in dict.fromkeys(unknowns[:, 1])}
+        return np.stack([unknown[3:] @ blurred[unknown[1]] for unknown in unknowns])
 
     def fall(self, unknown: Floats, s: float) -> float:
-        return float(np.interp(s - unknown[0], self.grid, self._blurred_fall(unknown)))
+        return float(np.interp(s - unknown[0], self.grid, self._blurred_falls(unknown[None])[0]))
 
     def table(self, unknown: Floats, s: Floats) -> Floats:
-        return np.asarray(np.interp(s, self.grid, self._blurred_fall(unknown)))
+        return np.asarray(np.interp(s, self.grid, self._blurred_falls(unknown[None])[0]))
 
-    def seen(self, unknown: Floats, s: Floats) -> Floats:
-        """Slopes that the picture shows."""
-        slope = np.diff(self._blurred_fall(unknown)) / self.step
+    def seen(self, unknowns: Floats, s: Floats) -> Floats:
+        """Slopes (K, n) that the picture shows at `s` (n,), for unknowns (K, 6); one blur at once."""
+        slope = np.diff(self._blurred_falls(unknowns), axis=1) / self.step
         up = 1.0 / np.sqrt(1.0 + slope * slope)
-        blur = float(np.exp(unknown[2]))
-        read = self._blur(slope * up, blur) / self._blur(up, blur)
-        return np.asarray(np.interp(s - unknown[0] - 0.5 * self.step, self.grid[:-1], read))
+        read = np.empty_like(slope)
+        for log in dict.fromkeys(unknowns[:, 2]):
+            same = unknowns[:, 2] == log
+            along, upward = np.split(
+                _blur(np.concatenate([slope[same] * up[same], up[same]]), np.exp(log) / self.step), 2
+            )
+            read[same] = along / upward
+        places, shifts = self.grid[:-1] + 0.5 * self.step, unknowns[:, 0]
+        return np.stack([np.interp(s - shift, places, row) for shift, row in zip(shifts, read, strict=True)])
 
-    def _blur(self, values: Floats, sigma_mm: float) -> Floats:
-        sigma = float(np.clip(sigma_mm / self.step, 0.3, 0.25 * values.size))  # a step of the fit may stray
-        return np.asarray(cv2.GaussianBlur(values[None], (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)[0])
+
+def _blur(rows: Floats, sigma: float) -> Floats:
+    """Lines (K, n) blurred by `sigma` of their steps."""
+    sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # a step of the fit may stray
+    size = round(8.0 * sigma + 1.0) | 1
+    return np.asarray(cv2.GaussianBlur(rows, (size, 1), sigma, borderType=cv2.BORDER_REPLICATE))
 
 
 def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Floats) -> tuple[Floats, Floats]:
-    """Damped Gauss-Newton from `start`, differences in parts of `scale`: the minimum and its covariance."""
-    unknown, left, damping = start, misfit(start), 1e-3
+    """Damped Gauss-Newton from `start`, differences in parts of `scale`: the minimum and its covariance.
+
+    `misfit` gives what is left (K, n) for each of (K, m) unknowns.
+    """
+    unknown, left, damping = start, misfit(start[None])[0], 1e-3
     steps = 1e-4 * scale
     for _ in range(ROUNDS):
-        slope = np.stack([(misfit(unknown + d) - left) / d.sum() for d in np.diag(steps)], axis=-1)
+        slope = ((misfit(unknown + np.diag(steps)) - left) / steps[:, None]).T
         normal, downhill = slope.T @ slope, slope.T @ left
         for _ in range(5):
             trial = unknown - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
-            after = misfit(trial)
+            after = misfit(trial[None])[0]
             if after @ after < left @ left:
                 break
             damping *= 10.0
