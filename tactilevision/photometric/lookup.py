@@ -22,6 +22,7 @@ from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 CELLS = 48
+STRIP_PX = 16000  # pixels looked up at once, so that they stay in the cache
 PRIOR = 4.0
 
 
@@ -84,21 +85,37 @@ class LookupEvaluator:
         self.per = ((CELLS - 1) / (lookup.highest - lookup.lowest)).astype(np.float32)
         self.shift = (0.5 - lookup.lowest * self.per).astype(np.float32)
         self.lookup = lookup
-        self._work = np.empty(shape, np.float32)
-        self._cell = np.empty(shape, np.int32)
-        self._index = np.empty(shape, np.int32)
+        self.rows = max(1, STRIP_PX // shape[1])
+        strip = (self.rows, shape[1])
+        self._cell, self._total = np.empty((2, *strip), np.float32)
+        self._index = np.empty(strip, np.intp)
 
     def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
-        self._index.fill(0)
+        out = np.empty((2, *change.shape[1:]), np.float32)
+        for top in range(0, change.shape[1], self.rows):
+            rows = slice(top, top + self.rows)
+            count = out[0, rows].shape[0]
+            index = self._cells(change[:, rows], count)
+            for table, slopes in zip((self.slopes_x, self.slopes_y), out, strict=True):
+                table.take(index, out=slopes[rows], mode="clip")  # not "raise", which copies `out`
+        return out[0], out[1]
+
+    def _cells(self, change: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.intp]:
+        """Entries (h, W) for changes (3, h, W) of `count` rows; float32 counts to CELLS^3 exactly."""
+        cell, total, index = self._cell[:count], self._total[:count], self._index[:count]
         for c in range(3):
-            np.multiply(change[c], self.per[c], out=self._work)
-            self._work += self.shift[c]
-            np.clip(self._work, 0, CELLS - 1, out=self._work)
-            np.copyto(self._cell, self._work, casting="unsafe")
-            self._index *= CELLS
-            self._index += self._cell
-        return self.slopes_x.take(self._index), self.slopes_y.take(self._index)
+            place = total if c == 0 else cell
+            np.multiply(change[c], self.per[c], out=place)
+            place += self.shift[c]
+            np.minimum(place, CELLS - 1, out=place)
+            np.maximum(place, 0, out=place)
+            np.trunc(place, out=place)
+            if c > 0:
+                total *= CELLS
+                total += cell
+        np.copyto(index, total, casting="unsafe")
+        return index
 
     def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
