@@ -1,15 +1,17 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = noise^2 + waves^2 + zero^2 + gain^2 max(depth^2, <depth^2>) + wall^2
+    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + gain^2 max(depth^2, <depth^2>) + wall^2
 
 noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
-the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures, as
-errors of the light's colour over wide areas make it; zero: the zero plane's; gain: how far the depth scale of
-balls scattered, the geometric mean of balls held out of the calibration (which then knew less than it does) and
-of those in it (which it suits better than others); < > over a thickness of gel, as errors of slope spread to the
-gel beside; wall: how far the step of a restored wall may be off
-(`walls.py`), and where slopes steeper than any ball showed belong to no round face, as much again as such a slope
-drops over the wall's width; all behind the wall stands on it.
+the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures,
+as errors of the light's colour over wide areas make it; untouched: how far, place by place, single frames of the
+free gel were from flat. Their noise is alike over many pixels (blur, compression), and drawn noise is not:
+integrated, slow waves of it come to several times as much, most of all in dark corners. zero: the zero plane's;
+gain: how far the depth scale of balls scattered, the geometric mean of balls held out of the calibration (which
+then knew less than it does) and of those in it (which it suits better than others); < > over a thickness of gel,
+as errors of slope spread to the gel beside; wall: how far the step of a restored wall may be off (`walls.py`),
+and where slopes steeper than any ball showed belong to no round face, as much again as such a slope drops over
+the wall's width; all behind the wall stands on it.
 Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
 """
 
@@ -33,6 +35,8 @@ DRAWS = 6
 STEEP = 0.95  # of the steepest slope that was calibrated
 LEAST_STEEP = 12  # pixels; fewer are noise
 COARSE = 8  # px: grid on which depth nearby is looked up
+ROOM = 16  # px: grid on which the depth of untouched gel is kept
+MEDIAN_TO_STD = 1.4826
 
 
 class DepthError:
@@ -46,6 +50,10 @@ class DepthError:
         waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
         noise = method.noise * np.float32(method.card.get("frame_noise", 1.0))
         self.variance = _noise_variance(noise, mm_per_px) + np.float32(waves_mm**2)
+        untouched = np.array(method.card.get("untouched_std_mm", [[0.0]]), np.float32)
+        shape = self.variance.shape
+        untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+        self.variance = np.maximum(self.variance, untouched**2)
 
     def std_mm(
         self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane, walls: Sequence[Wall] = ()
@@ -82,6 +90,20 @@ class DepthError:
         area = max(4.0 * np.count_nonzero(deep > 0.5 * deep.max()), 1.0)
         width_px = steep / np.sqrt(4.0 * np.pi * area)
         return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
+
+
+def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> npt.NDArray[np.float64]:
+    """Standard deviation (h, w) in mm of the depth that N >= 2 frames of the free gel show, in blocks of ROOM px.
+
+    The median over the frames, as in one or the other something may have touched; N/(N - 1) of the variance, as
+    the mean of the same frames' slopes was taken off; smooth over neighbouring blocks, as few frames are rough.
+    """
+    height, width = depths[0].shape
+    spread = MEDIAN_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
+    size = (max(2, width // ROOM), max(2, height // ROOM))
+    blocks = cv2.resize(np.asarray(spread, np.float32), size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
 
 
 def _noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from tactilevision.depth_error import DepthError
+from tactilevision.depth_error import DepthError, untouched_std_mm
 from tactilevision.errors import InputError
 from tactilevision.held_out_depth import held_out_depth
 from tactilevision.photometric import (
@@ -162,8 +162,8 @@ def tuned(
 ) -> Reconstructor:
     """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
 
-    How far untouched gel is from flat is told by the `free` frames' noise where there are enough of them, else by
-    the ball pictures.
+    How far untouched gel is from flat is told, place by place, by the `free` frames where there are enough of
+    them, else by the ball pictures.
     """
     gain = seen_gain_std(calibration.method, pictures, calibration.balls, sensor.mm_per_px)
     card = {**calibration.method.card, "sensor": sensor.kind, "seen_gain_std": gain}
@@ -173,6 +173,11 @@ def tuned(
     if settled.quiet is method.quiet:
         waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
         settled = dataclasses.replace(settled, card={**card, "untouched_depth_rms_mm": waves_mm})
+    else:
+        reader = Reconstructor(sensor, settled)
+        flat = [reader.rectified_map(rgb).depth_mm for rgb in _untouched(method, free)]
+        std_mm = np.round(untouched_std_mm(flat), 6).tolist()
+        settled = dataclasses.replace(settled, card={**settled.card, "untouched_std_mm": std_mm})
     return Reconstructor(sensor, settled, calibration=calibration)
 
 

@@ -1,10 +1,12 @@
 """Which cells may carry force: an outer guess from the depth, narrowed by the force itself.
 
 Outer guess: cells deeper than three standard deviations and than `SHALLOWEST` of the deepest. The edge of a
-contact is at least a third as deep as its middle (Hertz: a half; flat punch: all), so this loses no contact
-down to a tenth of the depth of the deepest one. Of the patches they form, those count whose deepest cell stands
-out by five deviations and is deeper than the highest rise anywhere: beside a punch the gel rises by an eighth
-of its depth at most, so a map that rises more than it sinks shows its own slow error there.
+contact is at least a third as deep as its middle (Hertz: a half; flat punch: all), so this loses no contact down
+to a tenth of the depth of the deepest one. Of the patches they form, those count whose deepest cell stands out
+by five deviations, and, counted in the deviations of each place, sinks more than the gel rises anywhere: beside
+a punch it rises by an eighth of the punch's depth at most, so a map that rises more than it sinks shows its own
+error there. Cells of a slow error are alike, so that a view holds a few hundred places at most that may err
+apart from each other: of such, five deviations are exceeded by chance once in thousands of frames.
 Narrowed: no cell pulls, so cells of negative pressure are left
 out until none is. A cell that carries less than `FAINTEST` of the greatest pressure is left out as well: it is
 the ringing of the contact's edge, which a square cell cannot follow.
@@ -40,8 +42,8 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArr
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    rise = max(0.0, -float(seen.min()))
-    sure = maximum(depth_mm / np.maximum(SURE * std_mm, rise + TINY), patches, np.arange(count + 1)) > 1
+    pull = depth_mm / (std_mm + TINY)
+    sure = maximum(pull, patches, np.arange(count + 1)) > max(SURE, -float(pull[known].min()))
     sure[0] = False
     return np.flatnonzero(sure[patches])
 
@@ -50,14 +52,13 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: 
     """Cells of a weak contact beside a deep one, where the depth `left_mm` over that one's own (`moved_mm`) stands
     out; flat indices.
 
-    `usable` leaves out what is near the deep contact. A patch must stand out of its deviation, of what the deep
-    contact's displacement may be wrong by, and of the lowest place that is left: the map's own slow error is as
-    often a rise.
+    `usable` leaves out what is near the deep contact. A patch must stand out of its deviation and of what the deep
+    contact's displacement may be wrong by, and by more of the two than any place rises: the map's own slow error
+    is as often a rise.
     """
     if not usable.any():
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
-    rise = max(0.0, -float(left_mm[usable].min()))
     deep = usable & (left_mm > SIGMAS * std_mm + doubt)
     if np.count_nonzero(deep) < COMPANY:
         return np.zeros(0, dtype=np.intp)
@@ -65,8 +66,8 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: 
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    sure = maximum(left_mm - (SURE * std_mm + doubt), patches, np.arange(count + 1)) > 0
-    sure &= maximum(left_mm, patches, np.arange(count + 1)) > rise
+    share = left_mm / (SURE * std_mm + doubt + TINY)
+    sure = maximum(share, patches, np.arange(count + 1)) > max(1.0, -float(share[usable].min()))
     sure[0] = False
     return np.flatnonzero(sure[patches])
 
@@ -96,9 +97,9 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
     return matrix
 
 
-def cut_by_border(cells: npt.NDArray[np.intp], usable: Bools) -> bool:
-    """Whether the contact reaches a cell beyond which nothing is known: the border of the view, gel or map."""
+def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
+    """Which of the cells lie beside one of which nothing is known: at the border of the view, gel or map."""
     inside = np.pad(usable, 1)
     row, column = np.divmod(cells, usable.shape[1])
     beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]
-    return bool(not np.logical_and.reduce(beyond).all()) if len(cells) else False
+    return np.asarray(~np.logical_and.reduce(beyond))

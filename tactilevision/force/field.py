@@ -7,8 +7,8 @@ Standard deviation of the resultant: noise of the depth and shear through the li
 shear that the whole contact shares, pushed through the same map as one; the material's own covariance; MODEL_STD
 of the resultant for cells and mask (rms error over random contacts without noise, benchmarks); where no shear is
 measured, what the same depth would take if the gel stuck, since friction is unknown then and stiffens a punch of
-a/h .8 by 5 %, one of a/h 1.3 by 11 %; and, where the contact is cut by a border, the force that would lie there if
-the border's pressure went on for half its width.
+a/h .8 by 5 %, one of a/h 1.3 by 11 %; where the contact is cut by a border, the force that would lie there if
+the border's pressure went on for half its width; and the force that a hole of the map beside it may hide.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from scipy.ndimage import binary_fill_holes
 
 from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import SURE, candidate_cells, cut_by_border, overlooked_cells
+from tactilevision.force.contact import SIGMAS, SURE, at_border, candidate_cells, overlooked_cells
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
@@ -111,7 +112,7 @@ class ForceField:
             unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
-        if cut_by_border(found.cells, seen.known):
+        if _is_cut(grid, found, seen):
             flags.append(CUT)
         return self._report(compliance, seen, found, height, tuple(flags))
 
@@ -154,8 +155,7 @@ class ForceField:
         if parts == 1:
             variance[2] += (self._sticking(compliance, seen, found) * total[2]) ** 2
             variance[2] += (weights[2] / stiffer * stiffer_std @ found.traction[0]) ** 2
-        if CUT in flags:
-            variance[:3] += _beyond(grid, found, seen, scale)
+        variance[:3] += _beyond(grid, found, seen, scale, CUT in flags)
         std, fields = np.sqrt(variance), np.zeros((3, grid.shape[0] * grid.shape[1]))
         fields[3 - parts :, found.cells] = found.traction * scale
         errors = np.full_like(fields, np.nan)
@@ -215,17 +215,35 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
     return float(grid.cell_mm2 * (pressure * scale)[pressure < 2 * noise].sum())
 
 
-def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats) -> Floats:
-    """Squared force that may lie outside the border: its cells' traction, carried on for half the contact's
-    width.
+def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
+    """Whether pressure reaches the border: that of its cells, summed, is over SIGMAS of its own deviation, by
+    errors that the whole contact shares and by those of each cell alone."""
+    edge = at_border(found.cells, binary_fill_holes(seen.known))
+    if not edge.any():
+        return False
+    weights = np.zeros((1, found.traction.size))
+    weights[0, -len(found.cells) :] = edge
+    shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
+    own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
+    return float(found.traction[-1][edge].sum()) > SIGMAS * float(np.hypot(shared, np.sqrt(own)))
+
+
+def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats, cut: bool) -> Floats:
+    """Squared force that may lie where nothing is known: beyond the border that cuts a contact, its cells'
+    traction carried on for half the contact's width; in a hole of the map, the mean traction round it, over no
+    more than it.
     """
-    row, column = np.divmod(found.cells, grid.shape[1])
-    inside = np.pad(seen.known, 1)
-    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
-    edge = ~np.logical_and.reduce([inside[row + 1 + dy, column + 1 + dx] for dy, dx in steps])
+    whole = np.asarray(binary_fill_holes(seen.known))
+    outer = at_border(found.cells, whole)
+    inner = at_border(found.cells, seen.known) & ~outer
     half_width = np.sqrt(len(found.cells) / np.pi)
-    force = grid.cell_mm2 * (found.traction * scale)[:, edge].sum(axis=1) * half_width
-    return np.asarray(np.concatenate([np.zeros(3 - len(force)), force]) ** 2)
+    traction, square = found.traction * scale, np.zeros(len(found.traction))
+    if cut:
+        square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
+    if inner.any():
+        missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
+        square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
+    return np.concatenate([np.zeros(3 - len(square)), square])
 
 
 def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:

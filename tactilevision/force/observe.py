@@ -20,6 +20,7 @@ from tactilevision.records import Bools, Floats, HeightMap, ShearMap
 MAD_TO_STD = 1.4826
 FEWEST_FAR = 50
 SAME_SCALE = 1e-3
+TINY = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +109,34 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
     Where fewer than FEWEST_FAR cells are so far, the quarter that is farthest stands in.
     """
-    deepest = float(np.max(depth, where=known, initial=0.0))
-    if deepest <= 0:
+    distance = _from_deep(grid, depth, known)
+    if distance is None:
         return 0.0
-    distance = distance_transform_edt(~(known & (depth > deepest / 2)))[known] * grid.spacing_mm
     far = depth[known][distance > away_mm]
     if far.size < FEWEST_FAR:
         far = depth[known][distance >= np.quantile(distance, 0.75)]
     return float(MAD_TO_STD * np.median(np.abs(far)))
+
+
+def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, away_mm: float) -> float:
+    """By what factor, at least 1, the gel that lies still is farther from flat than the map's `std_mm` says.
+
+    Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
+    FEWEST_FAR the map stands for itself.
+    """
+    distance = _from_deep(grid, depth, known)
+    if distance is None or np.count_nonzero(distance > away_mm) < FEWEST_FAR:
+        return 1.0
+    pull = np.abs(depth[known]) / np.maximum(std_mm[known], TINY)
+    return max(1.0, float(MAD_TO_STD * np.median(pull[distance > away_mm])))
+
+
+def _from_deep(grid: NodeGrid, depth: Floats, known: Bools) -> Floats | None:
+    """Distance of the known cells (N,) from the cells half as deep as the deepest, mm; None where none is deep."""
+    deepest = float(np.max(depth, where=known, initial=0.0))
+    if deepest <= 0:
+        return None
+    return np.asarray(distance_transform_edt(~(known & (depth > deepest / 2)))[known] * grid.spacing_mm)
 
 
 def _depth_std(
@@ -137,8 +158,7 @@ def _depth_std(
     share = mean_std(grid, 1.0, noise.correlation_px)
     if share < 1:
         return share * usual, share * at_cells
-    uneven = unevenness(grid, depth, known, noise.away_mm)  # what the map shows of itself where the gel lies still
-    return noise_of_cells(depth, known), np.maximum(at_cells, uneven)
+    return noise_of_cells(depth, known), at_cells * understated(grid, depth, at_cells, known, noise.away_mm)
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
