@@ -76,7 +76,7 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
     for wall in walls:
         outer = wall.radius_mm + wall.reach_mm
         window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
-        r = np.hypot(x, y)
+        r = np.sqrt(x * x + y * y)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         inner = wall.radius_mm + wall.places_mm[0]
         face = r < inner - min(mm_per_px)
