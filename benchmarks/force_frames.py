@@ -51,9 +51,8 @@ def report(rows: Sequence[FrameForce], accepted: Sequence[str]) -> None:
     """The table."""
     free = [row for row in rows if row.read and abs(row.measured_N[2]) < FREE_N]
     pushed = np.array([row.resultant_N[2] for row in free])
-    print(
-        f"{len(free)} frames of a free gel: {np.mean(pushed == 0):.0%} say so; largest force {pushed.max():.3f} N"
-    )
+    print(f"{len(free)} frames read below {FREE_N} N: {np.mean(pushed == 0):.0%} show no contact")
+    print(f"    the largest force of the others, touched or not, {pushed.max():.3f} N")
     left = residuals(rows, flagged=(CUT,))
     assert left is not None
     good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > LEAST_N)
