@@ -21,11 +21,15 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 LEAST_BALLS = 3
 FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
-RIDGES = (1e-4, 1e-3, 1e-2)
+RIDGES = (1e-3, 1e-2, 1e-1)
+GENTLE = 0.1  # slopes below are not asked to be right in proportion
 
 
 class Fitter(Protocol):
-    """Makes a colour law of samples of balls and of untouched gel; `ridge` says how smooth."""
+    """Makes a colour law of samples of balls and of untouched gel; `ridge` says how smooth.
+
+    It may list the `ridges` to choose from, or the `ways`: pairs of a fitter and a ridge.
+    """
 
     def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw: ...
 
@@ -75,7 +79,7 @@ def calibrate_from_balls(
     fit: Fitter,
     rng: np.random.Generator | None = None,
 ) -> Calibration:
-    """Fit a colour law to ball presses; a third at a time is held out to choose the ridge and know the error.
+    """Fit a colour law to ball presses; a third at a time is held out to choose how, and to know the error.
 
     Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than
     LEAST_BALLS presses that can be used, naming what was wrong with the others.
@@ -93,10 +97,11 @@ def calibrate_from_balls(
     touching, still = join(contact), join(resting)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
-    ridges = getattr(fit, "ridges", RIDGES)
-    scores = [_held_out(fit, touching, still, ridge) for ridge in ridges]
-    best = int(np.argmin([_mean_square(found, touching) for found, _ in scores]))
-    law, (found, unseen) = fit(touching, still, ridge=ridges[best]), scores[best]
+    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
+    scores = [_held_out(way, touching, still, ridge) for way, ridge in ways]
+    best = int(np.argmin([_relative_miss(found, touching) for found, _ in scores]))
+    way, ridge = ways[best]
+    law, (found, unseen) = way(touching, still, ridge=ridge), scores[best]
     quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
@@ -109,7 +114,8 @@ def calibrate_from_balls(
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
         "held_out_gain_std": _gain_std(found, touching),
-        "ridge": ridges[best],
+        "fitted_by": getattr(way, "__name__", type(way).__name__),
+        "ridge": ridge,
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
     return Calibration(
@@ -202,6 +208,12 @@ def _gain_std(found: Floats, samples: Samples) -> float:
         true, seen = samples.slopes[samples.press == number], found[samples.press == number]
         gains.append(float(np.sum(seen * true) / np.sum(true**2)))
     return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
+
+
+def _relative_miss(found: Floats, samples: Samples) -> float:
+    """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth."""
+    off = np.hypot(*(found - samples.slopes).T)
+    return float(np.mean(off / (np.hypot(*samples.slopes.T) + GENTLE)))
 
 
 def _mean_square(found: Floats, samples: Samples) -> float:

@@ -55,13 +55,14 @@ class ColourChange:
         gains = (SOFTENING_GREY * (drift.gains + np.array([1.0, 0.0, 0.0]))).astype(np.float32)[:, :, None]
         down, across = (gains[:, 0] + gains[:, 2] * self.y)[..., None], (gains[:, 1] * self.x)[:, None]
         for c, grey in enumerate(self._greys):
+            share = 1.0 / (1.0 + float(drift.gains[c, 0]))
             for top in range(0, rgb.shape[0], self._rows):
                 rows = slice(top, top + self._rows)
                 out, gain = self._out[c, rows], self._work[: len(grey[rows])]
                 np.add(down[c, rows], across[c], out=gain)
                 cv2.add(grey[rows], gain, dst=out, dtype=cv2.CV_32F)
-                cv2.multiply(out, self.scale[c, rows], dst=out)
-                cv2.scaleAdd(gain, -1.0 / SOFTENING_GREY, out, dst=out)
+                cv2.multiply(out, self.scale[c, rows], dst=out, scale=share)
+                cv2.scaleAdd(gain, -share / SOFTENING_GREY, out, dst=out)
         if self.reference.marks is not None:
             fill(self._out, marked(rgb, self.reference.marks))
         brightest = cv2.max(cv2.max(self._greys[0], self._greys[1]), self._greys[2])
@@ -77,6 +78,7 @@ class ColourChange:
             if hidden is not None:
                 self._work[hidden] = 0.0
             self._mean[c] += self._work
+        self.tracker.follow(rgb, share)
         self._settle()
 
     @property

@@ -62,6 +62,11 @@ class DriftTracker:
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
         self.shown = self.level / self.noise, self.basis.T.copy()
 
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Count from a picture moved towards `rgb` by `share`: what the reference follows is drift no more."""
+        self.level += share * (self._planes(rgb) - self.level)
+        np.divide(self.level, self.noise, out=self.shown[0])
+
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
         blocks = self._planes(rgb)

@@ -18,7 +18,9 @@ def places() -> tuple[Floats, Floats]:
     return (x - (SHAPE[1] - 1) / 2) * MM_PER_PX, (y - (SHAPE[0] - 1) / 2) * MM_PER_PX
 
 
-def picture(p: Floats, q: Floats, rng: np.random.Generator, *, gain: float = 1.0, noise: float = 0.7) -> Bytes:
+def picture(
+    p: Floats, q: Floats, rng: np.random.Generator, *, gain: float | Floats = 1.0, noise: float = 0.7
+) -> Bytes:
     """The frame (H, W, 3) of a gel of slopes p, q."""
     x, y = places()
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
@@ -32,7 +34,7 @@ def picture(p: Floats, q: Floats, rng: np.random.Generator, *, gain: float = 1.0
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
-def flat(rng: np.random.Generator, *, gain: float = 1.0) -> Bytes:
+def flat(rng: np.random.Generator, *, gain: float | Floats = 1.0) -> Bytes:
     return picture(np.zeros(SHAPE), np.zeros(SHAPE), rng, gain=gain)
 
 
