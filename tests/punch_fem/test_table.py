@@ -25,6 +25,7 @@ from tactilevision.records import Floats, Material
 GEL = Material(0.2, 0.48)
 PUNCH = FlatContact(2.5, 0.05, 3.0, 0.3)
 HELD_OUT = json.loads(Path(__file__).with_name("held_out.json").read_text(encoding="utf-8"))
+USUAL = {"force": 0.003, "rise_over_depth": 0.003, "u_r_over_depth": 0.006}
 
 
 def contact(friction: float = 0.3, **changes: Any) -> FlatContact:
@@ -33,21 +34,62 @@ def contact(friction: float = 0.3, **changes: Any) -> FlatContact:
     return FlatContact(friction=friction, **about)
 
 
+def stated(fresh: dict[str, Any]) -> dict[str, float]:
+    """What the card says of this block; .3 % of force unless it says more."""
+    errors = shipped_table().card["errors"]
+    name = "law", "friction", "edge_over_h"
+    own = [row for row in errors["held_out_by_block"] if all(row[key] == fresh[key] for key in name)]
+    if own:
+        return {key: max(own[0][key], floor) for key, floor in USUAL.items()}
+    tabulated = {row["friction"] for row in errors["held_out_by_block"]}
+    where = "between edges" if fresh["edge_over_h"] > 1 / 60 else "sharper"
+    where = where if fresh["friction"] in tabulated else "between frictions"
+    return next(row for row in errors["held_out_between_and_beyond"] if row["where"] == where)
+
+
 @pytest.mark.parametrize("fresh", HELD_OUT["cases"], ids=lambda case: case["name"])
-def test_interpolated_within_a_third_of_a_percent_of_what_it_does_not_hold(fresh: dict[str, Any]) -> None:
+def test_what_it_does_not_hold_is_met_within_what_the_card_says(fresh: dict[str, Any]) -> None:
     friction = math.inf if fresh["friction"] is None else fresh["friction"]
     punch = FlatContact(fresh["a_over_h"], fresh["edge_over_h"], 1.0, friction, fresh["law"])
     gel, depth = Material(1.0, fresh["poisson_ratio"]), np.array(fresh["depth"])
     known = depth <= punch_reach(punch, gel) * (1 + 1e-9)
     assert known.sum() >= 2
     read = punch_force(depth[known], punch, gel) / depth[known]
-    between = "tolerance" in fresh  # of tabulated frictions
-    np.testing.assert_allclose(read, np.array(fresh["force"])[known], rtol=0.006 if between else 0.003)
+    error = stated(fresh)
+    np.testing.assert_allclose(read, np.array(fresh["force"])[known], rtol=error["force"])
     r = punch.radius_mm + np.array(HELD_OUT["beside"])
     for k in np.flatnonzero(known):
         u_z, u_r = punch_profile(depth[k], r, punch, gel)
-        np.testing.assert_allclose(u_z / depth[k], fresh["u_z"][k], atol=3e-3)
-        np.testing.assert_allclose(u_r / depth[k], fresh["u_r"][k], atol=9e-3 if between else 6e-3)
+        np.testing.assert_allclose(u_z / depth[k], fresh["u_z"][k], atol=error["rise_over_depth"])
+        np.testing.assert_allclose(u_r / depth[k], fresh["u_r"][k], atol=error["u_r_over_depth"])
+
+
+def test_every_block_says_how_far_off_it_was() -> None:
+    """No worse than half a percent of force anywhere, and every block against a solution of its own."""
+    card = shipped_table().card
+    name = "law", "friction", "edge_over_h"
+    rows = {tuple(row[key] for key in name): row for row in card["errors"]["held_out_by_block"]}
+    assert rows.keys() == {tuple(block[key] for key in name) for block in card["blocks"]}
+    assert all(row["held_out"] >= 1 and row["force"] <= 0.005 for row in rows.values())
+
+
+def test_an_edge_between_two_tabulated_ones_lies_between_them_and_rounding_takes_no_reach() -> None:
+    depth = 0.1
+    sharp, usual, between, blunt = (
+        force_ratio(np.array([depth]), contact(edge_radius_mm=edge), GEL)[0][0] for edge in (0.0, 0.05, 0.075, 0.1)
+    )
+    assert between == pytest.approx((usual + blunt) / 2)
+    assert sharp == pytest.approx(2 * usual - blunt)
+    off = contact(edge_radius_mm=0.05 * (1 + 1e-13))
+    assert len(shipped_table().mixture("neo-hooke", 0.3, off.edge_over_h)) == 1
+
+
+def test_the_stiffer_law_pushes_back_harder() -> None:
+    """Hencky's over neo-Hooke's at w -> 0 is 1; at w/h = .05 it is 19.86/19.46 for a glued face (NGSolve too)."""
+    depth = np.array([0.006, 0.15])
+    soft, stiff = (punch_force(depth, contact(math.inf, law=law), GEL) for law in ("neo-hooke", "hencky"))
+    assert stiff[0] / soft[0] == pytest.approx(1, abs=2e-3)
+    assert stiff[1] / soft[1] == pytest.approx(19.86 / 19.46, abs=3e-3)
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ SHIPPED = Path(__file__).with_name("punch.npz")
 HALF_FRICTION = 0.25  # the friction that has half of the effect
 EDGE_POWER = 1.0
 EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
+ROUNDING = 1e-9  # a weight as small is a node that is met but for rounding, and must not lend its reach
 Mixture = tuple[tuple[float, Block], ...]  # weights that add up to 1, and their blocks
 
 
@@ -68,7 +69,7 @@ class Table:
             (mu, edge): float(p * q)
             for p, mu in zip(by_friction, frictions, strict=True)
             for q, edge in zip(by_edge, edges, strict=True)
-            if p * q
+            if abs(p * q) > ROUNDING
         }
         if not weights.keys() <= mine.keys():
             raise _absent("friction at this edge radius", (friction, edge_over_h), sorted(mine))
