@@ -9,12 +9,14 @@ from tactilevision.photometric.calibrate import BallPicture, Calibration, Fitter
 from tactilevision.photometric.lookup import fit_lookup
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.photometric.storage import load_method, load_network, save_method
 from tactilevision.photometric.through_light import EitherWay
 
 PHOTOMETRIC: dict[str, Fitter] = {
-    "polynomial": EitherWay(),
+    "polynomial": fit_polynomial,
+    "either": EitherWay(),
     "lookup": fit_lookup,
     "network": NetworkFitter(),
 }

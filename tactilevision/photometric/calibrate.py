@@ -21,7 +21,7 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 LEAST_BALLS = 3
 FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
-RIDGES = (1e-3, 1e-2, 1e-1)
+RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
 
 

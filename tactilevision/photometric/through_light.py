@@ -11,7 +11,7 @@ fast as before.
 
 On simulated sensors with 8 to 16 balls the depth of balls left out is off by half as much as with the direct fit
 (20 and 26 for 60 and 54 um). Real light may obey no such law (direction 6.1 degrees for 4.0 on a GelSlim 3.0):
-balls left out decide which is used, one recording at a time (`EitherWay`).
+balls left out decide which is used, one recording at a time (`EitherWay`; so do `depth`, `force` and `view`).
 """
 
 from __future__ import annotations
