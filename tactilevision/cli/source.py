@@ -22,7 +22,7 @@ ReferenceOption = Annotated[
 MethodOption = Annotated[
     str | None,
     typer.Option(
-        help="polynomial, either, lookup, network, or a method file that `train` made; the best available if left out."
+        help="polynomial, either, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
 
@@ -55,8 +55,8 @@ def open_branch(path: Path, sensor: str | None, reference: Path | None) -> Recor
 def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
     """Calibrate the light from the recording's own references, or use the method file that was named.
 
-    Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default: its
-    scale is the bevel's, and on simulated recordings it saw the touch 2 um earlier with the other fit.
+    Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default:
+    its scale is the bevel's, and on simulated recordings it saw the touch 2 um earlier with the other fit.
     """
     from tactilevision.reconstruct import build_reconstructor
 

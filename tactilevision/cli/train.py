@@ -14,7 +14,7 @@ from tactilevision.errors import InputError
 
 def train(
     recording: Annotated[Path, typer.Argument(help="A recording with reference/flat and reference/ball.")],
-    method: Annotated[str, typer.Option(help="polynomial, either (of two fits), lookup or network.")] = "polynomial",
+    method: Annotated[str, typer.Option(help="polynomial, either, lookup or network.")] = "polynomial",
     out: Annotated[Path, typer.Option("--out", help="The method's file; its card lies beside it.")] = Path(
         "method.npz"
     ),
