@@ -56,7 +56,7 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     """Calibrate the light from the recording's own references, or use the method file that was named.
 
     Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default:
-    its scale is the bevel's, and on simulated recordings it saw the touch 2 um earlier with the other fit.
+    its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
     """
     from tactilevision.reconstruct import build_reconstructor
 
