@@ -10,7 +10,7 @@ and places, without noise, which would pull slopes towards 0, and `Polynomial` f
 fast as before.
 
 On simulated sensors with 8 to 16 balls the depth of balls left out is off by half as much as with the direct fit
-(20 and 26 for 60 and 54 um). Real light may obey no such law (direction 6.1 degrees for 4.0 on a GelSlim 3.0):
+(24 and 24 for 63 and 54 um). Real light may obey no such law (direction 6.1 degrees for 4.0 on a GelSlim 3.0):
 balls left out decide which is used, one recording at a time (`EitherWay`; so do `depth`, `force` and `view`).
 """
 
