@@ -1,0 +1,79 @@
+"""The examples run as they stand and find what was put into the samples."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def said_by(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    monkeypatch.chdir(folder)
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    return capsys.readouterr().out
+
+
+@pytest.fixture
+def said(
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> str:
+    return said_by(request.param, tmp_path, monkeypatch, capsys)
+
+
+def first(pattern: str, text: str) -> float:
+    found = re.search(pattern, text)
+    assert found, text
+    return float(found.group(1))
+
+
+def test_every_example_is_run_here() -> None:
+    here = Path(__file__).read_text(encoding="utf-8")
+    for path in EXAMPLES.glob("*.py"):
+        assert f'"{path.stem}"' in here, path.name
+
+
+@pytest.mark.parametrize("said", ["height_map"], indirect=True)
+def test_a_frame_becomes_a_map_on_disk(said: str, tmp_path: Path) -> None:
+    depth, std = first(r": ([\d.]+) ±", said), first(r"± ([\d.]+) mm", said)
+    assert abs(depth - 0.33) < 3 * std  # .3 mm of machined height, less the rise, and the overshoot of the ramp
+    assert (tmp_path / "height.tiff").is_file()
+
+
+@pytest.mark.parametrize("said", ["live_loop"], indirect=True)
+def test_a_stream_says_when_the_gel_is_touched(said: str) -> None:
+    lines = said.splitlines()
+    assert lines[0].endswith("free")
+    assert sum("contact" in line for line in lines) > 10
+    assert "latency in ms" in lines[-1]
+
+
+@pytest.mark.parametrize("said", ["material_from_points"], indirect=True)
+def test_the_published_route_and_what_the_points_leave_open(said: str) -> None:
+    assert "E = 0.1988 MPa, nu = 0.4797" in said
+    assert "nothing fixes poisson_ratio" in said
+
+
+@pytest.mark.parametrize("said", ["add_an_effect"], indirect=True)
+def test_the_error_falls_to_the_floor(said: str) -> None:
+    held_out = [float(value) for value in re.findall(r": ([\d.]+) mN on presses left out", said)]
+    floor = first(r"viscoelasticity: .*scatter by ([\d.]+)", said)
+    assert len(held_out) == 2
+    assert held_out[1] < 1.2 * floor < held_out[0]
+
+
+@pytest.mark.parametrize("said", ["own_effect"], indirect=True)
+def test_a_planted_effect_of_ones_own_is_found(said: str) -> None:
+    assert abs(first(r"found ([\d.]+)", said) - 0.06) < 3 * first(r"± ([\d.]+)", said)
+
+
+@pytest.mark.parametrize("said", ["gel_mechanics"], indirect=True)
+def test_the_gel_as_a_solid(said: str, tmp_path: Path) -> None:
+    assert first(r"kappa = ([\d.]+)", said) == pytest.approx(2.8103, abs=1e-4)
+    assert "*HYPERELASTIC" in (tmp_path / "gel.inp").read_text()
