@@ -18,9 +18,8 @@ def main() -> None:
 
     ours = calibrate(measured)
     low, high = ours.youngs_modulus.interval95 or (float("nan"), float("nan"))
-    print(
-        f"what the points fix: c = {ours.c.value:.4f} N/mm, beta = {ours.beta.value:.3f}; E {low:.3f} to {high:.3f}"
-    )
+    print(f"what the points fix: c = {ours.c.value:.4f} N/mm, beta = {ours.beta.value:.3f}")
+    print(f"E lies between {low:.3f} and {high:.3f} MPa")
     print("E at some nu: " + ", ".join(f"{E:.4f} at {nu:.3f}" for nu, E in ours.youngs_modulus_of_nu[::10]))
     for line in (*ours.assumptions, *ours.warnings):
         print(f"- {line}")
