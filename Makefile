@@ -23,7 +23,7 @@ lint: .venv/.ok
 
 types: .venv/.ok
 	$(BIN)/mypy
-	$(BIN)/mypy tests
+	$(BIN)/mypy tests examples
 
 check: lint types test
 
