@@ -112,7 +112,7 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     """Assumptions and warnings: what each route says, and how far those that were used lie apart."""
     words = {"bulge": "the rise beside the punch", "radii": "the several radii", "prior": "the stated value",
              "beta": "the published law of beta (not used)"}  # fmt: skip
-    said = [f"{words[r.name]} {r.poisson_ratio.value:.4f} +- {r.poisson_ratio.std or 0.0:.4f}"
+    said = [f"{words[r.name]} {r.poisson_ratio.value:.4f} ± {r.poisson_ratio.std or 0.0:.2g}"
             for r in routes if r.poisson_ratio.value is not None]  # fmt: skip
     between = apart(routes)
     used = sum(route.used for route in routes)
