@@ -1,6 +1,6 @@
 """The main job on recordings of unseen seeds: is c right, is E right where nu is given, do the intervals cover?
 
-Each seed draws its own lights, gel, bevel's side, clock and noise; every kind of bad press occurs once.
+Each seed draws its own lights, gel, friction, edge, bevel's side, clock, noise; each bad press occurs once.
 python -m benchmarks.main_job [recordings] [processes] [seconds of dwell at the touch]
 """
 
@@ -32,9 +32,10 @@ def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
     plain = SimulationOptions(name=f"seed-{seed}", frames="jpeg", jpeg_quality=92, presses=3, balls=14)
     gel = replace(
         plain.gel, youngs_modulus_MPa=float(rng.uniform(0.12, 0.3)), poisson_ratio=float(rng.uniform(0.465, 0.49)),
-        beta=float(rng.uniform(0.6, 1.1)), prior_std=0.002,
+        friction=float(rng.uniform(0.2, 0.7)), prior_std=0.002,
     )  # fmt: skip
-    indenters = replace(plain.indenters, bevel=SIDES[seed % 4])
+    edge_mm = float(rng.uniform(0.035, 0.065))
+    indenters = replace(plain.indenters, bevel=SIDES[seed % 4], edge_radius_mm=edge_mm)
     return replace(
         plain, gel=gel, indenters=indenters, camera=replace(plain.camera, light_seed=seed),
         rig=replace(plain.rig, frames_per_press=48, protocol=replace(plain.rig.protocol, dwell_s=dwell_s)),

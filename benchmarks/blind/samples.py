@@ -46,7 +46,7 @@ def make_rig(folder: Path) -> None:
     """A small camera, three indenters, and reference balls that are not as large as their table says."""
     options = SimulationOptions(
         name="hidden-rig",
-        gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, prior=0.48, prior_std=0.005),
+        gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, friction=0.25, prior=0.48, prior_std=0.005),
         camera=CameraOptions(width_px=280, height_px=210, mm_per_px=(0.0965, 0.0965), distortion_px=0.0),
         indenters=IndenterOptions(heights_mm=(0.25, 0.4, 0.55)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),

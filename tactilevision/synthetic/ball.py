@@ -18,7 +18,7 @@ import numpy as np
 
 from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup
-from tactilevision.synthetic.profile import FAR, fade, layer_surface
+from tactilevision.synthetic.layer import FAR, fade, layer_surface
 
 _TERMS = 5
 

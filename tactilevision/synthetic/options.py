@@ -8,7 +8,7 @@ from typing import Literal
 from tactilevision.errors import InputError
 from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
-from tactilevision.synthetic.profile import PunchProfile
+from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
@@ -18,14 +18,14 @@ FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 class GelOptions:
     """The gel, and what the recording says of its Poisson ratio (`prior_std` None: nothing).
 
-    `relaxing` (share, time constant s) makes it viscoelastic. c follows from the others by c = 2aEκ/(1 - ν²).
+    `friction` is Coulomb's, between gel and face; `relaxing` (share, time constant s) makes the gel viscoelastic.
     """
 
     youngs_modulus_MPa: float = 0.19
     poisson_ratio: float = 0.48
-    beta: float = 0.85
+    friction: float = FRICTION
     thickness_mm: float = 3.0
-    radius_mm: float = 15.0
+    radius_mm: float = PAD_RADIUS_MM
     prior: float | None = None
     prior_std: float | None = 0.002
     relaxing: Pair = (0.0, 1.0)
@@ -36,7 +36,7 @@ class IndenterOptions:
     """A set of flat cylinders that differ in the height of the face over the bevel.
 
     True heights scatter about the machined ones by `height_std_mm`. `state_bevel_place` writes the bevel's
-    distance and angle into the recording. `profile` is the gel beside the punch; None: punch_profile's.
+    distance and angle into the recording; `edge_radius_mm`, the rounding of the face's rim, is never stated.
     """
 
     heights_mm: tuple[float, ...] = (0.15, 0.3, 0.4, 0.5, 0.6)
@@ -46,7 +46,7 @@ class IndenterOptions:
     bevel_angle_deg: float = 10.0
     height_std_mm: float = 0.001
     state_bevel_place: bool = True
-    profile: PunchProfile | None = None
+    edge_radius_mm: float = EDGE_RADIUS_MM
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.mechanics.material import contact_stiffness
 from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.bevel import Bevel
-from tactilevision.synthetic.options import GelOptions, SimulationOptions
+from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.profile import PunchProfile, punch_profile
 from tactilevision.synthetic.punch import PunchPress
 from tactilevision.synthetic.rig import GelLaw, Motion, Protocol, bevel_force_N, move
@@ -55,7 +54,7 @@ class PlannedPress:
     def force_N(self, time_s: Floats, law: GelLaw) -> Floats:
         """True force (T, 3) at evenly spaced times on the camera's clock."""
         depth = self.motion.at(time_s)
-        normal = law.force_N(depth) * self.gain
+        normal = law.force_N(self.profile, depth) * self.gain
         normal = normal + bevel_force_N(self.bevel, self.profile, law.reduced_modulus_MPa, depth)
         if time_s.size > 1:
             normal = law.relaxed(normal, float(time_s[1] - time_s[0]))
@@ -63,15 +62,16 @@ class PlannedPress:
 
 
 def gel_law(options: SimulationOptions) -> GelLaw:
-    """The force law that the options ask for: c from Hayes' kappa at the true a/h."""
+    """The modulus and the relaxation that the options ask for."""
     gel = options.gel
-    stiffness = contact_stiffness(gel.youngs_modulus_MPa, gel.poisson_ratio, radius_mm=options.indenters.radius_mm,
-                                  thickness_mm=gel.thickness_mm)  # fmt: skip
-    return GelLaw(float(stiffness), gel.beta, gel.thickness_mm, reduced_modulus(gel), gel.relaxing)
+    return GelLaw(gel.youngs_modulus_MPa, gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2), gel.relaxing)
 
 
-def reduced_modulus(gel: GelOptions) -> float:
-    return gel.youngs_modulus_MPa / (1 - gel.poisson_ratio**2)
+def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
+    """The options' gel under a punch of this radius."""
+    gel = options.gel
+    return punch_profile(gel.poisson_ratio, radius_mm, gel.thickness_mm, friction=gel.friction,
+                         edge_radius_mm=options.indenters.edge_radius_mm, pad_radius_mm=gel.radius_mm)  # fmt: skip
 
 
 def true_heights(options: SimulationOptions, rng: np.random.Generator) -> dict[str, float]:
@@ -103,13 +103,12 @@ def plan_presses(options: SimulationOptions, rng: np.random.Generator) -> tuple[
 def _press(
     options: SimulationOptions, rng: np.random.Generator, *, label: str, indenter: tuple[str, float], fault: str
 ) -> PlannedPress:
-    kit, gel, rig = options.indenters, options.gel, options.rig
+    kit, rig = options.indenters, options.rig
     tilt = rng.normal(0.0, rig.tilt_std, 2)
     if fault == "tilt":
         tilt = _direction(rng) * rng.uniform(0.03, 0.045)
     radius = kit.radius_mm * (0.8 if fault == "footprint" else 1.0)
-    profile = kit.profile if kit.profile is not None and radius == kit.radius_mm else None
-    profile = profile or punch_profile(gel.poisson_ratio, radius, gel.thickness_mm)
+    profile = gel_under(options, radius)
     bevel = Bevel(kit.bevel, kit.bevel_distance_mm, indenter[1], kit.bevel_angle_deg, kit.radius_mm)
     slope = (float(tilt[0]), float(tilt[1]))
     touch = bevel.touch_depth_mm(profile, slope)

@@ -1,8 +1,8 @@
 """The rig: how an indenter is moved, and what force and which clock are recorded while it moves.
 
-Force law of the gel: P = c w (1 + β w/h), c = 2aEκ(ν, a/h)/(1 - ν²), w the true depth of the face. A bevel that
-overlaps the gel by δ(t) along its edge adds 1/2 E/(1 - ν²) ∫ δ dt, half of what a flat of that depth and unit
-aspect would: a small force that starts from zero at the first touch.
+The punch's force is E times what finite elements of its own gel give (profile.py) at the true depth of the face.
+A bevel that overlaps the gel by δ(t) along its edge adds 1/2 E/(1 - ν²) ∫ δ dt, half of what a flat of that depth
+and unit aspect would: a small force that starts from zero at the first touch.
 """
 
 from __future__ import annotations
@@ -88,20 +88,18 @@ def move(protocol: Protocol, touch_mm: float, deepest_mm: float) -> Motion:
 
 @dataclass(frozen=True, slots=True)
 class GelLaw:
-    """Force against depth of one punch on one gel; `c_N_per_mm`, `beta`, `thickness_mm`, `reduced_modulus_MPa`.
+    """Force against depth on one gel of `youngs_modulus_MPa`, `reduced_modulus_MPa` E/(1 - ν²).
 
     `relaxing` (share, time constant s): a Maxwell branch that carries a share of the force and forgets it.
     """
 
-    c_N_per_mm: float
-    beta: float
-    thickness_mm: float
+    youngs_modulus_MPa: float
     reduced_modulus_MPa: float
     relaxing: Pair = (0.0, 1.0)
 
-    def force_N(self, depth_mm: Floats | float) -> Floats:
-        w = np.maximum(np.asarray(depth_mm, dtype=np.float64), 0.0)
-        return np.asarray(self.c_N_per_mm * w * (1 + self.beta * w / self.thickness_mm))
+    def force_N(self, profile: PunchProfile, depth_mm: Floats | float) -> Floats:
+        """Force of the punch of `profile`, before the gel relaxes."""
+        return self.youngs_modulus_MPa * profile.force_per_modulus(depth_mm)
 
     def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
         """The force after the branch has forgotten part of its past, for evenly spaced readings."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from tactilevision.files import write_text
 from tactilevision.recording import Recording, write_recording
 from tactilevision.records import CertifiedPoint, Gel, Indenter, Sensor
-from tactilevision.synthetic.options import GelOptions, RigOptions, SimulationOptions
+from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
 
@@ -24,7 +24,8 @@ def gelslim3_options() -> SimulationOptions:
     """What sample_frames/gelslim3 is: few frames to a press, so that it stays small."""
     return SimulationOptions(
         name="gelslim3-sample",
-        gel=GelOptions(youngs_modulus_MPa=0.1942, poisson_ratio=0.478, prior=0.48, prior_std=0.01),
+        gel=GelOptions(youngs_modulus_MPa=0.1942, poisson_ratio=0.478, friction=0.4, prior=0.48, prior_std=0.01),
+        indenters=IndenterOptions(edge_radius_mm=0.06),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),
         frames="jpeg",
         jpeg_quality=90,
@@ -81,9 +82,10 @@ thinned to about 18 a press and dense round the bevel's touch; the force sensor'
 runs off the camera's by an amount that is not stated. `reference/` holds 2 pictures of the untouched gel and 16 of
 balls, each the mean of 16 frames. What is true is in `truth.toml`, which only tests and benchmarks read.
 
-The gel: Hayes' flat punch on a bonded layer with the rise beside the punch of hyperelastic finite elements, force
-P = c w (1 + beta w/h). The lights, their fall-off and colours were set by eye and by block means to look like
-GelSlim 3.0. Licence: as the project (MIT).
+The gel: neo-Hookean finite elements of this very gel and punch (E = .1942 MPa, nu = .478, friction .4, edge radius
+.06 mm) give the surface beside the punch and the force at every depth; c and beta in `truth.toml` are the straight
+line through that force. Beside balls it is linear theory. The lights, their fall-off and colours were set by eye
+and by block means to look like GelSlim 3.0. Licence: as the project (MIT).
 """
 
 _PAPER = """# paper_points: five certified points from a printed line

@@ -20,7 +20,7 @@ def read_forces(story: Story) -> tuple[Floats, Floats]:
         rows = slice(*np.searchsorted(camera_clock, [press.start_s, press.end_s]))
         force[rows] = press.force_N(camera_clock[rows], story.law)
         if press.fault == "saturated":  # a cable pulls on the sensor, which brings it to the end of its range
-            touch = float(story.law.force_N(press.touch_mm))
+            touch = float(story.law.force_N(press.profile, press.touch_mm))
             force[rows, 2] += story.sensor.range_N - story.sensor.bias_N[2] - 0.7 * touch
     readings = story.sensor.read(force, camera_clock, rng)
     return np.round(camera_clock + story.clock_offset_s, 4), readings
@@ -33,7 +33,7 @@ def certified(story: Story) -> tuple[CertifiedPoint, ...]:
     kit = story.options.indenters
     points = []
     for press in (p for p in story.presses if not p.fault):
-        normal = float(story.law.force_N(press.touch_mm)) * press.gain
+        normal = float(story.law.force_N(press.profile, press.touch_mm)) * press.gain
         fx, fy, fz = (
             round(float(f), 6) for f in normal * np.array([*press.tangential, 1.0]) + noise * rng.normal(size=3)
         )

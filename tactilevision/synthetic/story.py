@@ -30,7 +30,7 @@ def tell(options: SimulationOptions, seed: int) -> Story:
     presses = plan_presses(options, rng)
     offset = options.rig.clock_offset_s
     drawn = float(rng.uniform(-0.2, 0.2))
-    largest = max(float(law.force_N(p.touch_mm + options.rig.protocol.overtravel_mm)) for p in presses)
+    largest = max(float(law.force_N(p.profile, p.touch_mm + options.rig.protocol.overtravel_mm)) for p in presses)
     bias, drift = rng.uniform(-0.3, 0.3, 3), rng.uniform(-1e-4, 1e-4, 3)
     sensor = ForceSensor(
         bias_N=(float(bias[0]), float(bias[1]), float(bias[2])),

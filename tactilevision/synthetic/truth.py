@@ -5,20 +5,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.plan import PlannedPress, gel_under
 from tactilevision.synthetic.story import Story
 
 
 def truth_of(story: Story) -> dict[str, Any]:
     """Material and clocks under the names of calibration.json, and every press as it really went."""
-    gel = story.options.gel
+    gel, kit = story.options.gel, story.options.indenters
+    profile = gel_under(story.options, kit.radius_mm)
+    line = profile.line()
     return {
         "seed": story.seed,
         "youngs_modulus_MPa": gel.youngs_modulus_MPa,
         "poisson_ratio": gel.poisson_ratio,
         "reduced_modulus_MPa": story.law.reduced_modulus_MPa,
-        "c_N_per_mm": story.law.c_N_per_mm,
-        "beta": gel.beta,
+        "c_N_per_mm": gel.youngs_modulus_MPa * line[0],
+        "beta": line[1],
+        "friction": gel.friction,
+        "edge_radius_mm": kit.edge_radius_mm,
+        "solved_to_mm": float(profile.depths_mm[-1]),
         "clock_offset_s": story.clock_offset_s,
         "presses_accepted": [p.label for p in story.presses if not p.fault],
         "presses_rejected": [{"press": p.label, "reason": p.fault} for p in story.presses if p.fault],
@@ -38,6 +43,6 @@ def _press(story: Story, press: PlannedPress) -> dict[str, Any]:
         "gain": press.gain,
     }
     if not math.isnan(press.touch_time_s):
-        force = float(story.law.force_N(press.touch_mm)) * press.gain
+        force = float(story.law.force_N(press.profile, press.touch_mm)) * press.gain
         content |= {"touch_time_s": press.touch_time_s, "depth_mm": press.touch_mm, "force_N": force}
     return content

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactilevision.mechanics.kappa import kappa
-from tactilevision.synthetic import profile as truth
+from tactilevision.synthetic import layer as truth
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.gel import Grid, Prescribed
@@ -42,9 +44,40 @@ def test_shift_on_a_half_space_is_inwards_for_a_compressible_gel() -> None:
 
 
 @pytest.mark.parametrize(("place_mm", "rise"), [(4, 0.088), (5, 0.102), (6, 0.072), (8, 0.028), (10, 0.012)])
-def test_rise_that_the_camera_sees_is_that_of_finite_elements(place_mm: float, rise: float) -> None:
+def test_rise_that_the_camera_sees_is_that_of_other_elements(place_mm: float, rise: float) -> None:
     seen = -punch_profile(0.48, 2.5, 3.0).depth_at(place_mm, 0.4) / 0.4
     assert seen == pytest.approx(rise, abs=0.003)
+
+
+def test_force_is_that_of_other_elements_at_this_edge_and_friction() -> None:
+    """P/(E w) in mm at mu .3, edge .05: NGSolve at nu .4797, where it is .2 % less than at .48."""
+    depths = np.array([0.15, 0.3, 0.4, 0.5])
+    found = punch_profile(0.48, 2.5, 3.0).force_per_modulus(depths) / depths
+    np.testing.assert_allclose(found, [18.93, 19.67, 20.17, 20.68], rtol=0.01)
+
+
+def test_gel_gives_the_shape_more_rise_and_stiffness_as_it_goes_deeper() -> None:
+    """A straight line would keep both: the stand-in that this replaced did."""
+    profile = punch_profile(0.48, 2.5, 3.0)
+    shallow, deep = (-profile.depth_at(4.0, w) / w for w in (0.1, 0.5))
+    assert deep - shallow == pytest.approx(0.008, abs=0.003)
+    c, beta = profile.line()
+    assert beta == pytest.approx(0.85, abs=0.1)
+    assert profile.force_per_modulus(0.4) == pytest.approx(c * 0.4 * (1 + beta * 0.4 / 3), rel=2e-3)
+    np.testing.assert_array_equal(profile.force_per_modulus(np.array([-0.1, 0.0])), [0.0, 0.0])
+
+
+def test_beyond_the_last_depth_solved_the_gel_goes_on_as_elements_do() -> None:
+    """What was solved to .66 mm, cut off at .375 mm, where other gels fold, and continued to .6 mm."""
+    whole = punch_profile(0.48, 2.5, 3.0)
+    few = slice(int((whole.depths_mm < 0.376).sum()))
+    short = replace(whole, depths_mm=whole.depths_mm[few], depth=whole.depth[few], shift=whole.shift[few],
+                    area_mm=whole.area_mm[few])  # fmt: skip
+    assert short.depths_mm[-1] == pytest.approx(0.375)
+    assert short.force_per_modulus(0.6) == pytest.approx(whole.force_per_modulus(0.6), rel=3e-3)
+    places = np.array([3.5, 4.0, 5.0, 6.0, 8.0])
+    np.testing.assert_allclose(short.depth_at(places, 0.6), whole.depth_at(places, 0.6), atol=0.003 * 0.6)
+    np.testing.assert_allclose(short.carried(0.6), whole.carried(0.6), atol=0.02 * 0.6)
 
 
 def test_flat_face_and_bevel_lie_where_the_rigid_body_is() -> None:

@@ -90,7 +90,10 @@ def test_truth_names_every_fault_and_the_material(truth: dict[str, Any]) -> None
         else:
             w = press["depth_mm"]
             force = truth["c_N_per_mm"] * w * (1 + truth["beta"] * w / 3.0) * press["gain"]
-            assert press["force_N"] == pytest.approx(force, rel=1e-9)
+            if press["reason"] == "footprint":
+                assert press["force_N"] < 0.75 * force  # a punch of .8 of the radius
+            else:
+                assert press["force_N"] == pytest.approx(force, rel=2e-3)  # finite elements are hardly bent
 
 
 def test_forces_come_in_steps_of_the_sensor_at_its_rate(recording: Recording) -> None:
@@ -125,7 +128,7 @@ def test_force_during_the_dwell_is_the_law_at_the_touch(story: Story) -> None:
         rows = (camera_clock > press.touch_time_s) & (camera_clock < press.touch_time_s + 1.0)
         free = (camera_clock > press.start_s) & (camera_clock < press.start_s + 0.7)
         found = readings[rows, 2].mean() - readings[free, 2].mean()
-        expected = float(story.law.force_N(press.touch_mm)) * press.gain
+        expected = float(story.law.force_N(press.profile, press.touch_mm)) * press.gain
         assert found == pytest.approx(expected, abs=0.006)  # four standard deviations of both means
 
 

@@ -1,6 +1,6 @@
 """The tabulated surface beside a punch as a ProfileModel: what the fits of nu and the certificate read.
 
-The mechanics under test reads this table; the synthetic gel draws its truth from sources of its own
+The mechanics under test reads this table; every simulated gel is solved anew at its own friction and edge radius
 (synthetic/profile.py), so that no error of the table cancels there.
 """
 
