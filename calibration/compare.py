@@ -16,7 +16,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.refit import held_out_rms
 from calibration.repeats import noise_floor
-from calibration.screen import Scored, refit_with_pure_noise, screen
+from calibration.screen import Scored, effect_directions, refit_with_pure_noise, screen
 from calibration.stages import Effect
 from calibration.tolerances import TOLERANCES
 from tactilevision.errors import ConvergenceError, InputError
@@ -84,7 +84,8 @@ class Comparison:
 def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
-    An effect that finds no minimum is passed over, named in `left_out`, and the next one is added without it.
+    An effect that fails or finds no minimum is passed over, named in `left_out`, and the next one is added without
+    it.
     Raises InputError for unusable data.
     """
     data = usable(data)
@@ -93,14 +94,22 @@ def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.
     left_out = []
     for added in effects:
         effect = get_effect(added) if isinstance(added, str) else added
+        larger = model + effect
         try:
-            one = evaluate(model + effect, data, rng)
-            found.append(replace(one, effects=(*found[-1].effects, effect.key)))
-        except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
-            left_out.append((effect.key, str(fault)))
+            one = evaluate(larger, data, rng)
+        except Exception as fault:  # a private effect may raise anything; the next one may still do
+            left_out.append((effect.key, _why(found[-1].fitted, effect, fault)))
             continue
-        model = model + effect
+        found.append(replace(one, effects=(*found[-1].effects, effect.key)))
+        model = larger
     return Comparison(tuple(found), tuple(left_out))
+
+
+def _why(fitted: Fit, effect: Effect, fault: Exception) -> str:
+    """What is wrong with an effect whose fit failed: what a single look at its forces says, else the fault."""
+    if isinstance(fault, (ConvergenceError, InputError)):
+        return str(fault)
+    return effect_directions(fitted, [effect])[1].get(effect.key) or f"{type(fault).__name__}: {fault}"
 
 
 def fit_alone(model: Model, data: Observations) -> Fit:

@@ -9,6 +9,7 @@ import importlib.util
 import inspect
 from pathlib import Path
 
+from calibration.effects import EFFECTS
 from calibration.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files import write_text
@@ -50,6 +51,9 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
         raise InputError(f"the effect cannot be made: {type(fault).__name__}: {fault}", where=where) from fault
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
         raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
+    if not isinstance(effect.key, str) or effect.key in EFFECTS:
+        raise InputError("an effect's key is a name that no effect of the catalogue has", where=where,
+                         value=effect.key, remedy="Give it a name of its own, in quotes.")  # fmt: skip
     if not isinstance(effect, Effect):
         raise InputError("the effect does not keep the protocol", where=where, value=kind.__name__)
     return effect

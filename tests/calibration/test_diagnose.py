@@ -252,6 +252,18 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
     assert why in found.not_testable["my_effect"]
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
+    compared = compare(taken, [effect, "depth_zero"], np.random.default_rng(0))
+    assert [model.effects for model in compared.models] == [(), ("depth_zero",)]
+    assert why in dict(compared.left_out)["my_effect"]
+
+
+@pytest.mark.parametrize("key", ["'tilt'", "7"])
+def test_a_private_effect_has_a_name_of_its_own(tmp_path: Path, key: str) -> None:
+    file = tmp_path / "mine.py"
+    new_effect(file, "my_effect")
+    file.write_text(file.read_text().replace('"my_effect"', key))
+    with pytest.raises(InputError, match="a name that no effect of the catalogue has"):
+        load_effect(file)
 
 
 def test_the_template_is_an_effect_that_finds_its_planted_value(tmp_path: Path) -> None:
