@@ -54,7 +54,10 @@ def table(found: Validation, law: str) -> list[str]:
 
 def _errors(error: Floats) -> str:
     kept = error[np.isfinite(error)]
-    return f"{100 * kept.min():+.1f} to {100 * kept.max():+.1f} %" if kept.size else "nothing that can be compared"
+    if not kept.size:
+        return "nothing that can be compared"
+    low, high = f"{100 * kept.min():+.1f}", f"{100 * kept.max():+.1f}"
+    return f"{low} %" if low == high else f"{low} to {high} %"
 
 
 def _trend(one: Comparison) -> str:

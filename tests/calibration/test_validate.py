@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -89,6 +90,11 @@ def test_what_the_elements_do_not_reach_is_flagged_never_filled(monkeypatch: pyt
     assert "beyond what the elements reach" in " ".join(content["statements"])
     assert table(found, "neo-hooke")[-1].split()[-1] == "-"
     json.dumps(content, allow_nan=False)
+
+
+def test_an_error_at_a_single_depth_is_said_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = next(iter(statements(compare(monkeypatch, known_curve(1.0, ends_mm=0.2)))))
+    assert re.search(r"mu = 0\.3: \+\d\.\d % in depth", said)
 
 
 def test_a_trend_is_told_from_scatter() -> None:
