@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.blind import samples as blind_samples
 from tactilevision.recording import BadFrame, iter_frames, read_recording
 from tactilevision.synthetic.options import FAULTS
 from tactilevision.synthetic.samples import make_samples, write_paper_points
@@ -76,5 +77,6 @@ def test_paper_points_are_the_printed_line(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_samples_are_made_again_bit_by_bit(tmp_path: Path) -> None:
     make_samples(tmp_path)
+    blind_samples.main([str(tmp_path)])
     for kept in (p for p in SAMPLES.rglob("*") if p.is_file()):
         assert filecmp.cmp(kept, tmp_path / kept.relative_to(SAMPLES), shallow=False), kept.name
