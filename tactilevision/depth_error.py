@@ -56,29 +56,42 @@ class DepthError:
         self.variance = np.maximum(self.variance, untouched**2)
 
     def std_mm(
-        self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap, zero: ZeroPlane, walls: Sequence[Wall] = ()
+        self,
+        depth: npt.NDArray[np.floating[Any]],
+        slopes: SlopeMap,
+        zero: ZeroPlane,
+        walls: Sequence[Wall] = (),
+        *,
+        steepest: float = np.inf,
     ) -> Picture:
-        """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored."""
-        total = self._nearby(depth)
-        total *= np.float32(self.gain**2)
+        """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
+
+        `steepest` is the greatest |slope| along x or y where it is known, which saves a look at all of them.
+        """
+        total = self._nearby(depth, zero.std_mm)
         total += self.variance
-        total += np.float32(zero.std_mm**2)
         for restored in walls:
             window, x, y = window_of(depth.shape, restored.centre_mm, self.mm_per_px, restored.radius_mm)
             total[window] += np.float32(restored.std_mm**2) * (x * x + y * y < restored.radius_mm**2)
-        wall = 0.0 if walls else self.wall_mm(depth, slopes)
+        wall = 0.0 if walls or steepest <= self.steep else self.wall_mm(depth, slopes)
         if wall > 0:
             total += np.float32(wall**2) * (depth > 0.5 * depth.max())
-        return np.asarray(np.sqrt(total, out=total))
+        return np.asarray(cv2.sqrt(total, dst=total))
 
-    def _nearby(self, depth: npt.NDArray[np.floating[Any]]) -> Picture:
-        """Square of `depth` (H, W), or of the depths about it where that is greater: errors of slope spread."""
+    def _nearby(self, depth: npt.NDArray[np.floating[Any]], zero_std_mm: float) -> Picture:
+        """gain^2 times the square of `depth` (H, W), or of the depths about it where that is greater, + zero^2.
+
+        Errors of slope spread.
+        """
         height, width = depth.shape
-        coarse = np.square(depth[::COARSE, ::COARSE], dtype=np.float32)
+        depth = np.asarray(depth, np.float32)
+        coarse = np.square(depth[::COARSE, ::COARSE])
         spread = [USUAL_THICKNESS_MM / (COARSE * step) for step in self.mm_per_px]
         coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
-        total = np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        return np.asarray(np.maximum(total, np.square(depth, dtype=np.float32), out=total))
+        coarse *= np.float32(self.gain**2)
+        square = cv2.multiply(depth, depth, scale=self.gain**2)
+        total = cv2.max(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), square, dst=square)
+        return np.asarray(cv2.add(total, zero_std_mm**2, dst=total))
 
     def wall_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap) -> float:
         """What may be missing of the depth behind walls steeper than the calibration knows."""

@@ -85,8 +85,9 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
-        slopes, untouched = self._read(rgb)
-        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if self.readable else []
+        slopes, untouched, steepest = self._read(rgb, quick=True)
+        steep = self.readable is not None and steepest * np.sqrt(2.0) >= self.readable
+        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if steep and self.readable else []
         restore(slopes, walls, self.sensor.mm_per_px)
         surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         gel = self.sensor.gel
@@ -94,20 +95,21 @@ class Reconstructor:
             surface, untouched, self.sensor.mm_per_px, thickness_mm=gel.thickness_mm if gel else None
         )
         level(surface, self.zero)
-        std = self.error.std_mm(surface, slopes, self.zero, walls) if self.error else None
+        std = self.error.std_mm(surface, slopes, self.zero, walls, steepest=steepest) if self.error else None
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return HeightMap(surface, valid, self.sensor.mm_per_px, std)
 
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
-        return self._read(self.rectified(frame))[0]
+        return self._read(self.rectified(frame), quick=False)[0]
 
-    def _read(self, rgb: Bytes) -> tuple[SlopeMap, Bools]:
+    def _read(self, rgb: Bytes, *, quick: bool) -> tuple[SlopeMap, Bools, float]:
+        """Slopes, the untouched blocks, and the greatest |slope| along x or y where it is known."""
         if isinstance(self.method, CalibratedMethod):
-            reading = self.method.read(rgb)
-            return reading.slopes, reading.drift.untouched & self.method.told
+            reading = self.method.glance(rgb) if quick else self.method.read(rgb)
+            return reading.slopes, reading.drift.untouched & self.method.told, reading.steepest
         slopes = self.method.slopes(rgb)
-        return slopes, _flat_blocks(slopes)
+        return slopes, _flat_blocks(slopes), np.inf
 
 
 def _flat_blocks(slopes: SlopeMap) -> Bools:

@@ -38,7 +38,7 @@ class Rim:
 
 def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
     """Sharp round rims about regions that are anywhere steeper than `limit`."""
-    if max(abs(f(s)) for s in (slopes.dz_dx, slopes.dz_dy) for f in (np.min, np.max)) < limit / np.sqrt(2.0):
+    if max(cv2.norm(s, cv2.NORM_INF) for s in (slopes.dz_dx, slopes.dz_dy)) < limit / np.sqrt(2.0):
         return []
     p, q = slopes.dz_dx[::2, ::2], slopes.dz_dy[::2, ::2]  # a rim is long, and a frame has little time
     squared = np.asarray(p * p + q * q, np.float32)

@@ -5,22 +5,20 @@ averaged onto the half-pixel edge between two neighbours, where the difference o
 
     minimise  sum_edges w_e [ (z_(i+1) - z_i)/d - (p_i + p_(i+1))/2 ]^2      d: mm per pixel, per axis
 
-With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders; the cosine transform of
-type II diagonalises exactly that matrix, with the eigenvalues (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis.
-The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to rounding error.
-The error on a smooth surface falls with the square of the pixel. The mean of the surface is left at 0
+With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders, which cosine transforms
+solve (`cosine.py`). The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to rounding
+error. The error on a smooth surface falls with the square of the pixel. The mean of the surface is left at 0
 (the slopes do not know it); `tactilevision.zero_plane` finds the untouched gel.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
 
+from tactilevision.cosine import transform_solver
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Pair, SlopeMap
 
@@ -40,10 +38,14 @@ def integrate(
     Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
     """
     dz_dx, dz_dy = _checked(slopes)
-    known = _known(slopes)
-    solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
+    known = None if slopes.valid is None and weights is None else _known(slopes)
     if known is None and weights is None:
-        return solver.solve(solver.divergence(dz_dx, dz_dy))
+        solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
+        with np.errstate(invalid="ignore"):
+            depth = solver.solve(solver.divergence(dz_dx, dz_dy))
+        if np.isfinite(depth[0, 0]):  # one slope that is not finite leaves no depth finite
+            return depth
+        known = _known(slopes)
     trust = np.ones(dz_dx.shape) if weights is None else np.clip(np.asarray(weights, dtype=np.float64), 0.0, 1.0)
     if trust.shape != dz_dx.shape:
         raise InputError("weights have the shape of the slopes", where="integrate", value=trust.shape)
@@ -137,59 +139,7 @@ def solve_edges(
     )
 
 
-class TransformSolver:
-    """Solves the unweighted normal equations for one size, scale and precision; tables are made once."""
-
-    def __init__(self, shape: tuple[int, int], mm_per_px: Pair, dtype: npt.DTypeLike) -> None:
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        self.half = np.array([0.5 / mm_per_px[0], 0.5 / mm_per_px[1]], self.dtype)
-        along_y = _eigenvalues(shape[0], mm_per_px[1])[:, None]
-        total = along_y + _eigenvalues(shape[1], mm_per_px[0])[None, :]
-        total[0, 0] = np.inf  # the mean, which slopes do not know, is put at 0
-        self.inverse = np.asarray(-1.0 / total, dtype=self.dtype)
-
-    def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
-        """Divergence (H, W) of slopes averaged onto the edges: a central difference, halved at the borders."""
-        out: Array = np.empty(self.shape, dtype=self.dtype)
-        if (
-            dz_dx.flags.c_contiguous
-        ):  # as one long row, which is twice as fast; both ends of each row are set below
-            flat = dz_dx.reshape(-1)
-            np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
-        else:
-            np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
-        np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
-        # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
-        out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
-        if self.half[0] != self.half[1]:
-            dz_dy = dz_dy * (self.half[1] / self.half[0])
-        out[1:-1] += dz_dy[2:]
-        out[1:-1] -= dz_dy[:-2]
-        out[0] += dz_dy[0] + dz_dy[1]
-        out[-1] -= dz_dy[-1] + dz_dy[-2]
-        out *= self.half[0]
-        return out
-
-    def solve(self, right: Array) -> Array:
-        """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`; `right` is used up where its type fits."""
-        modes = fft.dctn(np.asarray(right, dtype=self.dtype), norm="ortho", overwrite_x=False)
-        modes *= self.inverse
-        return np.asarray(fft.idctn(modes, norm="ortho", overwrite_x=True))
-
-
-@lru_cache(maxsize=16)
-def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> TransformSolver:
-    """The solver for (H, W), scale and numpy type character, made once and kept."""
-    return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
-
-
-def _eigenvalues(count: int, step_mm: float) -> npt.NDArray[np.float64]:
-    return np.asarray((2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step_mm**2)
-
-
 def _known(slopes: SlopeMap) -> npt.NDArray[np.bool_] | None:
-    if slopes.valid is None and np.isfinite(slopes.dz_dx.sum() + slopes.dz_dy.sum()):
-        return None  # a sum is quickly made, and not finite where one of its terms is not
     finite = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
     known = finite if slopes.valid is None else finite & slopes.valid
     return None if known.all() else known

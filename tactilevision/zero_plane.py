@@ -14,6 +14,7 @@ Only the untouched part is asked, so the tilt of a punch stays.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -28,6 +29,7 @@ DECAY_PER_THICKNESS = 0.75
 USUAL_THICKNESS_MM = 3.0
 LEAST_BLOCKS = 12
 ROUNDS = 4
+SAMPLED = 8  # places along each side of a block that stand for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,19 +53,21 @@ def find_zero_plane(
     With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
     uncertainty then the spread of the whole map.
     """
-    size = (untouched.shape[1], untouched.shape[0])
-    blocks = cv2.resize(np.asarray(depth), size, interpolation=cv2.INTER_AREA).astype(np.float64).ravel()
+    blocks = _means(np.asarray(depth), untouched.shape)
     outside = _outside(untouched)
     free = outside.ravel()
-    if np.count_nonzero(free) < LEAST_BLOCKS:
+    count = np.count_nonzero(free)
+    if count < LEAST_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)[free]
-    spread = terms.max(axis=0) - terms.min(axis=0)
-    used = [0, *(k for k in (1, 2) if spread[k] > 1.0), *((3,) if terms[:, 3].max() > 0 else ())]
-    solution, std = _robust(terms[:, used], blocks[free])
+    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
+    if count < len(free):
+        terms, blocks = terms[:, free], blocks[free]
+    spread = terms.max(axis=1) - terms.min(axis=1)
+    used = [0, *(k for k in (1, 2) if spread[k] > 1.0), *((3,) if terms[3].max() > 0 else ())]
+    solution, std = _robust(terms if len(used) == 4 else terms[used], blocks)
     full = np.zeros(4)
     full[used] = solution
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, float(free.mean()))
+    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free))
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -75,9 +79,20 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
     depth -= y.astype(depth.dtype)[:, None]
 
 
-def _centres(blocks: int, pixels: int) -> Floats:
-    """Places (blocks,) of the middles of `blocks` that divide a line of `pixels`, whose ends are at -1 and 1."""
-    return np.asarray((2.0 * (np.arange(blocks) + 0.5) * pixels / blocks - pixels) / (pixels - 1))
+def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
+    """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
+    size = (blocks[1], blocks[0])
+    few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels to a block are averaged many times as quickly
+    sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.resize(sampled, size, interpolation=cv2.INTER_AREA), np.float64).ravel()
+
+
+@lru_cache(maxsize=16)
+def _plane(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
+    """Terms 1, X, Y (3, blocks) of a picture of `shape`; X and Y are -1 and 1 at its ends."""
+    x, y = np.meshgrid(np.linspace(-1, 1, shape[1]), np.linspace(-1, 1, shape[0]))
+    places = [_means(ramp, blocks) for ramp in (x, y)]
+    return np.stack([np.ones_like(places[0]), *places])
 
 
 def _outside(untouched: Bools) -> Bools:
@@ -85,6 +100,8 @@ def _outside(untouched: Bools) -> Bools:
 
     All of it that hangs together with the largest piece of it at the picture's border.
     """
+    if untouched.all():
+        return untouched
     count, labels = cv2.connectedComponents(untouched.astype(np.uint8), connectivity=4)
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     size = np.bincount(labels.ravel(), minlength=count) * (np.bincount(border, minlength=count) > 0)
@@ -93,28 +110,31 @@ def _outside(untouched: Bools) -> Bools:
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
-    """Columns 1, X, Y, exp(-d / L) over the blocks; the last is 0 where nothing is touched."""
+    """Terms 1, X, Y, exp(-d / L) (4, blocks); the last is 0 where nothing is touched."""
     rows, columns = untouched.shape
-    x, y = np.meshgrid(_centres(columns, shape[1]), _centres(rows, shape[0]))
-    beside = np.zeros((rows, columns))
+    terms = np.zeros((4, rows * columns))
+    terms[:3] = _plane(tuple(shape), untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        distance = cv2.distanceTransform(untouched.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * block_mm
-        beside = np.exp(-distance / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
-    return np.stack([np.ones_like(x), x, y, beside], axis=-1).reshape(-1, 4)
+        away = cv2.distanceTransform(untouched.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+        np.exp(away * (-block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM))), out=terms[3])
+    return terms
 
 
 def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
-    """Reweighted least squares; the coefficients, and the standard deviation of the plane at the centre."""
-    weights = np.ones(len(depth))
-    stiffening = 1.0 + 1e-9 * np.eye(terms.shape[1])
+    """Reweighted least squares of terms (k, n); the coefficients, and the deviation of the plane at the centre."""
+    heavy = terms
+    stiffening = 1.0 + 1e-9 * np.eye(len(terms))
     for _ in range(ROUNDS):
-        heavy = terms.T * weights
-        normal = (heavy @ terms) * stiffening
+        normal = (heavy @ terms.T) * stiffening
         solution = np.linalg.solve(normal, heavy @ depth)
-        left = depth - terms @ solution
-        scale = 1.4826 * float(median(np.abs(left))) + 1e-12
-        weights = 1.0 / np.square(1.0 + np.square(left / (3.0 * scale)))
+        left = np.abs(depth - solution @ terms)
+        scale = 1.4826 * float(median(left)) + 1e-12
+        left *= 1.0 / (3.0 * scale)
+        left *= left
+        left += 1.0
+        left *= left
+        heavy = terms / left
     # errors of integrated slopes hang together over about a tenth of the picture: count that few as independent
     independent = max(1.0, len(depth) / 50.0)
     inflation = len(depth) / independent

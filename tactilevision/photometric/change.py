@@ -10,6 +10,9 @@ Marks on the gel are filled from around, in I0 once and in u frame by frame.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import Any
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +21,48 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.drift import Drift, DriftTracker
 from tactilevision.photometric.marks import fill, marked
 from tactilevision.photometric.reference import SATURATED, Reference
-from tactilevision.records import Bools, Bytes
+from tactilevision.records import Bools, Bytes, Floats
 
 SOFTENING_GREY = 20.0
-STRIP_PX = 32000  # pixels worked on at once, so that they stay in the cache
+STRIP_PX = 8000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
+
+
+Window = tuple[slice, slice]  # rows and columns
+
+
+class ChangeMaps:
+    """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
+
+    def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
+        self.mean, self.x, self.y = mean, x, y
+        self.scale: Planes = np.empty_like(mean)
+        self.settle()
+        # a plane over the picture is the product of two thin matrices: gain = down @ across
+        self._down, self._across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
+
+    def settle(self) -> None:
+        """To be called when `mean` has changed."""
+        np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
+        np.reciprocal(self.scale, out=self.scale)
+
+    def light(self, gains: Floats) -> None:
+        """Count from here on with the `gains` (3, 3) of a drift."""
+        share = 1.0 / (1.0 + gains[:, 0, None])
+        self._down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        self._across[:, 1] = -share * share * gains[:, 1, None] * self.x
+
+    def changes(self, greys: Sequence[npt.NDArray[Any]], window: Window, out: Planes) -> Planes:
+        """Changes (3, h, w) of a window of three channels: (I gain + s) / (I0 + s) - 1, into `out`."""
+        rows, columns = window
+        np.matmul(self._down[:, rows], self._across[..., columns], out=out)
+        for grey, plane in zip(greys, out, strict=True):
+            cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
+        out += np.float32(SOFTENING_GREY)
+        out *= self.scale[:, rows, columns]
+        out -= np.float32(1.0)
+        return out
 
 
 class ColourChange:
@@ -32,63 +71,67 @@ class ColourChange:
     def __init__(self, reference: Reference) -> None:
         self.reference = reference
         self.tracker = DriftTracker(reference)
-        self._mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
         if reference.marks is not None:
-            fill(self._mean, reference.marks.mask)
-        self.scale: Planes = np.empty_like(self._mean)
-        self.x, self.y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
-        self._settle()
-        self.noise: Planes = self.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self._out: Planes = np.empty_like(self._mean)
-        self._work = np.empty(reference.shape, np.float32)
-        self._greys = list(np.empty((3, *reference.shape), np.uint8))
-        self._rows = max(1, STRIP_PX // reference.shape[1])
+            fill(mean, reference.marks.mask)
+        x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
+        self.maps = ChangeMaps(mean, x, y)
+        self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.greys = list(np.empty((3, *reference.shape), np.uint8))
+        self._whole: Planes = np.empty_like(mean)
+        self._strip = np.empty(3 * max(STRIP_PX, reference.shape[1]), np.float32)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
 
         The changes are overwritten by the next call.
         """
+        drift, valid = self.take(rgb)
+        for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
+            self.maps.changes(self.greys, window, self._whole[:, window[0]])
+        if self.reference.marks is not None:
+            fill(self._whole, marked(rgb, self.reference.marks))
+        return self._whole, drift, valid
+
+    def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
+        """Take a frame in: its drift, and validity (H, W); `within` then tells its changes."""
         self._check(rgb)
         drift = self.tracker.measure(rgb)
-        cv2.split(rgb, self._greys)
-        gains = (SOFTENING_GREY * (drift.gains + np.array([1.0, 0.0, 0.0]))).astype(np.float32)[:, :, None]
-        down, across = (gains[:, 0] + gains[:, 2] * self.y)[..., None], (gains[:, 1] * self.x)[:, None]
-        for c, grey in enumerate(self._greys):
-            share = 1.0 / (1.0 + float(drift.gains[c, 0]))
-            for top in range(0, rgb.shape[0], self._rows):
-                rows = slice(top, top + self._rows)
-                out, gain = self._out[c, rows], self._work[: len(grey[rows])]
-                np.add(down[c, rows], across[c], out=gain)
-                cv2.add(grey[rows], gain, dst=out, dtype=cv2.CV_32F)
-                cv2.multiply(out, self.scale[c, rows], dst=out, scale=share)
-                cv2.scaleAdd(gain, -share / SOFTENING_GREY, out, dst=out)
-        if self.reference.marks is not None:
-            fill(self._out, marked(rgb, self.reference.marks))
-        brightest = cv2.max(cv2.max(self._greys[0], self._greys[1]), self._greys[2])
-        return self._out, drift, self.reference.usable & (brightest < SATURATED)
+        self.maps.light(drift.gains)
+        cv2.split(rgb, self.greys)
+        brightest = cv2.max(cv2.max(self.greys[0], self.greys[1]), self.greys[2])
+        valid = brightest < SATURATED
+        valid &= self.reference.usable
+        return drift, valid
+
+    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
+        """The changes (3, h, w) of the frame taken in, strip by strip of a window, each good until the next.
+
+        Not where marks have to be filled: `measure` sees the whole picture.
+        """
+        for window in strips(whole):
+            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
+            out = self._strip[: 3 * size[0] * size[1]].reshape(3, *size)
+            yield window, self.maps.changes(self.greys, window, out)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
         marks = self.reference.marks
-        hidden = None if marks is None else marked(rgb, marks) > 0
-        for c, grey in enumerate(cv2.split(rgb)):
-            np.subtract(grey, self._mean[c], out=self._work)
-            self._work *= np.float32(share)
-            if hidden is not None:
-                self._work[hidden] = 0.0
-            self._mean[c] += self._work
+        seen = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
+        for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
+            cv2.accumulateWeighted(grey, mean, share, mask=seen)
         self.tracker.follow(rgb, share)
-        self._settle()
+        self.maps.settle()
 
     @property
     def level(self) -> Planes:
         """The untouched picture (3, H, W) that changes are counted from, without its marks."""
-        return self._mean
+        return self.maps.mean
 
-    def _settle(self) -> None:
-        np.add(self._mean, np.float32(SOFTENING_GREY), out=self.scale)
-        np.reciprocal(self.scale, out=self.scale)
+    @property
+    def scale(self) -> Planes:
+        """Change (3, H, W) of one grey level."""
+        return self.maps.scale
 
     def _check(self, rgb: Bytes) -> None:
         if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:
@@ -98,3 +141,11 @@ class ColourChange:
                 value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
                 remedy="Use frames and reference of the same sensor and stream.",
             )
+
+
+def strips(window: Window) -> Iterator[Window]:
+    """The window cut into strips of whole rows, STRIP_PX at most (but one row at least)."""
+    rows, columns = window
+    step = max(1, STRIP_PX // (columns.stop - columns.start))
+    for top in range(rows.start, rows.stop, step):
+        yield slice(top, min(top + step, rows.stop)), columns

@@ -23,11 +23,13 @@ from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
-SAMPLED = 16  # pixels at most along each side of a block that stand for it
+SAMPLED = 8  # pixels at most along each side of a block that stand for it
+COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
 USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
 LEAST_UNEVEN = 2e-4
+SOLID, NEAR = np.ones((2, 2), np.uint8), np.ones((7, 7), np.uint8)
 CORRELATED = 20.0  # blocks whose errors (gentle slopes of the gel) hang together
 
 
@@ -54,18 +56,20 @@ class DriftTracker:
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)[:, None]
-        # of a block's mean; rounding does not average out
-        self.noise = np.sqrt(noise**2 / self.inside**2 + 0.3**2)
+        self.noise = np.sqrt(noise**2 / self.inside**2 + COMPRESSED_GREY**2)  # of a block's mean
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
-        self.level = self._planes(reference.rgb)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
-        self.shown = self.level / self.noise, self.basis.T.copy()
+        self.level = self._planes(reference.rgb)
+        self.all_usable = bool(self.usable.all())
+        self._bright, self._shown = np.empty((2, *self.level.shape))
+        self._leaning, self._normal = np.empty((3, *self.basis.T.shape)), np.empty((len(x.ravel()), 27))
+        self._settle()
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Count from a picture moved towards `rgb` by `share`: what the reference follows is drift no more."""
         self.level += share * (self._planes(rgb) - self.level)
-        np.divide(self.level, self.noise, out=self.shown[0])
+        self._settle()
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
@@ -74,66 +78,87 @@ class DriftTracker:
         self._check(blocks, change)
         usable = self.usable
         gains = np.zeros((3, 3))
-        gains[:, 0] = median((change / np.maximum(self.level, 1.0))[:, usable])
+        gains[:, 0] = median(self._among_usable(change / self._bright))
+        change /= self.noise
+        heavy = change * self._shown
         scale = 1.0
         for _ in range(ROUNDS):
             size = self._strangeness(change, gains)
-            scale = max(1.0, float(median(size[usable])) / USUAL)
-            touched = usable & (size > 4.0 * scale)
-            fitting = usable / np.square(1.0 + np.square(size / (3.0 * scale)))
-            weights = fitting * ~self._beside(touched)
-            if np.count_nonzero(weights) < LEAST_BLOCKS:
-                weights = fitting
-            gains = self._fit(change, weights, gains[:, 0])
+            scale = max(1.0, float(median(self._among_usable(size))) / USUAL)
+            weights = size * (1.0 / (3.0 * scale))
+            weights *= weights
+            weights += 1.0
+            weights *= weights
+            np.divide(usable, weights, out=weights)
+            near = self._beside(usable & (size > 4.0 * scale))
+            fitting = weights if near is None else weights * ~near
+            if near is not None and np.count_nonzero(fitting) < LEAST_BLOCKS:
+                fitting = weights
+            gains = self._fit(heavy, fitting, gains[:, 0])
         size = self._strangeness(change, gains)
         shape = (self.size[1], self.size[0])
         return Drift(gains, (usable & (size < 4.0 * scale)).reshape(shape), size.reshape(shape))
 
-    def _beside(self, touched: Bools) -> Bools:
+    def _settle(self) -> None:
+        """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
+        np.maximum(self.level, 1.0, out=self._bright)
+        np.divide(self.level, self.noise, out=self._shown)
+        np.multiply(self._shown[:, None, :], self.basis.T, out=self._leaning)
+        squares = self._normal.reshape(-1, 3, 9).transpose(1, 0, 2)
+        np.multiply(np.square(self._shown)[:, :, None], self.squares, out=squares)
+
+    def _among_usable(self, values: Floats) -> Floats:
+        """`values` (..., blocks) of the usable blocks."""
+        return values if self.all_usable else values[..., self.usable]
+
+    def _beside(self, touched: Bools) -> Bools | None:
         """Blocks near enough to a contact for its slopes to pass for drift; a lone noisy block is none."""
-        picture = touched.reshape(self.size[1], self.size[0]).astype(np.uint8)
-        solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-        return np.asarray(cv2.dilate(solid, np.ones((7, 7), np.uint8)).ravel() > 0)
+        if not touched.any():
+            return None
+        picture = touched.reshape(self.size[1], self.size[0]).view(np.uint8)
+        solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, SOLID)
+        return np.asarray(cv2.dilate(solid, NEAR).ravel() > 0)
 
     def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
         """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
         few = (self.size[0] * self.inside, self.size[1] * self.inside)
-        sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
+        sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST).astype(np.float32)
         blocks = cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA)
         return np.array(blocks.reshape(-1, 3).T, np.float64, order="C")
 
     def _strangeness(self, change: Floats, gains: Floats) -> Floats:
-        """Distance of each block from the drift, in standard deviations of its noise, over the channels."""
-        level, basis = self.shown
-        left = change / self.noise
-        left -= level * (gains @ basis)
+        """Distance of each block from the drift over the channels; `change` is in deviations of its noise."""
+        left = change - np.matmul(gains[:, None, :], self._leaning)[:, 0]
         left *= left
-        return np.asarray(np.sqrt(left[0] + left[1] + left[2]))
+        return np.asarray(np.sqrt(left.sum(axis=0)))
 
-    def _fit(self, change: Floats, weights: Floats, constant: Floats) -> Floats:
+    def _fit(self, heavy: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
-        heavy = (self.shown[0] / self.noise) * weights
-        normal = ((heavy * self.level) @ self.squares).reshape(3, 3, 3)
+        normal = (weights @ self._normal).reshape(3, 3, 3)
         likely = UNEVEN * np.abs(constant) + LEAST_UNEVEN
         normal[:, (1, 2), (1, 2)] += (CORRELATED / likely**2)[:, None]
         normal[:, 0, 0] += 1e-9
-        right = (heavy * change) @ self.basis
+        right = (heavy * weights) @ self.basis
         return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
-        usable = self.usable
-        level = float(blocks[:, usable].mean())
-        usual = float(self.level[:, usable].mean())
-        brightest = np.maximum(np.maximum(blocks[0], blocks[1]), blocks[2])[usable]
-        if level < 0.1 * usual or float(median(brightest)) > 252.0 > usual + 20.0:
+        blocks = self._among_usable(blocks)
+        level = float(blocks.mean())
+        usual = float(self._among_usable(self.level).mean())
+        dark = level < 0.1 * usual
+        if dark or (blocks.max() > 252.0 > usual + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
             raise InputError(
-                "the frame is " + ("black" if level < 0.1 * usual else "saturated"),
+                "the frame is " + ("black" if dark else "saturated"),
                 where="frame",
                 value=f"mean grey {level:.0f}, the reference has {usual:.0f}",
                 remedy="Leave the frame out; check lights and exposure.",
             )
-        off = float(median(np.abs(change[:, usable]).ravel()))
-        if off > 12.0 and float(median(np.abs((blocks[::-1] - self.level)[:, usable]).ravel())) < 0.4 * off:
+        size = np.abs(self._among_usable(change))
+        if 2.0 * float(size.mean()) <= min(12.0, 0.5 * usual):
+            return  # no median of what is not negative is more than twice its mean
+        off = float(median(size.ravel()))
+        swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
+        if off > 12.0 and float(median(swapped.ravel())) < 0.4 * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",

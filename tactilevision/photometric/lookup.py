@@ -15,14 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.change import STRIP_PX, Window, strips
 from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 CELLS = 48
-STRIP_PX = 16000  # pixels looked up at once, so that they stay in the cache
 PRIOR = 4.0
 
 
@@ -78,43 +79,47 @@ def fit_lookup(contact: Samples, quiet: Samples, *, ridge: float) -> Lookup:
 
 
 class LookupEvaluator:
-    """The table over a whole picture."""
+    """The table over a whole picture, both slopes of an entry as the parts of one complex number."""
+
+    smooth = False
 
     def __init__(self, lookup: Lookup, shape: tuple[int, int]) -> None:
-        self.slopes_x, self.slopes_y = (np.ascontiguousarray(lookup.table[..., s].ravel()) for s in (0, 1))
-        self.per = ((CELLS - 1) / (lookup.highest - lookup.lowest)).astype(np.float32)
-        self.shift = (0.5 - lookup.lowest * self.per).astype(np.float32)
+        self.slopes = np.ascontiguousarray(lookup.table).view(np.complex64).ravel()
+        self.per = (CELLS - 1) / (lookup.highest - lookup.lowest)
+        self.shift = -lookup.lowest * self.per
         self.lookup = lookup
-        self.rows = max(1, STRIP_PX // shape[1])
-        strip = (self.rows, shape[1])
-        self._cell, self._total = np.empty((2, *strip), np.float32)
-        self._index = np.empty(strip, np.intp)
+        most = max(STRIP_PX, shape[1])
+        self._cells, self._total = np.empty(3 * most, np.uint8), np.empty(3 * most, np.float32)
+        self._index, self._found = np.empty(most, np.intp), np.empty(most, np.complex64)
 
     def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
-        for top in range(0, change.shape[1], self.rows):
-            rows = slice(top, top + self.rows)
-            count = out[0, rows].shape[0]
-            index = self._cells(change[:, rows], count)
-            for table, slopes in zip((self.slopes_x, self.slopes_y), out, strict=True):
-                table.take(index, out=slopes[rows], mode="clip")  # not "raise", which copies `out`
+        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
+            self.strip(change[:, window[0]], window, out[:, window[0]])
         return out[0], out[1]
 
-    def _cells(self, change: npt.NDArray[np.float32], count: int) -> npt.NDArray[np.intp]:
-        """Entries (h, W) for changes (3, h, W) of `count` rows; float32 counts to CELLS^3 exactly."""
-        cell, total, index = self._cell[:count], self._total[:count], self._index[:count]
-        for c in range(3):
-            place = total if c == 0 else cell
-            np.multiply(change[c], self.per[c], out=place)
-            place += self.shift[c]
-            np.minimum(place, CELLS - 1, out=place)
-            np.maximum(place, 0, out=place)
-            np.trunc(place, out=place)
-            if c > 0:
-                total *= CELLS
-                total += cell
-        np.copyto(index, total, casting="unsafe")
+    def strip(self, change: npt.NDArray[np.float32], window: Window, out: npt.NDArray[np.float32]) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        index, found = self._entries(change), self._found[: change[0].size].reshape(change.shape[1:])
+        self.slopes.take(index, out=found, mode="clip")  # not "raise", which copies `out`
+        out[0], out[1] = found.real, found.imag
+
+    def _entries(self, change: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
+        """Entries (h, w) for changes (3, h, w); float32 counts to CELLS^3 exactly."""
+        cells, total = (held[: change.size].reshape(change.shape) for held in (self._cells, self._total))
+        for seen, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
+            # rounded, and held between 0 and 255
+            cv2.addWeighted(seen, float(per), seen, 0.0, float(shift), dst=cell, dtype=cv2.CV_8U)
+        np.minimum(cells, CELLS - 1, out=cells)
+        np.copyto(total, cells)
+        red, green, blue = total
+        red *= CELLS
+        red += green
+        red *= CELLS
+        red += blue
+        index = self._index[: red.size].reshape(red.shape)
+        np.copyto(index, red, casting="unsafe")
         return index
 
     def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -129,7 +134,7 @@ class LookupEvaluator:
                     table[i, j, k + 1] - table[i, j, k - 1],
                 ]
             )
-            * (self.per / 2.0)[:, None]
+            * (self.per / 2.0).astype(np.float32)[:, None]
         )
         return np.asarray(np.sqrt(np.einsum("cs,chw->hw", rates**2, noise**2) / 2.0), dtype=np.float32)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.change import ColourChange, Planes
-from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.calm import LEAST, CalmReader, Reading
+from tactilevision.photometric.change import ColourChange, Planes, Window, strips
 from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, SlopeMap
@@ -29,9 +29,17 @@ class PhotometricMethod(Protocol):
 
 
 class Evaluator(Protocol):
-    """A colour law made ready for one picture size."""
+    """A colour law made ready for one picture size.
+
+    `smooth` where the mean slope of a few pixels is that of their mean change: not where the law has steps.
+    """
+
+    smooth: bool
 
     def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
+
+    def strip(self, change: Planes, window: Window, out: Planes) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window of the picture, STRIP_PX at most."""
 
     def noise(self, noise: Planes) -> Picture: ...
 
@@ -47,14 +55,6 @@ class ColourLaw(Protocol):
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
     def arrays(self) -> dict[str, Floats]: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """What one frame says: its slopes, the drift of its light, and how strange each block of it is."""
-
-    slopes: SlopeMap
-    drift: Drift
 
 
 @dataclass
@@ -79,9 +79,10 @@ class CalibratedMethod:
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
-        rest = rest_bias(self.evaluate, self.change.noise)
-        self.bias = (quiet[0] * self.calm + rest[0] * self.calm, quiet[1] * self.calm + rest[1] * self.calm)
+        self.rest = rest_bias(self.evaluate, self.change.noise)
+        self.bias: Planes = np.stack([(q + r) * self.calm for q, r in zip(quiet[:2], self.rest, strict=True)])
         self.noise: Picture = quiet[2] * self.calm
+        self._calm_reader: CalmReader | None = None
         self.readable = self.reference.usable & (self.calm > 0.5)
         self.told = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA) > 0.95
 
@@ -102,17 +103,43 @@ class CalibratedMethod:
 
     def read(self, rgb_rectified: Bytes) -> Reading:
         """The slopes, without their deviation, and what was found on the way."""
-        change, drift, valid = self.change.measure(rgb_rectified)
-        dz_dx, dz_dy = self.evaluate(change)
-        for slope, bias in zip((dz_dx, dz_dy), self.bias, strict=True):
-            slope *= self.calm
-            slope -= bias
+        height, width = self.reference.shape
+        whole = slice(0, height), slice(0, width)
+        if self.reference.marks is None:
+            drift, valid = self.change.take(rgb_rectified)
+            parts = self.change.within(whole)
+        else:
+            changes, drift, valid = self.change.measure(rgb_rectified)
+            parts = ((window, changes[:, window[0]]) for window in strips(whole))
+        slopes: Planes = np.empty((2, height, width), np.float32)
+        steepest = self.read_into(slopes, parts)
         valid &= self.readable
-        return Reading(SlopeMap(dz_dx, dz_dy, valid), drift)
+        return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
+
+    def glance(self, rgb_rectified: Bytes) -> Reading:
+        """As `read`, calm gel at half the resolution: for surfaces, in which single pixels do not matter."""
+        if self._calm_reader is None:
+            if self.reference.marks is not None or not self.evaluate.smooth or min(self.reference.shape) < LEAST:
+                return self.read(rgb_rectified)
+            self._calm_reader = CalmReader(self)
+        return self._calm_reader.read(rgb_rectified)
+
+    def read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]]) -> float:
+        """Set the windows of `slopes` (2, H, W) whose changes (3, h, w) are given; their greatest |slope|."""
+        steepest = 0.0
+        for window, change in parts:
+            part = slopes[:, *window]
+            self.evaluate.strip(change, window, part)
+            part *= self.calm[window]
+            part -= self.bias[:, *window]
+            steepest = max(steepest, cv2.norm(part[0], cv2.NORM_INF), cv2.norm(part[1], cv2.NORM_INF))
+        return steepest
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
         self.change.follow(rgb_rectified, share)
+        if self._calm_reader is not None:
+            self._calm_reader.follow()
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.change import STRIP_PX, Window, strips
 from tactilevision.photometric.onnx_file import open_bytes, run_network
 from tactilevision.photometric.polynomial import REACH
 from tactilevision.records import Floats
 
-STRIP_PX = 7000  # pixels run at once: a strip's layers fill about half a megabyte
 SMALL = 0.05  # colour change over which the slope of the law at rest is taken
 
 Picture = npt.NDArray[np.float32]
@@ -64,26 +64,29 @@ class Network:
 class NetworkEvaluator:
     """The network over a whole picture, strip by strip."""
 
+    smooth = True
+
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:
         self.session, self.shape = network.session, shape
         self.bound = np.float32(REACH * network.steepest)
-        rows = max(1, STRIP_PX // shape[1])
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
-        self.strips: list[tuple[slice, Picture]] = []
-        for top in range(0, shape[0], rows):
-            part = slice(top, min(top + rows, shape[0]))
-            strip = np.empty((1, 5, part.stop - top, shape[1]), np.float32)
-            strip[0, 3], strip[0, 4] = x[None, :], y[part, None]
-            self.strips.append((part, strip))
+        self.place = np.stack(np.meshgrid(x, y))
+        self._seen = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *self.shape), np.float32)
-        for part, strip in self.strips:
-            strip[0, :3] = change[:, part]
-            out[:, part] = run_network(self.session, strip)[0]
-        np.clip(out, -self.bound, self.bound, out=out)
+        for window in strips((slice(0, self.shape[0]), slice(0, self.shape[1]))):
+            self.strip(change[:, window[0]], window, out[:, window[0]])
         return out[0], out[1]
+
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        seen = self._seen[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
+        seen[0, :3], seen[0, 3:] = change, self.place[:, *window]
+        found = run_network(self.session, seen)[0]
+        np.minimum(found, self.bound, out=found)
+        np.maximum(found, -self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""

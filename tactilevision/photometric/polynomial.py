@@ -19,10 +19,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.change import STRIP_PX, Window, strips
 from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
-STRIP_PX = 8000  # pixels worked on at once, so that their products stay in the cache
 PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
 RAISED = tuple(  # colour, the products of one order from it on, their products with it
     (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
@@ -103,6 +103,8 @@ class PolynomialEvaluator:
     The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
     """
 
+    smooth = True
+
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
         y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(4)[None, :]
         per_row = np.zeros((shape[0], 4, 2, len(PRODUCTS)))
@@ -111,31 +113,33 @@ class PolynomialEvaluator:
         self.per_row: Picture = per_row.reshape(shape[0], 8, len(PRODUCTS)).astype(np.float32)
         self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        self.rows = max(1, STRIP_PX // shape[1])
-        self._x = np.repeat(self.x[None, :], self.rows, axis=0)
-        self._products = np.empty((len(PRODUCTS), self.rows, shape[1]), np.float32)
-        self._sums = np.empty((4, 2, self.rows, shape[1]), np.float32)
+        most = max(STRIP_PX, shape[1])
+        self._x = np.repeat(self.x[None, :], shape[0], axis=0)
+        self._products, self._sums = np.empty(len(PRODUCTS) * most, np.float32), np.empty(8 * most, np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
         out = np.empty((2, *change.shape[1:]), np.float32)
-        for top in range(0, change.shape[1], self.rows):
-            rows = slice(top, top + self.rows)
-            count = out[0, rows].shape[0]
-            products, sums, x = self._products[:, :count], self._sums[:, :, :count], self._x[:count]
-            np.copyto(products[:3], change[:, rows])
-            for first, below, above in RAISED:
-                np.multiply(products[below], products[first], out=products[above])
-            by_row = sums.reshape(8, count, -1) if count == self.rows else np.empty((8, *x.shape), np.float32)
-            np.matmul(self.per_row[rows], products.transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
-            sums = by_row.reshape(4, 2, count, -1)
-            found = sums[3]
-            for i in (2, 1, 0):
-                found *= x
-                found += sums[i]
-            np.minimum(found, self.bound, out=found)
-            np.maximum(found, -self.bound, out=out[:, rows])
+        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
+            self.strip(change[:, window[0]], window, out[:, window[0]])
         return out[0], out[1]
+
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        size, pixels = change.shape[1:], change[0].size
+        products = self._products[: len(PRODUCTS) * pixels].reshape(-1, *size)
+        np.copyto(products[:3], change)
+        for first, below, above in RAISED:
+            np.multiply(products[below], products[first], out=products[above])
+        by_row = self._sums[: 8 * pixels].reshape(8, *size)
+        np.matmul(self.per_row[window[0]], products.transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
+        sums, x = by_row.reshape(4, 2, *size), self._x[window]
+        found = sums[3]
+        for i in (2, 1, 0):
+            found *= x
+            found += sums[i]
+        np.minimum(found, self.bound, out=found)
+        np.maximum(found, -self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""

@@ -1,0 +1,89 @@
+"""Calm gel at half the resolution: the same surface, every pressed pixel still read by itself."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    CalibratedMethod,
+    calibrate_from_balls,
+    make_reference,
+)
+from tactilevision.records import Bytes, Floats
+from tactilevision.surface import integrate
+
+SCALE = (MM_PER_PX, MM_PER_PX)
+
+
+@lru_cache
+def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
+    rng = np.random.default_rng(1)
+    shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
+    reference = make_reference([cut(flat(rng), odd) for _ in range(3)], may_have_marks=False)
+    return calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC[name]).method
+
+
+def cut(rgb: Bytes, odd: bool) -> Bytes:
+    return np.ascontiguousarray(rgb[:-1, :-1]) if odd else rgb
+
+
+def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
+    reading = method.read(rgb) if whole else method.glance(rgb)
+    found = integrate(reading.slopes.__class__(reading.slopes.dz_dx, reading.slopes.dz_dy), SCALE)
+    return np.asarray(found - np.median(found[:6]), np.float64)
+
+
+@pytest.mark.parametrize("odd", [False, True])
+def test_pressed_pixels_are_read_as_in_the_whole_picture(odd: bool) -> None:
+    method, (_, p, q) = calibrated(odd=odd), ball((0.5, 0.5), 1.5, 4.0)
+    rgb = cut(picture(p, q, np.random.default_rng(3)), odd)
+    whole, quick = method.read(rgb), method.glance(rgb)
+    steep = np.hypot(p, q)[: rgb.shape[0], : rgb.shape[1]] > 0.15
+    assert np.array_equal(whole.slopes.dz_dx[steep], quick.slopes.dz_dx[steep])
+    assert np.array_equal(whole.slopes.dz_dy[steep], quick.slopes.dz_dy[steep])
+    assert quick.steepest == whole.steepest
+    assert whole.slopes.valid is not None
+    assert quick.slopes.valid is not None
+    assert np.array_equal(whole.slopes.valid, quick.slopes.valid)
+
+
+def test_a_contact_smaller_than_a_block_of_the_drift_is_not_overlooked() -> None:
+    method, (true, p, q) = calibrated(), ball((1.1, -0.7), 5 * MM_PER_PX, 2.0)
+    peak, rng = true > 0.7 * true.max(), np.random.default_rng(4)
+    for _ in range(3):
+        rgb = picture(p, q, rng)
+        whole, quick = (depth(method, rgb, whole=whole)[peak].mean() for whole in (True, False))
+        assert quick == pytest.approx(whole, abs=0.03 * true.max())
+
+
+@pytest.mark.parametrize("name", ["polynomial", "lookup"])
+@pytest.mark.parametrize("gain", [1.0, 0.96])
+def test_depths_are_no_worse(name: str, gain: float) -> None:
+    method, (true, p, q) = calibrated(name), ball((-0.6, 0.4), 1.8, 4.0)
+    true = true - np.median(true[:6])
+    rng = np.random.default_rng(5)
+    off = {whole: [] for whole in (True, False)}  # type: dict[bool, list[float]]
+    for _ in range(4):
+        rgb = np.clip(np.rint(gain * picture(p, q, rng)), 0, 255).astype(np.uint8)
+        for whole, found in off.items():
+            found.append(float(np.sqrt(np.mean((depth(method, rgb, whole=whole) - true) ** 2))))
+    assert np.mean(off[False]) < 1.1 * np.mean(off[True]) + 2e-4
+
+
+def test_calm_gel_is_calmer_and_follows_the_light() -> None:
+    method = calibrated().with_reference(calibrated().reference)
+    rng = np.random.default_rng(6)
+    x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
+    warm = 1.0 + 0.03 * x**2 * np.array([1.0, -1.0, 0.5])
+    noise = [np.median(np.abs(f(flat(rng)).slopes.dz_dx)) for f in (method.read, method.glance)]
+    assert noise[1] < 0.7 * noise[0]
+    before = np.sqrt(np.mean(depth(method, flat(rng, gain=warm), whole=False) ** 2))
+    for _ in range(60):
+        method.follow(flat(rng, gain=warm), 0.1)
+    assert np.sqrt(np.mean(depth(method, flat(rng, gain=warm), whole=False) ** 2)) < 0.3 * before
