@@ -73,11 +73,14 @@ class Presses:
 @dataclass(frozen=True, slots=True)
 class Shared:
     """What all certified depths have wrong together, as std: an offset `touch_mm` (when a touch is seen, over the
-    shape of the dent that it makes) and a relative error `rise` (how far the gel rises to meet the bevel).
+    shape of the dent that it makes) and a relative error `rise` (how far the gel rises to meet the bevel; the
+    scale of the ruler that the touches lie on). `heights`: whether each machined height has an error of its own,
+    which on a ruler is part of that scale.
     """
 
     touch_mm: float = 0.0
     rise: float = 0.0
+    heights: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -236,13 +236,23 @@ def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: Recordi
     whole = point.depth_std_mm
     if not np.isfinite(whole):
         return _zero(recording.depth_std_mm, NAN)
-    shared = math.hypot(indenter.height_std_mm, _rise_std(point) * point.depth_mm)
+    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(_number(point.extra, "rise_ratio")))
+    shared = math.hypot(height, _rise_std(point) * point.depth_mm)
+    if np.isfinite(
+        _number(point.extra, "rise_ratio_std")
+    ):  # a certificate of our own, made up of just these parts
+        return math.sqrt(max(whole**2 - shared**2, 0.0))
     return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
 
 
+def _ruled(point: CertifiedPoint) -> bool:
+    return bool(np.isfinite(_number(point.extra, "ruler_std")))
+
+
 def _rise_std(point: CertifiedPoint) -> float:
-    """Relative std of the depth that the gel's rise at the bevel brings to all presses alike."""
-    return _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
+    """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
+    rise = _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
+    return math.hypot(rise, _zero(_number(point.extra, "ruler_std")))
 
 
 def _shared(sets: Sequence[Measured]) -> Shared:
@@ -250,7 +260,9 @@ def _shared(sets: Sequence[Measured]) -> Shared:
     points = [p for m in sets for p in m.points if p.accepted]
     touch = [_zero(_number(p.extra, "touch_shared_std_mm")) for p in points]
     rise = [_rise_std(p) for p in points]
-    return Shared(float(np.median(touch)), float(np.median(rise))) if points else Shared()
+    if not points:
+        return Shared()
+    return Shared(float(np.median(touch)), float(np.median(rise)), heights=not all(_ruled(p) for p in points))
 
 
 def _force_std(recording: RecordingLike) -> float:

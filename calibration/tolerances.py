@@ -112,7 +112,7 @@ class Dimensions(EffectBase):
 def with_tolerances(model: Model, data: Observations) -> Model:
     """The model with the stated tolerances of this data's indenters and gel; as it is where none is stated."""
     kept = model.without(HEIGHTS).without(DIMENSIONS).without(CERTIFICATE)
-    certified = not data.is_curves or data.depth_source == "gauge"
+    certified = data.shared.heights and (not data.is_curves or data.depth_source == "gauge")
     stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)
     heights = Heights(stds)
     if heights.parameters:

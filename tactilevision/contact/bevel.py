@@ -26,6 +26,11 @@ FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved nois
 _WALL_MM = 0.4  # beyond the punch's edge, where its wall is still steep
 
 
+def mean_distance_mm(distance_mm: float) -> float:
+    """Distance from the axis, in the mean over the strip's width, of an edge `distance_mm` off at its nearest."""
+    return float(np.hypot(distance_mm, HALF_WIDTH_MM / np.sqrt(3)))
+
+
 def strip_places(reach_mm: float) -> Floats:
     """Distances s of a strip, symmetric about the axis, out to `reach_mm`."""
     count = int(np.floor(reach_mm / STEP_MM))

@@ -14,9 +14,11 @@ from tactilevision.errors import RecordingError
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.checks import rests
 from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
-from tactilevision.press.conclude import Chain, conclude
+from tactilevision.press.conclude import conclude
+from tactilevision.press.copies import allow_for_copies, copied, noting
 from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
+from tactilevision.press.timed import Chain
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch, watch
 from tactilevision.recording import BadFrame, Recording, iter_frames, require
@@ -36,7 +38,8 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     """
     for need in ("frames", "frame_times", "forces", "presses", "indenters"):
         require(recording, need, step="certifying the presses")
-    watches = _watch_all(recording, reconstructor, progress or (lambda done, of: None))
+    alike: list[float] = []
+    watches = _watch_all(recording, reconstructor, progress or (lambda done, of: None), alike)
     forces = recording.forces
     assert forces is not None
     offset = _first_offset(recording, forces, watches)
@@ -47,11 +50,15 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
         offset = estimate_offset(_seen(watches, windows, touches), forces, start_s=offset.value)
         windows = _windows(recording, forces, watches, offset.value or 0.0)
         touches = find_all(watches, windows, offset.value or 0.0, before=touches)
+    offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
     rest_s = dict(zip(watches, rests(recording.presses), strict=True))
-    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s))
+    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes))
 
 
-def _watch_all(recording: Recording, reconstructor: Reconstructs, progress: Progress) -> dict[str, Watch | None]:
+def _watch_all(
+    recording: Recording, reconstructor: Reconstructs, progress: Progress, alike: list[float]
+) -> dict[str, Watch | None]:
+    """Every press as the camera saw it; of a video, `alike` takes what its frames have in common."""
     found: dict[str, Watch | None] = {}
     labels = [press.press for press in recording.presses]
     for label in labels:
@@ -71,6 +78,8 @@ def _watch_all(recording: Recording, reconstructor: Reconstructs, progress: Prog
         first, last = max(first, press.start_s - _MARGIN_S), min(last, press.end_s + _MARGIN_S)
         near = _look_ahead(recording, reconstructor, (first, last), indenter)
         frames = iter_frames(recording, first, last)
+        if recording.frames_path is not None and recording.frames_path.is_file():
+            frames = noting(frames, alike)
         found[press.press] = watch(frames, reconstructor, press=press, indenter=indenter, near=near)
         progress(k + 1, len(recording.presses))
     return found

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.press.certificate import Certificate, Finding, Touch
+from tactilevision.contact.bevel import mean_distance_mm
+from tactilevision.press.certificate import Certificate, Finding
 from tactilevision.press.checks import Look, findings
 from tactilevision.press.curves import press_curve
-from tactilevision.press.event import Crossing, crossing, event_force
-from tactilevision.press.event_force import EventForce
+from tactilevision.press.event import crossing
 from tactilevision.press.evidence import evidence_of
-from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.gauge import find_gauge
-from tactilevision.press.groups import Touched
 from tactilevision.press.rise import (
     Rise,
     blur_place,
@@ -26,61 +24,28 @@ from tactilevision.press.rise import (
     seen_ratio,
     unknown_rise,
 )
+from tactilevision.press.ruled import on_ruler
+from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE
 from tactilevision.press.usual import usual_of
-from tactilevision.press.watch import Reconstructs, Watch
-from tactilevision.recording import Recording
-from tactilevision.records import CertifiedPoint, Estimate, ForceSeries, Press
+from tactilevision.press.watch import Watch
+from tactilevision.records import CertifiedPoint, Press
 
 _NAMED = 5
-_STOPS = 3  # dwells from which their scatter can be told
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Chain:
-    """Everything gathered from a recording before a press is judged, by press label."""
-
-    recording: Recording
-    reconstructor: Reconstructs
-    watches: Mapping[str, Watch | None]
-    windows: Mapping[str, ForceWindow | None]
-    offset: Estimate
-    touches: Mapping[str, Touched]
-    rest_s: Mapping[str, float]
-
-    @property
-    def forces(self) -> ForceSeries:
-        assert self.recording.forces is not None
-        return self.recording.forces
-
-    @property
-    def offset_s(self) -> float:
-        return self.offset.value or 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Timed:
-    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force.
-
-    `stop_std_N`: what a rig that stands still near the touch, not at it, leaves open of the force.
-    """
-
-    touched: Touched
-    crossed: Crossing | None
-    touch: Touch | None
-    event: EventForce | None
-    stop_std_N: float = 0.0
 
 
 def conclude(chain: Chain) -> Certificate:
     """Points, curves and evidence of every press."""
-    timed = _stopped(chain, {name: _time(chain, name, touched) for name, touched in chain.touches.items()})
+    timed = time_all(chain)
     rises = _rises(chain, timed)
-    looks = {name: _look(chain, watch, timed.get(name), rises.get(name))
-             for name, watch in chain.watches.items() if watch is not None}  # fmt: skip
-    usual = usual_of(looks)
-    said = {name: findings(look, usual, chain.forces) for name, look in looks.items()}
+    looks = _looks(chain, timed, rises)
+    first = _said(chain, looks)
+    # frames may be missing where a touch was seen, and not where the ruler puts it
+    sound = [name for name, against in first.items() if all(one.reason == "dropped_frames" for one in against)]
+    timed = on_ruler(chain, timed, rises, sound)
+    looks = _looks(chain, timed, rises)
+    said = _said(chain, looks)
     points = []
     for press in chain.recording.presses:
         point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press))
@@ -99,47 +64,6 @@ def conclude(chain: Chain) -> Certificate:
     )  # fmt: skip
 
 
-def _time(chain: Chain, name: str, touched: Touched) -> Timed:
-    """Touch and force of one press, from the depth at which its bevel touches."""
-    onset, window, watch = touched.onset, chain.windows[name], touched.case.watch
-    if onset is None or window is None:
-        return Timed(touched, None, None, None)
-    level = float(touched.law.force(onset.at))
-    stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
-    crossed = crossing(window, level, stiffness * onset.std)
-    if crossed is None:
-        return Timed(touched, None, None, None)
-    time_s = crossed.time_s - chain.offset_s
-    seen = float(np.interp(time_s, watch.time_s, watch.depth_mm))
-    std_s = float(np.hypot(crossed.std_s, chain.offset.std or 0.0))
-    touch = Touch(time_s, std_s, seen, touched.channel, onset)
-    event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
-    return Timed(touched, crossed, touch, event)
-
-
-def _stopped(chain: Chain, timed: dict[str, Timed]) -> dict[str, Timed]:
-    """With what the stops of the rig scatter by about the touches that the camera sees.
-
-    A dwell stands for the touch as far as the rig stops there each time. What its places scatter by against the
-    onsets, beyond the onsets' own errors, is left open; an error that all share cannot be seen so.
-    """
-    apart: dict[str, tuple[float, float, float]] = {}
-    for name, one in timed.items():
-        onset, window = one.touched.onset, chain.windows[name]
-        if one.event is None or not one.event.dwell or one.crossed is None or onset is None or window is None:
-            continue
-        there = window.at(np.array([one.crossed.time_s]))
-        law, own = one.touched.law, max(onset.std**2 - onset.shared_std**2, 0.0)
-        stiffness = float(law.force(onset.at + 1e-3) - law.force(onset.at)) / 1e-3
-        apart[name] = (onset.at - float(law.depth(there)[0]), own, stiffness)
-    if len(apart) < _STOPS:
-        return timed
-    distance, own, _ = np.array(list(apart.values())).T
-    open_mm = float(np.sqrt(max(distance.var(ddof=1) - own.mean(), 0.0)))
-    return {name: replace(one, stop_std_N=open_mm * apart[name][2]) if name in apart else one
-            for name, one in timed.items()}  # fmt: skip
-
-
 def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
     """Rise at the bevel's edge for each press: seen in all presses of its bevel, computed for its own depth."""
     found: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -150,12 +74,12 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
             continue
         height = case.watch.indenter.height_mm
         scales += [one.touch.depth_seen_mm / height] if height else []
-        single = press_rise(
-            case.watch, case.drive, case.use & (case.drive < one.touch.onset.at), distance_mm=distance
-        )
+        beside = mean_distance_mm(distance)
+        before = case.use & (case.drive < one.touch.onset.at)
+        single = press_rise(case.watch, case.drive, before, distance_mm=beside)
         if single is not None:
             found.setdefault(distance, []).append(single)
-            errors.append(map_error(case.watch, case.drive, distance_mm=distance))
+            errors.append(map_error(case.watch, case.drive, distance_mm=beside))
     scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else 0.25
     known = [error for error in errors if np.isfinite(error)]
     map_std = float(np.median(known)) if known else 0.0
@@ -165,11 +89,22 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
         if distance is None or not indenter.height_mm:
             rises[name] = unknown_rise()
             continue
-        computed = computed_ratio(gel, indenter, distance_mm=distance)
+        beside = mean_distance_mm(distance)
+        computed = computed_ratio(gel, indenter, distance_mm=beside)
         seen = seen_ratio(found.get(distance, []), scale_std=scale_std, map_std=map_std)
         rise = combine(seen, computed)
-        rises[name] = rise if one.touched.distance_given else blur_place(rise, gel, indenter, distance_mm=distance)
+        rises[name] = rise if one.touched.distance_given else blur_place(rise, gel, indenter, distance_mm=beside)
     return rises
+
+
+def _said(chain: Chain, looks: Mapping[str, Look]) -> dict[str, tuple[Finding, ...]]:
+    usual = usual_of(looks)
+    return {name: findings(look, usual, chain.forces) for name, look in looks.items()}
+
+
+def _looks(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> dict[str, Look]:
+    return {name: _look(chain, watch, timed.get(name), rises.get(name))
+            for name, watch in chain.watches.items() if watch is not None}  # fmt: skip
 
 
 def _look(chain: Chain, watch: Watch, timed: Timed | None, rise: Rise | None) -> Look:
@@ -206,7 +141,7 @@ def _point(
         force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
         extra |= {
             "touch_std_s": touch.std_s,
-            "touch_shared_std_mm": 0.0 if event.dwell else touch.onset.shared_std,
+            "touch_shared_std_mm": 0.0 if event.dwell or timed.ruler else touch.onset.shared_std,
             "touch_channel": touch.channel,
             "touch_sigmas": touch.onset.gain**0.5,
             "force_readings": event.readings,
@@ -214,6 +149,11 @@ def _point(
             "reconstructed_depth_mm": touch.depth_seen_mm,
             "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
         }
+        if timed.ruler is not None:
+            ratio = timed.ruler.relative_std(timed.touched.law.c_N_per_mm)
+            std = depth * float(np.hypot(rise.std / (1 + rise.ratio), ratio))
+            extra |= {"ruler_std": ratio, "touches_late_mm": timed.ruler.late_mm,
+                      "touches_late_std_mm": timed.ruler.late_std_mm}  # fmt: skip
     if look is not None and look.watch.footprint is not None:
         face = look.watch.footprint
         extra |= {"centre_x_mm": face.centre_mm[0], "centre_y_mm": face.centre_mm[1], "face_radius_mm":
@@ -257,6 +197,7 @@ def _judged(point: CertifiedPoint, said: tuple[Finding, ...]) -> CertifiedPoint:
 
 
 def _warnings(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> Iterator[str]:
+    yield from chain.notes
     if chain.offset.value is None:
         yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
     torn = [bad.name for watch in chain.watches.values() if watch is not None for bad in watch.missing]

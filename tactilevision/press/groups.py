@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.contact.onset import Onset
+from tactilevision.press.event import crossing
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.phases import find_phases
+from tactilevision.press.ramp import first_contact, moving_s
 from tactilevision.press.touch import (
     SURE,
     Case,
@@ -26,8 +28,9 @@ from tactilevision.press.touch import (
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats
 
-_TURNS = 2
-_SHAPE = 0.1  # of the length over which the dent changes its shape: what that shape leaves open
+_TURNS = 3
+SHAPE = 0.1  # of the length over which the dent changes its shape: what that shape leaves open
+_UNEVEN = 0.02  # of the depth: a ramp that keeps one pace no better does not tell how it goes on
 _RISE = 0.09  # of the depth, for the first anchors: a common factor of all, which the search does not feel
 
 
@@ -48,6 +51,8 @@ class Touched:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frames:
     watch: Watch
+    window: ForceWindow
+    time_s: Floats  # (N,) of the frames on the F/T sensor's clock
     force_N: Floats  # (N,) at the frames
     use: Bools
 
@@ -83,7 +88,7 @@ def _frames(watch: Watch, window: ForceWindow, offset_s: float) -> _Frames:
     else:
         seen = find_phases(watch.depth_mm)
         release = float(time[seen.release if seen is not None else -1])
-    return _Frames(watch, force, np.asarray((time <= release) & np.isfinite(force)))
+    return _Frames(watch, window, time, force, np.asarray((time <= release) & np.isfinite(force)))
 
 
 def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, Touched]:
@@ -94,15 +99,18 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, T
         distance = place_mm or find_distance([_case(frames, law) for frames in group.values()])
     cases = {name: _case(frames, law) for name, frames in group.items()}
     onsets: dict[str, Onset | None] = dict.fromkeys(group)
+    levels: dict[str, float] = {}
     for _ in range(_TURNS if distance is not None else 0):
         assert distance is not None
-        cases = {name: _case(frames, law) for name, frames in group.items()}
+        cases = {name: _case(frames, law, levels.get(name)) for name, frames in group.items()}
         onsets = dict(zip(group, find_touches(list(cases.values()), distance), strict=True))
         anchors = [
             (case.watch.indenter.height_mm / (1 + _RISE), float(law.force(onset.at)))
             for case, onset in zip(cases.values(), onsets.values(), strict=True)
             if onset is not None and onset.gain > SURE and case.watch.indenter.height_mm
         ]
+        levels = {name: float(law.force(onset.at)) for name, onset in onsets.items()
+                  if onset is not None and onset.gain > SURE}  # fmt: skip
         used, law = law, depth_of_force(anchors) or law
     if distance is None:
         used = law
@@ -119,18 +127,50 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, T
 
 
 def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
-    """One onset from both channels by their variances; where they contradict each other, the more certain one."""
-    shape_mm = _SHAPE * height.growth.fill_mm
+    """One onset from both channels by their variances; where they contradict each other, the surer one."""
+    shape_mm = SHAPE * height.growth.fill_mm
     if abs(height.at - picture.at) > 3 * np.hypot(np.hypot(height.std, picture.std), shape_mm):
-        sure, name = (height, "height map") if height.std <= picture.std else (picture, "picture")
+        sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
         return replace(height, at=sure.at, std=float(np.hypot(sure.std, shape_mm))), name
-    weights = 1 / np.array([height.std, np.hypot(picture.std, shape_mm)]) ** 2
-    at = float(np.average([height.at, picture.at], weights=weights))
-    return replace(height, at=at, std=float(1 / np.sqrt(weights.sum()))), "height map and picture"
+    shared = np.array([height.shared_std, np.hypot(picture.shared_std, shape_mm)])
+    own = np.sqrt(
+        np.maximum(np.array([height.std, picture.std]) ** 2 - [height.shared_std**2, picture.shared_std**2], 0)
+    )
+    weights = 1 / (own**2 + shared**2)
+    weights /= weights.sum()
+    # both see one dent: what its shape leaves open does not average out between them
+    together, apart = float(weights @ shared), float(np.linalg.norm(weights * own))
+    at = float(weights @ [height.at, picture.at])
+    return replace(
+        height, at=at, std=float(np.hypot(together, apart)), shared_std=together
+    ), "height map and picture"
 
 
-def _case(frames: _Frames, law: DepthOfForce) -> Case:
-    return Case(frames.watch, law.depth(frames.force_N), frames.use)
+def _case(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> Case:
+    """A press as driven by its force; beyond the force of a touch that is known already, by its ramp's pace."""
+    depth = law.depth(frames.force_N) if level_N is None else _at_pace(frames, law, level_N)
+    return Case(frames.watch, depth, frames.use)
+
+
+def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
+    """Depth (N,) by the force, and beyond the touch at the pace of the way up to it.
+
+    The bevel carries part of the force from there on, which would pass for depth. By the force throughout where
+    the rig did not come at one pace.
+    """
+    depth, window = law.depth(frames.force_N), frames.window
+    touch_mm = float(law.depth(np.array(level_N)))
+    crossed = crossing(window, level_N, 0.0)
+    begun = None if crossed is None else first_contact(window, crossed.time_s)
+    if crossed is None or begun is None:
+        return depth
+    pace = touch_mm / (crossed.time_s - begun.time_s)
+    way = (window.time_s > begun.time_s) & (window.time_s < crossed.time_s)
+    uneven = law.depth(window.drive_N[way]) - pace * (window.time_s[way] - begun.time_s)
+    if float(np.median(np.abs(uneven))) > _UNEVEN * touch_mm:
+        return depth
+    beyond = touch_mm + pace * moving_s(window, crossed.time_s, frames.time_s)
+    return np.where(frames.time_s > crossed.time_s, beyond, depth)
 
 
 def _first_law(group: Mapping[str, _Frames]) -> DepthOfForce:

@@ -26,7 +26,9 @@ _FILLS = (0.25, 0.5, 1.0, 2.0)
 _TYPICAL = 0.4
 _ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
 _ANGLE_DEG = 10.0  # of a bevel of which nothing is said
-_LIKE = 0.15  # by which the amplitude may differ between presses of one bevel, one sigma: gain, sideways place
+# of the amplitude, by which presses of one bevel differ (gain, sideways place), one sigma: at least, at most
+_LIKE = (0.03, 0.15)
+_TELLING = 4  # presses from which their amplitudes' scatter can be told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,17 +110,30 @@ def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onse
     trials, misfit = [], []
     for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
         free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
-        amplitudes = [o.amplitude for o in free if o is not None and o.gain > SURE]
-        middle = float(np.median(amplitudes)) if amplitudes else np.nan
-        alike = (middle, _LIKE * middle) if amplitudes else None
+        seen = [o for o in free if o is not None and o.gain > SURE]
+        alike = _alike(seen)
         trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise)
                  for x, y in traces]  # fmt: skip
         trials.append(trial)
-        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if amplitudes else np.inf)
+        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
     count = sum(len(x) for x, _ in traces)
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
     return [_mixture([trial[k] for trial in trials], weights) for k in range(len(traces))]
+
+
+def _alike(onsets: Sequence[Onset]) -> Pair | None:
+    """Mean amplitude, and how far those of the presses lie apart beyond their own errors; None without any."""
+    if not onsets:
+        return None
+    amplitude = np.array([onset.amplitude for onset in onsets])
+    own = np.array([onset.amplitude_std for onset in onsets])
+    middle = float(np.median(amplitude))
+    if len(onsets) < _TELLING:
+        return middle, _LIKE[1] * middle
+    apart = 1.4826 * float(np.median(np.abs(amplitude - middle)))
+    beyond = float(np.sqrt(max(apart**2 - float(np.median(own**2)), 0.0)))
+    return middle, float(np.clip(beyond, _LIKE[0] * middle, _LIKE[1] * middle))
 
 
 def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:

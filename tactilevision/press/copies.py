@@ -1,0 +1,55 @@
+"""Frames of a video that were not seen anew: a strong compression copies what hardly changed since the one before.
+
+A picture that grows by less than the coder's step between two frames is shown late, by as much as a frame or more,
+on the way in and on the way out alike, so that no clock can tell. A frame that is coded by itself shows the
+sensor's noise: few of its pixels are the same as before. What the others have alike beyond that was copied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tactilevision.recording import BadFrame
+from tactilevision.records import Estimate, Floats, Frame
+
+_THIN = 3  # pixels apart that are compared
+_MOSTLY = 0.5  # of the picture
+_ENOUGH = 12  # pairs of frames: a coder's whole group of pictures
+
+
+def noting(frames: Iterable[Frame | BadFrame], alike: list[float]) -> Iterator[Frame | BadFrame]:
+    """The frames as they come; `alike` grows by the share of pixels that each has from the one before."""
+    before = None
+    for frame in frames:
+        if not isinstance(frame, BadFrame):
+            now = frame.rgb[::_THIN, ::_THIN]
+            if before is not None:
+                alike.append(float((now == before).all(axis=-1).mean()))
+            before = now
+        yield frame
+
+
+def copied(alike: Sequence[float]) -> float:
+    """The share of the picture that a usual frame copies; 0 where too few frames tell."""
+    if len(alike) < _ENOUGH:
+        return 0.0
+    anew, usual = float(np.quantile(alike, 0.03)), float(np.median(alike))
+    return (usual - anew) / (1 - anew) if anew < 1 else 0.0
+
+
+def allow_for_copies(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
+    """The clocks' offset with a frame's interval more of uncertainty where most of each picture is a copy, and a
+    warning that says so.
+    """
+    if share < _MOSTLY or offset.value is None or times_s.size < 2:
+        return offset, ()
+    interval = float(np.median(np.diff(times_s)))
+    std = float(np.hypot(offset.std or 0.0, interval))
+    wide = replace(offset, std=std, interval95=(offset.value - 1.96 * std, offset.value + 1.96 * std))
+    return wide, (
+        f"The video is so strongly compressed that {100 * share:.0f} % of a frame is copied from the one before: "
+        f"it may lag by a frame, and the clocks' uncertainty was widened by {1e3 * interval:.0f} ms.",
+    )

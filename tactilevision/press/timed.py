@@ -1,0 +1,106 @@
+"""When each press touched on either clock, and the force then: from the depths at which the bevels touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.press.certificate import Touch
+from tactilevision.press.event import Crossing, crossing, event_force
+from tactilevision.press.event_force import EventForce
+from tactilevision.press.force_window import ForceWindow
+from tactilevision.press.groups import Touched
+from tactilevision.press.ruler import Ruler
+from tactilevision.press.touch import SURE
+from tactilevision.press.watch import Reconstructs, Watch
+from tactilevision.recording import Recording
+from tactilevision.records import Estimate, ForceSeries
+
+_STOPS = 3  # dwells from which their scatter can be told
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """Everything gathered from a recording before a press is judged, by press label; `notes` for the reader."""
+
+    recording: Recording
+    reconstructor: Reconstructs
+    watches: Mapping[str, Watch | None]
+    windows: Mapping[str, ForceWindow | None]
+    offset: Estimate
+    touches: Mapping[str, Touched]
+    rest_s: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def forces(self) -> ForceSeries:
+        assert self.recording.forces is not None
+        return self.recording.forces
+
+    @property
+    def offset_s(self) -> float:
+        return self.offset.value or 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timed:
+    """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force.
+
+    `stop_std_N`: what a rig that stands still near the touch, not at it, leaves open of the force. `ruler`: where
+    the touch was put by it.
+    """
+
+    touched: Touched
+    crossed: Crossing | None
+    touch: Touch | None
+    event: EventForce | None
+    stop_std_N: float = 0.0
+    ruler: Ruler | None = None
+
+
+def time_all(chain: Chain) -> dict[str, Timed]:
+    """Every press that was searched, at its event."""
+    return _stopped(chain, {name: _time(chain, name, touched) for name, touched in chain.touches.items()})
+
+
+def _time(chain: Chain, name: str, touched: Touched) -> Timed:
+    """Touch and force of one press, from the depth at which its bevel touches."""
+    onset, window, watch = touched.onset, chain.windows[name], touched.case.watch
+    if onset is None or window is None:
+        return Timed(touched, None, None, None)
+    level = float(touched.law.force(onset.at))
+    stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
+    crossed = crossing(window, level, stiffness * onset.std)
+    if crossed is None:
+        return Timed(touched, None, None, None)
+    time_s = crossed.time_s - chain.offset_s
+    seen = float(np.interp(time_s, watch.time_s, watch.depth_mm))
+    std_s = float(np.hypot(crossed.std_s, chain.offset.std or 0.0))
+    touch = Touch(time_s, std_s, seen, touched.channel, onset)
+    event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
+    return Timed(touched, crossed, touch, event)
+
+
+def _stopped(chain: Chain, timed: dict[str, Timed]) -> dict[str, Timed]:
+    """With what the stops of the rig scatter by about the touches that the camera sees.
+
+    A dwell stands for the touch as far as the rig stops there each time. What its places scatter by against the
+    onsets, beyond the onsets' own errors, is left open; an error that all share cannot be seen so.
+    """
+    apart: dict[str, tuple[float, float, float]] = {}
+    for name, one in timed.items():
+        onset, window = one.touched.onset, chain.windows[name]
+        if one.event is None or not one.event.dwell or one.crossed is None or onset is None or window is None:
+            continue
+        there = window.at(np.array([one.crossed.time_s]))
+        law, own = one.touched.law, max(onset.std**2 - onset.shared_std**2, 0.0)
+        stiffness = float(law.force(onset.at + 1e-3) - law.force(onset.at)) / 1e-3
+        apart[name] = (onset.at - float(law.depth(there)[0]), own, stiffness)
+    if len(apart) < _STOPS:
+        return timed
+    distance, own, _ = np.array(list(apart.values())).T
+    open_mm = float(np.sqrt(max(distance.var(ddof=1) - own.mean(), 0.0)))
+    return {name: replace(one, stop_std_N=open_mm * apart[name][2]) if name in apart else one
+            for name, one in timed.items()}  # fmt: skip

@@ -1,0 +1,123 @@
+"""The ramp as a ruler: planted scales, offsets, gives and wrong heights come back, with honest errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactilevision.press.force_window import force_window
+from tactilevision.press.ramp import first_contact, moving_s
+from tactilevision.press.ruler import Mark, fit_ruler
+from tactilevision.records import ForceSeries, Press
+
+HEIGHTS = (0.15, 0.3, 0.4, 0.5, 0.6)
+C, BETA, THICKNESS = 3.8, 0.85, 3.0
+OWN, TOGETHER, MACHINED = 0.0015, 0.004, 0.001
+
+
+def force_of(depth: float) -> float:
+    return C * depth * (1 + BETA * depth / THICKNESS)
+
+
+def marks(rng: np.random.Generator, *, late: float, alpha: float = 1.02, give: float = 0.0) -> list[Mark]:
+    """Three presses at each height, seen `late` mm behind, each with an error of its own."""
+    found = []
+    for k, height in enumerate(HEIGHTS):
+        true = height / 1.1 + MACHINED * rng.standard_normal()
+        for _ in range(3):
+            seen = alpha * true + give * force_of(true) + late + OWN * rng.standard_normal()
+            found.append(Mark(height / 1.1, seen, OWN, TOGETHER, force_of(true), f"A{k}", MACHINED))
+    return found
+
+
+def test_the_ruler_does_not_follow_touches_that_are_all_seen_late() -> None:
+    errors, scale = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        late = float(rng.normal(0, TOGETHER))
+        ruler = fit_ruler(marks(rng, late=late))
+        assert ruler is not None
+        assert ruler.used.all()
+        slope, true = ruler.alpha + ruler.give_mm_per_N * C, 1.02
+        errors.append((slope / true - 1) / ruler.relative_std(C))
+        scale.append(ruler.relative_std(C))
+        assert abs(ruler.late_mm - late) < 4 * ruler.late_std_mm
+    assert np.sqrt(np.mean(np.square(errors))) < 1.3
+    assert np.median(scale) < 0.008
+
+
+def test_a_rig_that_gives_way_is_still_a_ruler() -> None:
+    errors = []
+    for seed in range(30):
+        ruler = fit_ruler(marks(np.random.default_rng(seed), late=0.003, give=0.005))
+        assert ruler is not None
+        errors.append((ruler.alpha + ruler.give_mm_per_N * C) / (1.02 + 0.005 * C) - 1)
+    assert abs(np.mean(errors)) < 0.006
+
+
+def test_without_errors_every_place_is_exact() -> None:
+    exact = [Mark(h, 2.0 * h, 1e-6, 1e-6, force_of(h), str(h), 0.0) for h in HEIGHTS]
+    ruler = fit_ruler(exact)
+    assert ruler is not None
+    for mark in exact:
+        assert ruler.travel_mm(mark.depth_mm, mark.force_N) == pytest.approx(mark.travel_mm, abs=1e-5)
+    assert ruler.late_mm == pytest.approx(0, abs=1e-6)
+
+
+def test_one_wrong_touch_is_left_out() -> None:
+    wrong = marks(np.random.default_rng(2), late=0.002)
+    wrong[7] = replace(wrong[7], travel_mm=wrong[7].travel_mm + 0.03)
+    ruler = fit_ruler(wrong)
+    assert ruler is not None
+    assert list(np.flatnonzero(~ruler.used)) == [7]
+
+
+def test_no_ruler_without_a_common_pace_or_enough_heights() -> None:
+    rng = np.random.default_rng(3)
+    uneven = [
+        replace(mark, travel_mm=mark.travel_mm * rng.choice([0.7, 1.0, 1.6])) for mark in marks(rng, late=0.0)
+    ]
+    found = fit_ruler(uneven)
+    assert found is None or found.used.sum() < len(uneven)
+    assert fit_ruler([mark for mark in marks(rng, late=0.0) if mark.height in ("A3", "A4")]) is None
+    assert fit_ruler([]) is None
+
+
+def ramp(rng: np.random.Generator, *, dwell_s: float = 0.0) -> tuple[ForceSeries, Press]:
+    """200 Hz, first contact at 1.2345 s, .25 mm/s to .5 mm, a stop at .3 mm, hold, release."""
+    time = np.arange(0, 8, 0.005)
+    stop = 1.2345 + 0.3 / 0.25
+    way = np.clip(time - 1.2345, 0, None) - np.clip(time - stop, 0, dwell_s)
+    depth = np.minimum(0.25 * way, 0.5)
+    depth = np.where(time > 5.5, np.clip(0.5 - (time - 5.5), 0, None), depth)
+    normal = C * depth * (1 + BETA * depth / THICKNESS)
+    noise = np.array([0.006, 0.006, 0.0125]) * rng.standard_normal((time.size, 3))
+    reading = np.c_[0 * normal, 0 * normal, normal] + noise
+    return ForceSeries(time, reading, (0.006, 0.006, 0.0125)), Press("1", "A1", 0.5, 7.0)
+
+
+def test_first_contact_is_unbiased_and_its_std_honest() -> None:
+    errors, stds = [], []
+    for seed in range(40):
+        series, press = ramp(np.random.default_rng(seed))
+        window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
+        assert window is not None
+        found = first_contact(window, 1.2345 + 0.4 / 0.25)
+        assert found is not None
+        errors.append(found.time_s - 1.2345)
+        stds.append(found.std_s)
+    assert abs(np.mean(errors)) < 0.001
+    assert 0.6 < np.std(errors) / np.mean(stds) < 1.6
+    assert np.mean(stds) < 0.004  # a micrometre at this speed
+
+
+def test_a_stop_on_the_way_is_no_part_of_the_travel() -> None:
+    series, press = ramp(np.random.default_rng(1), dwell_s=1.0)
+    window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
+    assert window is not None
+    assert first_contact(window, 1.2345 + 0.45 / 0.25 + 1.0) is None
+    since = 1.2345 + 0.2 / 0.25
+    moved = moving_s(window, since, np.array([since, since + 0.4, since + 1.9]))
+    assert moved == pytest.approx([0.0, 0.4, 0.9], abs=0.06)
