@@ -36,10 +36,7 @@ class TransformSolver:
         self.axis, length = _continued(shape)
         sizes = [shape[0], shape[1]]
         sizes[self.axis] = length
-        along_y = _eigenvalues(sizes[0], mm_per_px[1])[:, None]
-        total = along_y + _eigenvalues(sizes[1], mm_per_px[0])[None, :]
-        total[0, 0] = np.inf  # the mean, which slopes do not know, is put at 0
-        self.inverse = np.asarray(-1.0 / total, dtype=self.dtype)
+        self.inverse = np.asarray(inverse_eigenvalues((sizes[0], sizes[1]), mm_per_px), dtype=self.dtype)
         self.growing: Array | None = None
         if length > shape[self.axis]:
             across = 1 - self.axis
@@ -95,8 +92,15 @@ def transform_solver(shape: tuple[int, int], mm_per_px: Pair, dtype: str) -> Tra
     return TransformSolver(shape, mm_per_px, np.float32 if dtype == "f" else np.float64)
 
 
-def _eigenvalues(count: int, step_mm: float) -> Floats:
-    return np.asarray((2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step_mm**2)
+def inverse_eigenvalues(shape: tuple[int, int], mm_per_px: Pair) -> Floats:
+    """1 over the eigenvalues (H, W) of the Laplacian, none above 0; 0 for the mean, which slopes leave open."""
+    along_y, along_x = (
+        (2.0 - 2.0 * np.cos(np.pi * np.arange(count) / count)) / step**2
+        for count, step in zip(shape, mm_per_px[::-1], strict=True)
+    )
+    total = along_y[:, None] + along_x[None, :]
+    total[0, 0] = np.inf
+    return np.asarray(-1.0 / total)
 
 
 def _continued(shape: tuple[int, int]) -> tuple[int, int]:

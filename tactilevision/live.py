@@ -1,7 +1,7 @@
 """One frame at a time, for a control loop: frame in; height map, contact and footprint out.
 
 Everything is held in buffers made once; nothing is kept of a frame but the drift of the light, whose history is a
-running mean, so that a stream may run for days.
+running mean, so that a stream may run for days. Where there is a GPU, frames are read there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.gpu.device import find_gpu
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
 
@@ -50,6 +50,11 @@ class Stream:
     frames: int = 0
     _last: Footprint | None = None
 
+    def __post_init__(self) -> None:
+        device = find_gpu()
+        if device is not None:
+            self.reconstructor.use(device)
+
     def take(self, frame: Frame) -> Moment:
         """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
         began = time.perf_counter()
@@ -80,6 +85,4 @@ class Stream:
         return find_footprint(height, self.indenter, prior=self._last)
 
     def _follow(self, frame: Frame) -> None:
-        method = self.reconstructor.method
-        if isinstance(method, CalibratedMethod):
-            method.follow(self.reconstructor.rectified(frame), self.renew)
+        self.reconstructor.follow(self.reconstructor.rectified(frame), self.renew)

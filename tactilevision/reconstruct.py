@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.depth_error import DepthError, untouched_std_mm
 from tactilevision.errors import InputError
+from tactilevision.free_gel import free_frames, settle, tare, untouched_of
 from tactilevision.held_out_depth import held_out_depth
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -30,8 +32,6 @@ from tactilevision.photometric import (
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
-from tactilevision.photometric.quiet import QuietSums
-from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.samples import far_from, inside_ball
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import may_have_marks, rectify
@@ -41,12 +41,11 @@ from tactilevision.weights import find_model
 from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level
 
 if TYPE_CHECKING:
+    from tactilevision.gpu.reader import TorchReader
     from tactilevision.recording import Recording
 
 DEFAULT = "polynomial"
 SLOPE_BLOCKS = 600
-FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
-LEAST_FREE, MOST_FREE = 4, 16
 MOST_WAVES = 8
 GAIN_SAMPLES = 500  # of each ball
 READABLE = (
@@ -69,6 +68,7 @@ class Reconstructor:
         steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
         self.readable = READABLE * float(steepest) if steepest else None
         self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
+        self.elsewhere: TorchReader | None = None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -85,11 +85,12 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
-        slopes, untouched, steepest = self._read(rgb, quick=True)
+        slopes, untouched, steepest, surface = self._glance(rgb)
         steep = self.readable is not None and steepest * np.sqrt(2.0) >= self.readable
         walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if steep and self.readable else []
         restore(slopes, walls, self.sensor.mm_per_px)
-        surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
+        if surface is None or walls:
+            surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         gel = self.sensor.gel
         self.zero = find_zero_plane(
             surface, untouched, self.sensor.mm_per_px, thickness_mm=gel.thickness_mm if gel else None
@@ -101,15 +102,35 @@ class Reconstructor:
 
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
-        return self._read(self.rectified(frame), quick=False)[0]
+        rgb = self.rectified(frame)
+        return (
+            self.method.read(rgb).slopes if isinstance(self.method, CalibratedMethod) else self.method.slopes(rgb)
+        )
 
-    def _read(self, rgb: Bytes, *, quick: bool) -> tuple[SlopeMap, Bools, float]:
-        """Slopes, the untouched blocks, and the greatest |slope| along x or y where it is known."""
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""
         if isinstance(self.method, CalibratedMethod):
-            reading = self.method.glance(rgb) if quick else self.method.read(rgb)
-            return reading.slopes, reading.drift.untouched & self.method.told, reading.steepest
-        slopes = self.method.slopes(rgb)
-        return slopes, _flat_blocks(slopes), np.inf
+            self.method.follow(rgb, share)
+            if self.elsewhere is not None:
+                self.elsewhere.follow()
+
+    def use(self, device: str) -> bool:
+        """Read frames on torch's `device` from here on; False where torch cannot be told how."""
+        from tactilevision.gpu.reader import TorchReader
+
+        if isinstance(self.method, CalibratedMethod):
+            with suppress(LookupError):
+                self.elsewhere = TorchReader(self.method, self.sensor.mm_per_px, device)
+                return True
+        return False
+
+    def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, float, npt.NDArray[Any] | None]:
+        """Slopes, untouched blocks, the greatest |slope| along x or y, and the surface, where they are known."""
+        if not isinstance(self.method, CalibratedMethod):
+            slopes = self.method.slopes(rgb)
+            return slopes, _flat_blocks(slopes), np.inf, None
+        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.glance(rgb), None)
+        return reading.slopes, reading.drift.untouched & self.method.told, reading.steepest, surface
 
 
 def _flat_blocks(slopes: SlopeMap) -> Bools:
@@ -177,7 +198,7 @@ def tuned(
         settled = dataclasses.replace(settled, card={**card, "untouched_depth_rms_mm": waves_mm})
     else:
         reader = Reconstructor(sensor, settled)
-        flat = [reader.rectified_map(rgb).depth_mm for rgb in _untouched(method, free)]
+        flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = dataclasses.replace(settled, card={**settled.card, "untouched_std_mm": std_mm})
     return Reconstructor(sensor, settled, calibration=calibration)
@@ -257,63 +278,6 @@ def untouched_rms_mm(
             if away.any():
                 found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
     return float(np.median(found)) if found else 0.0
-
-
-def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
-    """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
-
-    Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
-    cut off at black then makes the two differ. Fewer than LEAST_FREE untouched frames leave it as it was.
-    """
-    free = _untouched(method, frames)
-    if len(free) < LEAST_FREE:
-        return method.reference
-    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
-    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
-
-
-def settle(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
-    """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
-
-    Fewer than LEAST_FREE untouched frames leave it as it was: their noise would be taken for bias.
-    """
-    free = _untouched(method, frames)
-    if len(free) < LEAST_FREE:
-        return method
-    sums = QuietSums(method.reference.shape)
-    for rgb in free:
-        slopes = method.read(rgb).slopes
-        sums.add(
-            np.asarray(slopes.dz_dx, np.float32), np.asarray(slopes.dz_dy, np.float32), method.reference.usable
-        )
-    card = {**method.card, "frame_noise": sums.noise_over(method.noise)}
-    return dataclasses.replace(method, quiet=sums.added_to(method.quiet_now, method.calm), card=card)
-
-
-def _untouched(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
-    """Those of `frames` nearly all of which follows the light's drift."""
-    free = []
-    for rgb in frames:
-        drift = method.change.tracker.measure(rgb)
-        if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
-            free.append(rgb)
-    return free
-
-
-def free_frames(recording: Recording) -> list[Bytes]:
-    """At most MOST_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
-    from tactilevision.recording import read_frame
-
-    times = recording.frame_times_s
-    if recording.frames_path is None or not len(times) or not recording.presses:
-        return []
-    starts = np.array([press.start_s for press in recording.presses])
-    chosen = np.linspace(0, len(starts) - 1, min(MOST_FREE, len(starts))).astype(int)
-    found = []
-    for index in np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)):
-        with suppress(InputError):  # a torn frame is reported where the press is read
-            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
-    return found
 
 
 def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]) -> Reconstructor:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
+from tactilevision.free_gel import settle, tare
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -19,7 +20,7 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
-from tactilevision.reconstruct import Reconstructor, settle, tare, untouched_rms_mm
+from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 

@@ -3,7 +3,8 @@
 Where the surface hardly slopes its colours change slowly from pixel to pixel, and four pixels' mean says as much
 of it as the four do: a quarter of the work. So the whole picture is read in means of 2 by 2 pixels, and windows
 round all that stands out there by LOUD deviations of a single pixel's noise once more, pixel by pixel.
-The halved reading has its own noise, and so its own mean slope of noise (`quiet.py`). Not for gel with marks,
+The halved reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
+so only where frames of untouched gel, read so, have told what to take off. Not for gel with marks,
 which are filled in the whole picture first, nor for laws with steps, which the noise of single pixels must blur.
 """
 
@@ -39,6 +40,12 @@ class Reading:
     slopes: SlopeMap
     drift: Drift
     steepest: float
+
+
+def can_halve(method: CalibratedMethod) -> bool:
+    """Whether calm gel may be read at half the resolution, and something is saved by it."""
+    shape = method.reference.shape
+    return method.reference.marks is None and method.evaluate.smooth and min(shape) >= LEAST
 
 
 class CalmReader:
@@ -82,7 +89,7 @@ class CalmReader:
             cv2.resize(half, (columns.stop, rows.stop), dst=whole[self.even], interpolation=cv2.INTER_LINEAR)
         slopes[:, rows.stop :], slopes[..., columns.stop :] = slopes[:, -2:-1], slopes[..., -2:-1]
         steepest = max(cv2.norm(half, cv2.NORM_INF) for half in self._slopes)
-        for window in self._windows():
+        for window in self.windows(self._slopes):
             steepest = max(steepest, method.read_into(slopes, method.change.within(window)))
         valid &= method.readable
         return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
@@ -96,11 +103,14 @@ class CalmReader:
             part *= self.calm[window]
             part -= self.bias[:, window[0]]
 
-    def _windows(self) -> list[Window]:
-        """Windows of the whole picture round what is not calm, a block to spare; lone pixels are noise."""
+    def windows(self, slopes: Planes) -> list[Window]:
+        """Windows of the whole picture round what is not calm in its halved `slopes`, a block to spare.
+
+        Lone pixels are noise.
+        """
         height, width = self.method.reference.shape
-        loud = np.abs(self._slopes[0]) > self.loud
-        loud |= np.abs(self._slopes[1]) > self.loud
+        loud = np.abs(slopes[0]) > self.loud
+        loud |= np.abs(slopes[1]) > self.loud
         self._seen[: self.size[1], : self.size[0]] = loud
         seen = cv2.morphologyEx(self._seen, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         blocks = seen.reshape(seen.shape[0] // BLOCK, BLOCK, -1, BLOCK).any(axis=(1, 3)).view(np.uint8)

@@ -40,7 +40,7 @@ class ChangeMaps:
         self.scale: Planes = np.empty_like(mean)
         self.settle()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
-        self._down, self._across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
+        self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
 
     def settle(self) -> None:
         """To be called when `mean` has changed."""
@@ -50,13 +50,13 @@ class ChangeMaps:
     def light(self, gains: Floats) -> None:
         """Count from here on with the `gains` (3, 3) of a drift."""
         share = 1.0 / (1.0 + gains[:, 0, None])
-        self._down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
-        self._across[:, 1] = -share * share * gains[:, 1, None] * self.x
+        self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
 
     def changes(self, greys: Sequence[npt.NDArray[Any]], window: Window, out: Planes) -> Planes:
         """Changes (3, h, w) of a window of three channels: (I gain + s) / (I0 + s) - 1, into `out`."""
         rows, columns = window
-        np.matmul(self._down[:, rows], self._across[..., columns], out=out)
+        np.matmul(self.down[:, rows], self.across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
         out += np.float32(SOFTENING_GREY)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.calm import LEAST, CalmReader, Reading
+from tactilevision.photometric.calm import CalmReader, Reading, can_halve
 from tactilevision.photometric.change import ColourChange, Planes, Window, strips
 from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.reference import Reference
@@ -82,7 +83,6 @@ class CalibratedMethod:
         self.rest = rest_bias(self.evaluate, self.change.noise)
         self.bias: Planes = np.stack([(q + r) * self.calm for q, r in zip(quiet[:2], self.rest, strict=True)])
         self.noise: Picture = quiet[2] * self.calm
-        self._calm_reader: CalmReader | None = None
         self.readable = self.reference.usable & (self.calm > 0.5)
         self.told = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA) > 0.95
 
@@ -118,11 +118,13 @@ class CalibratedMethod:
 
     def glance(self, rgb_rectified: Bytes) -> Reading:
         """As `read`, calm gel at half the resolution: for surfaces, in which single pixels do not matter."""
-        if self._calm_reader is None:
-            if self.reference.marks is not None or not self.evaluate.smooth or min(self.reference.shape) < LEAST:
-                return self.read(rgb_rectified)
-            self._calm_reader = CalmReader(self)
-        return self._calm_reader.read(rgb_rectified)
+        reader = self.calm_reader
+        return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
+
+    @cached_property
+    def calm_reader(self) -> CalmReader | None:
+        """What reads calm gel at half the resolution; None where the method was not settled so (card)."""
+        return CalmReader(self) if self.card.get("calm_gel_halved") and can_halve(self) else None
 
     def read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]]) -> float:
         """Set the windows of `slopes` (2, H, W) whose changes (3, h, w) are given; their greatest |slope|."""
@@ -138,8 +140,8 @@ class CalibratedMethod:
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
         self.change.follow(rgb_rectified, share)
-        if self._calm_reader is not None:
-            self._calm_reader.follow()
+        if self.calm_reader:
+            self.calm_reader.follow()
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""

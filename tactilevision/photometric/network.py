@@ -67,7 +67,7 @@ class NetworkEvaluator:
     smooth = True
 
     def __init__(self, network: Network, shape: tuple[int, int]) -> None:
-        self.session, self.shape = network.session, shape
+        self.session, self.shape, self.content = network.session, shape, network.content
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))

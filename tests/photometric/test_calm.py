@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 
 import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
+from tactilevision.free_gel import settle
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -26,7 +28,8 @@ def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
     reference = make_reference([cut(flat(rng), odd) for _ in range(3)], may_have_marks=False)
-    return calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC[name]).method
+    method = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC[name]).method
+    return settle(method, [cut(flat(rng), odd) for _ in range(8)])
 
 
 def cut(rgb: Bytes, odd: bool) -> Bytes:
@@ -87,3 +90,16 @@ def test_calm_gel_is_calmer_and_follows_the_light() -> None:
     for _ in range(60):
         method.follow(flat(rng, gain=warm), 0.1)
     assert np.sqrt(np.mean(depth(method, flat(rng, gain=warm), whole=False) ** 2)) < 0.3 * before
+
+
+def test_only_a_method_settled_so_is_read_so() -> None:
+    method = calibrated()
+    assert method.calm_reader is not None
+    assert dataclasses.replace(method, card={}).calm_reader is None
+    assert calibrated("lookup").calm_reader is None
+
+
+def test_what_noise_makes_of_dark_gel_is_no_depth() -> None:
+    method, rng = calibrated(), np.random.default_rng(7)
+    maps = [depth(method, flat(rng), whole=False) for _ in range(8)]
+    assert np.sqrt(np.mean(np.mean(maps, axis=0) ** 2)) < 0.6 * np.sqrt(np.mean(np.square(maps)))

@@ -1,0 +1,98 @@
+"""A frame's slopes and surface on a GPU.
+
+What looks at blocks alone (drift, zero plane, walls) stays on the processor, which is quicker at little; the
+changes of colour, the law and the transforms, which look at every pixel, are done there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from tactilevision.gpu.cosine import TorchSolver
+from tactilevision.gpu.laws import Law, law_on
+from tactilevision.photometric.calm import Reading
+from tactilevision.photometric.change import SOFTENING_GREY, ChangeMaps, Planes
+from tactilevision.photometric.method import CalibratedMethod, Evaluator
+from tactilevision.records import Bytes, Pair, SlopeMap
+
+Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
+
+class TorchReader:
+    """Reads frames of one method on `device`, calm gel at half the resolution where the method does."""
+
+    def __init__(self, method: CalibratedMethod, mm_per_px: Pair, device: str) -> None:
+        """Raises LookupError for a colour law that torch is not told of."""
+        self.method, self.device, self.calm = method, device, method.calm_reader
+        self.solver = TorchSolver(method.reference.shape, mm_per_px, device)
+        self.whole = _Maps(method.change.maps, method.evaluate, method.calm, method.bias, device=device)
+        calm = self.calm
+        self.half = _Maps(calm.maps, calm.evaluate, calm.calm, calm.bias, device=device) if calm else None
+
+    def follow(self) -> None:
+        """To be called when the method's reference has moved."""
+        for maps in (self.whole, self.half):
+            if maps is not None:
+                maps.settle()
+
+    def read(self, rgb: Bytes) -> tuple[Reading, Picture]:
+        """What a frame says, and its surface (H, W), mean 0. Raises as the method does."""
+        method = self.method
+        with torch.inference_mode():
+            if method.reference.marks is None:
+                drift, valid = method.change.take(rgb)
+                greys = torch.from_numpy(rgb).to(self.device).permute(2, 0, 1).float()
+                slopes = self.whole.slopes(greys)
+            else:
+                changes, drift, valid = method.change.measure(rgb)
+                slopes = self.whole.read(torch.from_numpy(changes).to(self.device))
+            if self.calm is not None and self.half is not None:
+                self.calm.maps.light(drift.gains)
+                slopes = self._calmed(slopes, greys)
+            depth = self.solver.surface(slopes).cpu().numpy()
+            found: Planes = slopes.cpu().numpy()
+        valid &= method.readable
+        return Reading(SlopeMap(found[0], found[1], valid), drift, float(np.abs(found).max())), depth
+
+    def _calmed(self, slopes: torch.Tensor, greys: torch.Tensor) -> torch.Tensor:
+        """Slopes (2, H, W) at half the resolution but for the windows in which `slopes` were read in full."""
+        assert self.calm is not None
+        assert self.half is not None
+        rows, columns = self.calm.even
+        half = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], 2))
+        out = torch.empty_like(slopes)
+        out[:, rows, columns] = torch.nn.functional.interpolate(half[None], scale_factor=2, mode="bilinear")[0]
+        out[:, rows.stop :], out[..., columns.stop :] = (
+            out[:, rows.stop - 1, None],
+            out[..., columns.stop - 1, None],
+        )
+        for window in self.calm.windows(half.cpu().numpy()):
+            out[:, *window] = slopes[:, *window]
+        return out
+
+
+class _Maps:
+    """One resolution: what stands between grey levels and slopes, on the device."""
+
+    def __init__(self, maps: ChangeMaps, evaluate: Evaluator, calm: Picture, bias: Planes, *, device: str) -> None:
+        law = law_on(evaluate, device)
+        if law is None:
+            raise LookupError(type(evaluate).__name__)
+        self.law: Law = law
+        self.maps, self.device = maps, device
+        self.calm, self.bias = torch.from_numpy(calm).to(device), torch.from_numpy(bias).to(device)
+        self.settle()
+
+    def settle(self) -> None:
+        self.scale = torch.from_numpy(self.maps.scale.copy()).to(self.device)
+
+    def slopes(self, greys: torch.Tensor) -> torch.Tensor:
+        """Slopes (2, h, w) of grey levels (3, h, w) under the light that the maps were told of."""
+        gain = torch.from_numpy(self.maps.down).to(self.device) @ torch.from_numpy(self.maps.across).to(
+            self.device
+        )
+        return self.read((greys * gain + SOFTENING_GREY) * self.scale - 1.0)
+
+    def read(self, change: torch.Tensor) -> torch.Tensor:
+        return self.law(change) * self.calm - self.bias
