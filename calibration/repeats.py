@@ -14,6 +14,7 @@ import numpy as np
 from calibration.data import Ints
 from calibration.fitting import Fit
 from calibration.tolerances import HEIGHTS
+from tactilevision.records import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +57,21 @@ def allow_for_indenters(fitted: Fit) -> Fit:
         "heights off by more than stated, or an effect that the law lacks; the intervals are widened by it"
     )
     return replace(
-        fitted, covariance=fitted.covariance * ratio, noise=replace(fitted.noise, dof=float(between)),
+        fitted, covariance=_widened(fitted, ratio), noise=replace(fitted.noise, dof=float(between)),
         warnings=(*fitted.warnings, warning),
     )  # fmt: skip
+
+
+def _widened(fitted: Fit, ratio: float) -> Floats:
+    """The covariance (p, p) with the data's part of it `ratio` times as large; what priors state stays."""
+    kept = [p for p in fitted.parameters if not p.fixed]
+    place = np.ix_(fitted.free, fitted.free)
+    size = np.sqrt(np.diag(fitted.covariance[place]))  # parameters of very different sizes
+    known = np.diag([0.0 if p.prior is None else (k / p.prior.std) ** 2 for p, k in zip(kept, size, strict=True)])
+    of_data = np.linalg.pinv(fitted.covariance[place] / np.outer(size, size)) - known
+    wider = fitted.covariance.copy()
+    wider[place] = np.linalg.pinv(of_data / ratio + known) * np.outer(size, size)
+    return wider
 
 
 def noise_floor(fitted: Fit) -> float:

@@ -11,6 +11,7 @@ from made_recordings import Truth, draw
 from calibration.calibrate import calibrate
 from calibration.data import Measured
 from calibration.result import CalibrationResult
+from calibration.tolerances import HEIGHTS
 
 TOUCH_MM, RISE = 0.002, 0.006
 
@@ -54,3 +55,16 @@ def test_intervals_cover_a_shared_offset_of_one_sigma() -> None:
             covered[states] += interval[0] <= near.value <= interval[1]
     assert covered[True] >= 11
     assert covered[True] >= covered[False]
+
+
+def test_on_a_ruler_the_scale_alone_is_open() -> None:
+    """Points of one ruler share its scale: heights have no error of their own, and c is as open as the scale."""
+    measured = draw(Truth(), np.random.default_rng(4))
+    found = {}
+    for scale in (0.002, 0.02):
+        said = {"ruler_std": scale, "rise_ratio": 0.1, "rise_ratio_std": 0.0}
+        points = [replace(p, depth_std_mm=scale * p.depth_mm, extra=said) for p in measured.points]
+        found[scale] = calibrate(replace(measured, points=tuple(points)))
+        assert HEIGHTS not in found[scale].fitted.model.keys
+    tight, wide = (float(one.c.std or 0.0) / float(one.c.value or 1.0) for one in found.values())
+    assert wide == pytest.approx(np.sqrt(tight**2 + 0.02**2 - 0.002**2), rel=0.05)
