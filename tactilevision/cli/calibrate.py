@@ -60,6 +60,9 @@ def calibrate(
             _write(outcome, stage / f"{number:02d}_{plain_name(outcome.taken.recording.name)}")
         if sum(outcome.result is not None for outcome in outcomes) > 1:
             _write_history(outcomes, law.value, stage)
+        earlier = _left_by_an_earlier_run(out, stage)
+    for path in earlier:
+        path.unlink(missing_ok=True)
     latest = outcomes[-1]
     _tell(latest, out)
     console.hand_over(latest.content, json)
@@ -116,6 +119,19 @@ def _write(outcome: Outcome, folder: Path) -> None:
         folder / "report.html",
         calibration_page(title, result, taken.points, figures=fits, presses=presses, notes=notes, why=why),
     )
+
+
+def _left_by_an_earlier_run(out: Path, stage: Path) -> list[Path]:
+    """What an earlier calibration wrote into `out` and this one does not: it would be taken for part of these
+    results.
+    """
+    if not (out / "calibration.json").exists():
+        return []
+    names = ["fit.png", "material.png", "history.csv", "history.png"]
+    names += [f"presses/{path.name}" for path in (out / "presses").glob("*.png")]
+    if not _holds_a_recording(out):
+        names += ["points.csv", "curves.csv"]
+    return [out / name for name in names if not (stage / name).exists()]
 
 
 def _holds_a_recording(folder: Path) -> bool:

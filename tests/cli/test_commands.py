@@ -147,6 +147,24 @@ def test_too_few_presses_say_which_were_rejected_and_why(
     assert set(content) == set(json.loads((tmp_path / "good" / "calibration.json").read_text()))
 
 
+def test_nothing_of_an_earlier_calibration_stays_beside_a_later_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, out = tmp_path / "recording", tmp_path / "out"
+    recording.mkdir()
+    (recording / "recording.toml").write_text((PAPER / "recording.toml").read_text())
+    (recording / "points.csv").write_text((PAPER / "points.csv").read_text().replace("true,", "false,tilt"))
+    assert run(monkeypatch, "calibrate", PAPER, "--out", out) == 0
+    (out / "notes.txt").write_text("my own")
+    assert (out / "fit.png").exists()
+    assert run(monkeypatch, "calibrate", recording, "--out", out) == 3
+    assert not (out / "fit.png").exists()
+    assert not (out / "material.png").exists()
+    assert (out / "points.csv").read_text().count("tilt") == 5
+    assert (out / "notes.txt").exists()
+    capsys.readouterr()
+
+
 def test_no_force_is_computed_from_a_calibration_that_fixed_nothing(tmp_path: Path) -> None:
     from calibration.unfixed import unfixed_as_json
     from tactilevision.errors import InputError
