@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 import tracemalloc
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
+from tactilevision.free_gel import settle
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -20,7 +23,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Frame, Indenter
+from tactilevision.records import Bytes, Frame, Indenter
 from tactilevision.sensors import get_sensor
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
@@ -73,6 +76,49 @@ def test_a_bad_frame_does_not_stop_the_stream() -> None:
     with pytest.raises(InputError, match="black"):
         live.take(Frame(np.zeros((*SHAPE, 3), np.uint8)))
     assert not live.take(Frame(flat(rng))).contact
+
+
+BAD: dict[str, Callable[[Bytes], Bytes]] = {
+    "px, not as its sensor": lambda rgb: rgb[:-2].copy(),
+    "order blue, green, red": lambda rgb: rgb[..., ::-1].copy(),
+    "black": lambda rgb: rgb // 40,
+    "saturated": lambda rgb: np.full_like(rgb, 255),
+    "nothing like the reference": lambda rgb: (
+        np.where(np.indices(rgb.shape[:2]).sum(0)[..., None] % 32 < 16, 240, 4).repeat(3, axis=2).astype(np.uint8)
+    ),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+@pytest.mark.parametrize("halved", [False, True])
+def test_a_frame_of_another_kind_is_refused_and_the_next_one_read(said: str, halved: bool) -> None:
+    rng = np.random.default_rng(6)
+    live = stream(0.1)
+    if halved:
+        reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=False)
+        method = settle(calibrated().with_reference(reference), [flat(rng) for _ in range(4)])
+        live = Stream(Reconstructor(SENSOR, method))
+        assert method.calm_reader is not None
+    good = live.take(Frame(flat(rng)))
+    with pytest.raises(InputError, match=said):
+        live.take(Frame(BAD[said](flat(rng))))
+    after = live.take(Frame(flat(rng)))
+    assert not good.contact
+    assert not after.contact
+    assert live.frames == 2
+
+
+def test_a_frame_of_another_type_is_refused_when_it_is_made() -> None:
+    rgb = flat(np.random.default_rng(7))
+    others: tuple[Any, ...] = (
+        rgb.astype(np.float32),
+        rgb.astype(np.uint16),
+        rgb[..., 0],
+        np.dstack([rgb, rgb[..., :1]]),
+    )
+    for wrong in others:
+        with pytest.raises(InputError, match="uint8"):
+            Frame(wrong)
 
 
 def test_memory_does_not_grow() -> None:

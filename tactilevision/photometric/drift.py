@@ -24,6 +24,8 @@ from tactilevision.records import Bools, Bytes, Floats
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
 SAMPLED = 8  # pixels at most along each side of a block that stand for it
+CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
+SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
 USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
@@ -154,11 +156,12 @@ class DriftTracker:
                 remedy="Leave the frame out; check lights and exposure.",
             )
         size = np.abs(self._among_usable(change))
-        if 2.0 * float(size.mean()) <= min(12.0, 0.5 * usual):
+        clear = CLEAR * float(self.noise.mean())
+        if 2.0 * float(size.mean()) <= min(clear, 0.5 * usual):
             return  # no median of what is not negative is more than twice its mean
         off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > 12.0 and float(median(swapped.ravel())) < 0.4 * off:
+        if off > clear and float(median(swapped.ravel())) < SWAPPED * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
