@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.reml import TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Floats, Indenter
 
+TOUCH = 3.0  # std of a press zero
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
@@ -132,6 +134,19 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
         kept = replace(kept, warnings=(*kept.warnings, warning))
     check(kept, shape=shape)
     return replace(kept, warnings=(*kept.warnings, *lacks(kept)))
+
+
+def clear_of_touch(data: Observations) -> Observations:
+    """Curves without the samples nearer to the first touch than three press zeros.
+
+    They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
+    """
+    if not data.is_curves:
+        return data
+    std = np.hypot(TYPICAL_ZERO_MM, np.nan_to_num(data.depth_std_mm))
+    clear = np.abs(data.depth_mm) > TOUCH * std
+    kept = np.bincount(data.press, clear, minlength=data.count) > 0
+    return data if clear.all() or not kept.all() else data.samples(clear)
 
 
 def lacks(data: Observations) -> Iterator[str]:

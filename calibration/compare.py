@@ -14,9 +14,10 @@ from calibration.effects import get_effect
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
+from calibration.pure_noise import refit_with_pure_noise
 from calibration.refit import held_out_rms
 from calibration.repeats import noise_floor
-from calibration.screen import Scored, effect_directions, refit_with_pure_noise, screen
+from calibration.screen import Scored, effect_directions, screen
 from calibration.stages import Effect
 from calibration.tolerances import TOLERANCES
 from tactilevision.errors import ConvergenceError, InputError

@@ -18,6 +18,8 @@ from tactilevision.records import Floats
 LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3
 BRANCHES = ("load", "hold", "unload", "free")
 DEGREES = (4, 1, 3, 0)
+SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
+COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,47 @@ def branches(data: Observations) -> Ints:
     return np.where(known >= 0, known, found)
 
 
+def steady_depth(data: Observations) -> Floats:
+    """Depth (N,) without most of its readings' noise: a hold's and the air's mean, a smooth course of the others.
+
+    A plateau is many readings of one depth: sorted by what was read they would be sorted by their noise.
+    """
+    branch, steady = branches(data), data.depth_mm.copy()
+    if not data.is_curves:
+        return _nominal(data)
+    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+        for kind in np.unique(branch[start:end]):
+            mine = start + np.flatnonzero(branch[start:end] == kind)
+            steady[mine] = _course(data.time_s[mine], data.depth_mm[mine], kind in (LOAD, UNLOAD))
+    return steady
+
+
+def _nominal(data: Observations) -> Floats:
+    """The mean (N,) of points of one radius and one depth, as far as a press's zero lets that be seen."""
+    steady = data.depth_mm.copy()
+    for radius in np.unique(data.radius_mm):
+        mine = np.flatnonzero(data.radius_mm == radius)
+        mine = mine[np.argsort(data.depth_mm[mine])]
+        number = _clusters(data.depth_mm[mine], SAME_MM)
+        steady[mine] = (np.bincount(number, data.depth_mm[mine]) / np.bincount(number))[number]
+    return steady
+
+
+def _clusters(values: Floats, apart: float) -> Ints:
+    """Which cluster each of the values (n,), sorted, belongs to: a gap wider than `apart` ends one."""
+    return np.concatenate([[0], np.cumsum(np.diff(np.sort(values)) > apart)]).astype(np.int64)
+
+
+def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
+    """The mean of depths (n,), or a polynomial in the time through them; depths that are too few as they are."""
+    degree = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
+    if ramp and not (degree and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
+        return depth_mm
+    if not degree:
+        return np.full(time_s.size, np.mean(depth_mm))
+    return np.asarray(np.polynomial.Polynomial.fit(time_s, depth_mm, degree)(time_s))
+
+
 def repeat_groups(data: Observations) -> Ints:
     """Number of the group of like presses, (M,)."""
     rate = np.nan_to_num(np.round(np.log2(np.maximum(data.presses.speed_mm_s, 1e-9))), nan=-99)
@@ -55,21 +98,30 @@ def repeat_groups(data: Observations) -> Ints:
 
 
 def group_basis(data: Observations) -> Floats:
-    """Smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time."""
-    groups, branch = repeat_groups(data)[data.press], branches(data)
+    """Smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
+
+    What lies above the gel counts as air, whatever its phase: no smooth curve goes around the corner at the touch.
+    """
+    groups = repeat_groups(data)[data.press]
+    branch = np.where(data.depth_mm > 0, branches(data), FREE)
     columns: list[Floats] = []
     for group in np.unique(groups):
         for kind in np.unique(branch[groups == group]):
             mine = (groups == group) & (branch == kind)
             along = data.depth_mm if kind != HOLD else data.time_s - data.time_s[data.first][data.press]
-            columns += _polynomials(along, mine, DEGREES[int(kind)])
+            columns += _polynomials(along, mine, DEGREES[int(kind)], SAME_MM if kind != HOLD else None)
     return np.column_stack(columns)
 
 
-def _polynomials(along: Floats, mine: npt.NDArray[np.bool_], degree: int) -> list[Floats]:
+def _polynomials(
+    along: Floats, mine: npt.NDArray[np.bool_], degree: int, apart: float | None = None
+) -> list[Floats]:
+    """Of at most so many degrees as there are distinct places, less one; `apart` what parts two of them."""
     low, high = float(along[mine].min()), float(along[mine].max())
     unit = 2 * (along - low) / (high - low) - 1 if high > low else np.zeros(along.size)
-    distinct = np.unique(np.round(unit[mine], 6)).size
+    distinct = (
+        np.unique(np.round(unit[mine], 6)).size if apart is None else int(_clusters(along[mine], apart)[-1]) + 1
+    )
     kept = range(min(degree, distinct - 1) + 1)
     return [np.where(mine, np.polynomial.legendre.Legendre.basis(k)(np.clip(unit, -1, 1)), 0.0) for k in kept]
 

@@ -20,20 +20,21 @@ import numpy as np
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
 from calibration.change import change_point
-from calibration.checks import usable
+from calibration.checks import clear_of_touch, usable
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
-from calibration.diagnosis import Added, Diagnosis, Errors
+from calibration.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
 from calibration.experiment import BY_HAND, NextMeasurement, measure_next
 from calibration.fitting import Fit
 from calibration.left import describe
+from calibration.odd_presses import Oddity, odd_presses
 from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.repeats import noise_floor
 from calibration.result import CalibrationResult
-from calibration.search import TOLD_APART, Searched, Step, search
+from calibration.search import MOST, TOLD_APART, Searched, Step, search
 from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
 
@@ -53,6 +54,7 @@ class _Outcome:
     left: float
     unknown: bool
     flags: tuple[str, ...]
+    odd: Oddity = NOTHING_ODD
 
     @property
     def sets(self) -> list[tuple[Candidate, ...]]:
@@ -62,7 +64,7 @@ class _Outcome:
     @property
     def fitted(self) -> Fit:
         """The last fit that stands."""
-        return self.steps[-1].fitted if self.steps else self.searched.base
+        return self.steps[-1].fitted if self.steps else self.searched.start
 
 
 def diagnose(
@@ -76,14 +78,15 @@ def diagnose(
 
     A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
     """
-    data = usable(data)
+    data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
     model = base_model(data)
     for effect in known:
         model = model + effect
     seen = fit_sight(data)
     parts = 1 if seen is None else 2
-    force = _outcome(search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+    found_there = search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
+    force = _outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng))
     sight = None
     if seen is not None:
         sight = _outcome(search(seen, sighted(), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
@@ -92,14 +95,20 @@ def diagnose(
     return replace(found, possible_bias=possible_bias(found.fitted, hidden))
 
 
-def _outcome(searched: Searched, level: float) -> _Outcome:
-    """Whether the steps stand: not where they leave something and explain but a part of it."""
+def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Outcome:
+    """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
     left, steps = searched.last.lack_of_fit, searched.steps
-    if left >= level:
-        return _Outcome(searched, steps, (), left, False, ())
-    if steps and searched.explained > MOSTLY:  # the cause is named; its form is not exact
-        return _Outcome(searched, steps, (), left, False, ("small_remainder",))
-    return _Outcome(searched, (), tuple(s.best.effect.key for s in steps), left, True, ())
+    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
+    flags += ["press_stands_out"] if odd.presses else []
+    flags += ["presses_wander"] if odd.wanders else []
+    flags += ["presses_scatter"] if odd.scattered else []
+    odd_alone = odd or (odd.scattered and not steps)
+    if left >= level and not odd_alone:
+        return _Outcome(searched, steps, (), left, False, tuple(flags))
+    if 0 < len(steps) < MOST and searched.explained > MOSTLY and not odd_alone:  # named; its form is not exact
+        return _Outcome(searched, steps, (), left, False, (*flags, "small_remainder"))
+    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
+    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
 
 
 def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator) -> Diagnosis:
@@ -109,7 +118,7 @@ def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator)
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*after.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
-    after = _spanning(after, force.sets)
+    after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)])
     if sight is not None:
         after = _risen(after, sight)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
@@ -132,6 +141,7 @@ def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator)
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
         left=describe(force.searched.current, force.searched.last.covariates) if force.unknown else None,
+        odd=force.odd,
     )  # fmt: skip
 
 
@@ -161,10 +171,20 @@ def _beyond_prior(fitted: Fit, key: str) -> bool:
     )
 
 
+def _tried(searched: Searched) -> tuple[Candidate, ...]:
+    """The base, then what screened beyond chance at first: where nothing is named, E may be any of theirs."""
+    first = searched.rounds[0]
+    beyond = [c for c in first.candidates if first.scored[c.effect.key].p_adjusted < LEVEL]
+    if not beyond:
+        return ()
+    here = searched.base
+    return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
+
+
 def _spanning(after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]]) -> CalibrationResult:
     """E's interval stretched to what the candidates that cannot be told apart would each make of it."""
     E = after.youngs_modulus
-    others = [c.values[0] / s[0].values[0] for s in sets for c in s[1:]]
+    others = [c.values[0] / s[0].values[0] for s in sets for c in s[1:]]  # of the first of each set
     if not others or E.interval95 is None:
         return after
     low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)

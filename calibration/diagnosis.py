@@ -11,12 +11,15 @@ import numpy as np
 from calibration.experiment import NextMeasurement
 from calibration.fitting import Fit
 from calibration.left import Left
+from calibration.odd_presses import Oddity
 from calibration.outside import WouldHaveToBe
 from calibration.result import CalibrationResult
 from calibration.screen import Scored
 from calibration.search import Searched
 from calibration.sight import depth_ratio
 from tactilevision.records import Estimate
+
+NOTHING_ODD = Oddity()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +68,9 @@ class Diagnosis:
     bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
     before and after; `sight` the search on the
     picture's depth against the certified one, where there are both; `left` describes what nothing
-    explains, where the verdict is UNKNOWN; `held_out` the held-out error in N of the base model and after each
-    effect; `covariates_before` what the base model's residual depends on.
+    explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `held_out` the held-out
+    error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
+    on.
     """
 
     verdict: str
@@ -90,6 +94,7 @@ class Diagnosis:
     fitted: Fit
     sight: Searched | None = None
     left: Left | None = None
+    odd: Oddity = NOTHING_ODD
     held_out: tuple[float, ...] = ()
     covariates_before: tuple[Scored, ...] = ()
 
@@ -106,6 +111,8 @@ class Diagnosis:
             "measure_next": [action.as_json() for action in self.measure_next],
             "change_point": self.change_point,
             "flags": list(self.flags),
+            "odd_presses": list(self.odd.presses),
+            "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
             "lack_of_fit_p": self.lack_of_fit_p,
             "tried": list(self.tried),
             "left": None

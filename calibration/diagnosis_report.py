@@ -29,12 +29,15 @@ def verdict_sentence(found: Diagnosis) -> str:
     """What is wrong with the rig or the gel, in one sentence."""
     named = " and ".join(in_words(effect.key) for effect in found.effects)
     held = 1e3 * found.errors.held_out_before, 1e3 * found.errors.held_out_after
-    fall = f"; the error on presses left out falls from {held[0]:.1f} to {held[1]:.1f} mN"
+    way = "falls" if held[1] < held[0] else "goes"
+    fall = f"; the error on presses left out {way} from {held[0]:.1f} to {held[1]:.1f} mN"
     if not any(effect.key in found.fitted.model.keys for effect in found.effects):
         fall = "; the forces themselves are explained as well as they repeat"
     match found.verdict:
         case "ADEQUATE":
-            return "The model explains these data as well as they repeat: nothing is missing that they could show."
+            bent = " The curve bends as finite elements have it." if "bend_within_theory" in found.flags else ""
+            said = "The model explains these data as well as they repeat: nothing is missing that they could show."
+            return said + bent
         case "IDENTIFIED":
             return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
         case "AMBIGUOUS":
@@ -44,10 +47,29 @@ def verdict_sentence(found: Diagnosis) -> str:
                 what = "A line fits, but no contact law allows its slope"
                 return f"{what}, beta = {beta}; these data cannot tell which of these is off instead: {several}."
             return f"Something is missing from the model; these data cannot tell which of: {several}."
+        case _ if found.odd:
+            return f"{_odd(found)}. Look at these presses before E is used."
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}."
+
+
+def _odd(found: Diagnosis) -> str:
+    """What is odd among the presses, in words."""
+    odd, parts = found.odd, []
+    if odd.presses:
+        many = "press" if len(odd.presses) == 1 else "presses"
+        parts.append(f"{many} {', '.join(odd.presses)} cannot belong to the others (indenter, place, bubble?)")
+    if odd.wanders:
+        since = f", since press {found.change_point}" if found.change_point else ""
+        on = " and ".join(_said(name) for name, _ in odd.wanders[:2])
+        parts.append(f"the presses' zeros change with {on}{since}")
+    if odd.scattered:
+        noise = found.fitted.noise
+        parts.append(f"like presses scatter by {100 * noise.gain:.1f} % and {1e3 * noise.zero_mm:.0f} um")
+    said = "; ".join(parts)
+    return said[0].upper() + said[1:]
 
 
 def _left(found: Diagnosis) -> str:

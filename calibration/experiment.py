@@ -15,6 +15,7 @@ import numpy as np
 
 from calibration.data import Observations, Presses
 from calibration.fitting import Fit, Problem, linearise
+from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.refit import CANNOT_FIT, Candidate
@@ -175,10 +176,11 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
 
 
 def _force(model: Model, values: Floats, old: Observations, data: Observations) -> tuple[Floats, Floats]:
-    """Force on more presses than were fitted; a radius that is new takes the beta of the radius next to it."""
+    """Force on more presses than were fitted; a new radius takes the beta and the bend of the one next to it."""
     had, has = np.unique(old.presses.radius_mm), np.unique(data.presses.radius_mm)
-    start = len(model.law.parameters(old)) - had.size
-    beta = values[start : start + had.size]
     nearest = [int(np.argmin(np.abs(had - radius))) for radius in has]
-    longer = np.concatenate([values[:start], beta[nearest], values[start + had.size :]])
+    end = len(model.law.parameters(old))
+    start = end - had.size * (2 if model.law.bent else 1) if isinstance(model.law, FlatPunch) else end - had.size
+    each = values[start:end].reshape(-1, had.size)[:, nearest]
+    longer = np.concatenate([values[:start], each.ravel(), values[end:]])
     return model.predict(longer, data), longer

@@ -10,13 +10,14 @@ largest E.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model import Model
+from calibration.plausible import GEL_MODULUS_MPA
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
@@ -133,7 +134,9 @@ def _from_radii(fitted: Fit) -> Estimate:
     found = fitted.estimate("poisson_ratio")
     if found.interval95 is None or _lubricated(fitted):
         return found
-    law = FlatPunch(free_poisson_ratio=True, sticking=1.0)
+    law = fitted.model.law
+    assert isinstance(law, FlatPunch)
+    law = replace(law, free_poisson_ratio=True, sticking=1.0)
     try:
         stuck = fit(Model(law, fitted.model.effects), fitted.data, noise=fitted.noise, starts=fitted.values[None],
                     tolerances=False)  # fmt: skip
@@ -234,6 +237,9 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
         low, high = spread.modulus.min() * (1 - reach) / (1 + surplus), spread.modulus.max() * (1 + reach)
         why = "it follows from c only at a known Poisson's ratio: see youngs_modulus_of_nu"
         return Estimate(None, None, (float(low), float(high)), unit, why)
+    if spread.reach * spread.relative_std >= 1:  # an interval that reaches 0 knows nothing
+        why = "another parameter takes its place in these data; the interval is what gels have"
+        return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
     mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
     low, high = spread.quantile(0.025), spread.quantile(0.975)
     std = float(np.sqrt(np.var(spread.modulus) + np.mean((spread.modulus * spread.relative_std) ** 2)))

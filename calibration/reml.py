@@ -38,15 +38,18 @@ class Grams:
 
 
 def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jacobian: Floats,
-                   precision: Floats, stated: bool) -> Noise:  # fmt: skip
-    """The likeliest noise for residuals (N,) of a fit with `jacobian` (N, p) and priors' `precision` (p, p)."""
+                   precision: Floats, stated: bool, of_presses: bool | None = None) -> Noise:  # fmt: skip
+    """The likeliest noise for residuals (N,) of a fit with `jacobian` (N, p) and priors' `precision` (p, p).
+
+    `of_presses`: whether presses have a gain and a zero of their own; None: curves have.
+    """
     dof = max(data.size - jacobian.shape[1] + float(np.count_nonzero(np.diag(precision))), 0.0)
     first = Noise(1.0 if stated else max(float(np.std(residual_N)), 1e-9), stated=stated)
-    shared = data.is_curves
+    shared = data.is_curves if of_presses is None else of_presses
     if dof < 1 and not stated:  # nothing is left over to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     best, lowest = first, np.inf
-    for rho in CORRELATIONS if shared else (0.0,):
+    for rho in CORRELATIONS if data.is_curves else (0.0,):
         grams = inner_products(data, about, residual_N, jacobian, precision, rho)
         found, cost = _best(grams, replace(first, correlation=rho), shared)
         if cost < lowest - 1e-9:
@@ -54,7 +57,7 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
         elif cost > lowest + 20:  # past the best correlation the cost only grows
             break
     freedom = dof + STATED_DOF if stated else dof
-    if shared:
+    if data.is_curves:
         freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
     return replace(best, dof=max(freedom, 1e-9))
 

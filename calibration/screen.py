@@ -10,14 +10,14 @@ is calibrated by the same bootstrap, which gives p_adjusted a family-wise meanin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.conditions import Covariate, bins, covariates, group_basis
-from calibration.fitting import Fit, fit
+from calibration.conditions import Covariate, bins, covariates, steady_depth
+from calibration.fitting import Fit
 from calibration.noise import Noise, Whitener
-from calibration.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise
+from calibration.pure_noise import renewed_noise
 from calibration.scatter import Scatter
 from calibration.stages import Effect
 from tactilevision.errors import InputError
@@ -25,9 +25,6 @@ from tactilevision.records import Floats
 
 DRAWS = 199
 SCATTER = "scatter while loading"
-ALIKE = (
-    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
-)
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS, OTHER_BINS = 16, 6
 
@@ -69,29 +66,6 @@ class Screen:
         return min((c.p_adjusted for c in self.covariates), default=1.0)
 
 
-def noise_from_repeats(fitted: Fit) -> Noise:
-    """The error model free of what the law lacks; the fit's own where points leave nothing to compare."""
-    space = _explained(fitted)
-    if fitted.data.size - space.shape[1] < 3:
-        return fitted.noise
-    return estimate_noise(fitted.data, fitted.about, residual_N=fitted.residual_N, jacobian=space,
-                          precision=np.zeros((space.shape[1],) * 2), stated=fitted.noise.stated)  # fmt: skip
-
-
-def _explained(fitted: Fit) -> Floats:
-    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
-    columns = np.column_stack([fitted.jacobian[:, fitted.free], group_basis(fitted.data)])
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, size > ALIKE * size[0]])
-
-
-def refit_with_pure_noise(fitted: Fit) -> Fit:
-    """The same model fitted with the noise that repeats show."""
-    return fit(fitted.model, fitted.data, noise=noise_from_repeats(fitted), starts=fitted.values[None],
-               tolerances=False)  # fmt: skip
-
-
 def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS) -> Screen:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
     tables, missing = effect_directions(fitted, effects)
@@ -126,8 +100,11 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
 
 
 def seen_covariates(fitted: Fit) -> tuple[Covariate, ...]:
-    """The covariates, the force as fitted: bins of the measured one would sort residuals by their own noise."""
-    return covariates(fitted.data.with_force(fitted.force_N))
+    """The covariates, depth without its readings' noise and force as fitted to that: bins of what was read would
+    sort residuals by their own noise.
+    """
+    steady = fitted.data.shifted(steady_depth(fitted.data) - fitted.data.depth_mm)
+    return covariates(steady.with_force(fitted.model.predict(fitted.values, steady)))
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -180,12 +157,12 @@ class _Cast:
 
     def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
         self.fitted = fitted
-        free = fitted.free
+        free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
         self._jacobian = fitted.jacobian[:, free]
         known = [0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters]
         self._priors = np.diag(np.array(known)[free])[np.array(known)[free] > 0]
-        self.own_priors = np.array([(p.prior.mean - v) / p.prior.std for p, v in zip(
-            fitted.parameters, fitted.values, strict=True) if p.prior is not None and not p.fixed])  # fmt: skip
+        self.own_priors = np.array([(p.prior.mean - v) / p.prior.std for p, v, gives in zip(
+            fitted.parameters, fitted.values, free, strict=True) if p.prior is not None and gives])  # fmt: skip
         self._ends = np.cumsum([t.shape[1] for t in tables])
         self._tables = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
         self.left = self._split_seen()
@@ -232,71 +209,6 @@ class _Cast:
         self._visible = self.sizes > SEEN * np.maximum(self._before, 1e-300)
         self._visible &= self.sizes > 1e-9
         return list(np.split(self._visible, self._ends[:-1]))
-
-
-def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
-    """The noise that would be estimated from each column of errors (N, b): one Newton step on the likelihood.
-
-    The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
-    """
-    if not fitted.data.is_curves:
-        return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
-    space = _explained(fitted)
-    centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
-    step = 0.15
-    stencil = [np.zeros(3), *[_unit(i) for i in range(3)], *[-_unit(i) for i in range(3)],
-               *[_unit(i) + _unit(j) for i in range(3) for j in range(i + 1, 3)]]  # fmt: skip
-    costs = np.array([
-        _costs(fitted, centre + step * s, errors_N, space) for s in stencil
-    ])  # fmt: skip
-    prior = np.array(
-        [np.sum(((centre + step * s)[1:] - np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])) ** 2) for s in stencil]
-    )
-    costs = costs + prior[:, None]
-    return [_stepped(fitted.noise, centre, step, costs[:, k]) for k in range(errors_N.shape[1])]
-
-
-def _unit(k: int) -> Floats:
-    return np.asarray(np.eye(3)[k])
-
-
-def _stepped(noise: Noise, centre: Floats, step: float, costs: Floats) -> Noise:
-    """Newton's step of at most a factor e from ten costs."""
-    gradient = (costs[1:4] - costs[4:7]) / (2 * step)
-    hessian = np.diag((costs[1:4] + costs[4:7] - 2 * costs[0]) / step**2)
-    for value, (i, j) in zip(costs[7:], [(0, 1), (0, 2), (1, 2)], strict=True):
-        cross = (value - costs[1 + i] - costs[1 + j] + costs[0]) / step**2
-        hessian[i, j] = hessian[j, i] = cross
-    curvature, axes = np.linalg.eigh(hessian)
-    move = -axes @ ((axes.T @ gradient) / np.maximum(curvature, 0.5))
-    sizes = np.exp(centre + np.clip(move, -1, 1))
-    return replace(noise, scale=float(sizes[0]), gain=float(sizes[1]), zero_mm=float(sizes[2]))
-
-
-def _costs(fitted: Fit, logs: Floats, errors_N: Floats, space: Floats) -> Floats:
-    """-2 log L (b,) of many residuals at one set of sizes; what does not depend on the residual is shared."""
-    noise = replace(fitted.noise, scale=float(np.exp(logs[0])), gain=float(np.exp(logs[1])),
-                    zero_mm=float(np.exp(logs[2])))  # fmt: skip
-    whitener = Whitener(fitted.data, noise, fitted.about)
-    white = whitener.apply(np.column_stack([space, errors_N]))
-    j, z = white[:, : space.shape[1]], white[:, space.shape[1] :]
-    q, r = np.linalg.qr(j)
-    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
-    volume = 2 * float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
-    return np.asarray(squares + volume + whitener.log_volume)
-
-
-def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
-    """Relative size of the noise from each draw of points, weighed with what was stated."""
-    base = fitted.noise.scale * fitted.about.base_N
-    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
-    z = errors_N / base[:, None]
-    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
-    dof = fitted.data.size - q.shape[1]
-    if dof < 3:
-        return np.ones(errors_N.shape[1])
-    trust = 20.0 if fitted.noise.stated else 0.0
-    return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
 
 
 def _ranked(

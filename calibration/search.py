@@ -1,20 +1,26 @@
 """The search for effects on one kind of measurement: look, refit, confirm, add, and look again.
 
-    screen -> refit -> confirm -> again, at most three times
+    screen -> refit -> does theory's own freedom do as well? -> confirm -> again, at most three times
 
 An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
-at all of them, where its amplitude lies inside its range, and where it helps on presses left out.
+at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
+N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
+it is let go and the search looks again. A second effect has to be beyond doubt, for no first one has exactly the
+form that it is given here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fitting import Fit, fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model import Model
 from calibration.noise import Whitener
+from calibration.pure_noise import refit_with_pure_noise
 from calibration.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.screen import Scored, Screen, screen
 from calibration.stages import Effect
@@ -22,6 +28,8 @@ from calibration.stages import Effect
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 5, 3
+RISEN = 1.05  # of the held-out error in N: what lies below is the scatter of the few deep presses that rule it
+BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +57,13 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """From the base model's fit over each step to what is left at the end (`last`)."""
+    """From the base model's fit over each step to what is left at the end (`last`).
+
+    `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    """
 
     base: Fit
+    start: Fit
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: Screen
@@ -59,32 +71,62 @@ class Searched:
     @property
     def current(self) -> Fit:
         """The fit with all that was added."""
-        return self.steps[-1].fitted if self.steps else self.base
+        return self.steps[-1].fitted if self.steps else self.start
 
     @property
     def first(self) -> Screen:
-        """The screen of the base model."""
+        """The screen of the fit that the search began on."""
         return self.rounds[0].screen
 
     @property
     def explained(self) -> float:
-        """Of what the base model leaves, the share that the steps explain."""
-        return explained_share(self.base, self.current, self.last)
+        """Of what the start leaves, the share that the steps explain."""
+        return explained_share(self.start, self.current, self.last)
 
 
 def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float) -> Searched:
     """Search on top of `base`. A candidate that cannot be fitted is passed over."""
-    current, rounds, steps = base, list[Round](), list[Step]()
+    start = current = base
+    rounds, steps = list[Round](), list[Step]()
     while len(steps) < MOST:
-        turn = _look(current, catalogue, rng, level)
+        now = BEYOND_DOUBT if steps else level
+        turn = _look(current, catalogue, rng, now)
         rounds.append(turn)
-        step = _confirmed(current, turn, level)
+        if (bent := _bent(current, turn, now)) is not None:
+            current = bent
+            if steps:
+                steps[-1] = replace(steps[-1], fitted=bent)
+            else:
+                start = bent
+            continue
+        step = _confirmed(current, turn, now)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].screen if len(rounds) > len(steps) else screen(current, (), rng)
-    return Searched(base, tuple(rounds), tuple(steps), last)
+    last = rounds[-1].screen if len(steps) < MOST else screen(current, (), rng)
+    return Searched(base, start, tuple(rounds), tuple(steps), last)
+
+
+def _bent(current: Fit, turn: Round, level: float) -> Fit | None:
+    """The fit with the bend that theory allows, where something stands out and no effect explains it better."""
+    law = current.model.law
+    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.screen.covariates)), default=1.0)
+    if stands_out > level or not isinstance(law, FlatPunch) or law.bent:
+        return None
+    model = Model(replace(law, bent=True), current.model.effects)
+    place = current.model.slices(current.data)["law"].stop
+    added = len(model.parameters(current.data)) - current.values.size
+    rivals = (c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c))
+    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    try:
+        found = fit(model, current.data, noise=current.noise, tolerances=False,
+                    starts=np.insert(current.values, [place] * added, 0.0)[None])  # fmt: skip
+        if found.chi2 + 2 * added >= enough:
+            return None
+        return replace(refit_with_pure_noise(found), warnings=current.warnings)
+    except CANNOT_FIT:
+        return None
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
@@ -110,9 +152,9 @@ def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
         if scored.p_adjusted > level or not _inside(best) or best.cost > current.chi2:
             continue  # chance, at the end of its range, or held back by what is known of it beforehand
         try:
-            skill = _skill(current, best)
+            fitted = adopt(current, best)
+            skill = _skill(replace(current, noise=fitted.noise), best)
             if skill > 0:
-                fitted = adopt(current, best)
                 return Step(best, scored, skill, fitted, _equals(current, best, turn.candidates))
         except CANNOT_FIT:
             continue  # the next best may still stand
@@ -128,11 +170,17 @@ def _inside(candidate: Candidate) -> bool:
 
 
 def _skill(current: Fit, candidate: Candidate) -> float:
-    """1 - held-out error with over without the effect, both squared and whitened."""
+    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
+
+    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
+    scatter, and against that nothing could be gained.
+    """
     folds = press_folds(current.data)
-    before = hold_out(current.model, current, current.values, folds).squares
-    after = hold_out(candidate.model, current, candidate.values, folds).squares
-    return 1 - after / before if before > 0 else 0.0
+    before = hold_out(current.model, current, current.values, folds)
+    after = hold_out(candidate.model, current, candidate.values, folds)
+    if after.rms_N > RISEN * before.rms_N:
+        return 1 - after.rms_N / before.rms_N
+    return 1 - after.squares / before.squares if before.squares > 0 else 0.0
 
 
 def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:

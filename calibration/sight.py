@@ -24,8 +24,8 @@ from calibration.effects.slope_saturation import SlopeSaturation
 from calibration.fitting import Fit, fit
 from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
+from calibration.pure_noise import refit_with_pure_noise
 from calibration.refit import Candidate
-from calibration.screen import refit_with_pure_noise
 from calibration.stages import Effect, Stage, State
 from tactilevision.records import Floats
 

@@ -1,15 +1,25 @@
-"""What the curvature beta of P/w against w/h can be, by finite elements, for a sharp punch on a gel of known h.
+"""What slope and bend P/w against w/h can have, by finite elements, for a sharp punch on a gel of known h.
 
-From independent finite elements at a/h = .833, h = 3 mm, depths .15 to .6 mm: the largest is a Hencky solid that
-sticks, the smallest a neo-Hookean one without friction. A free beta outside of this is fitting something else:
-a depth zero, another thickness, a rounded edge, a gel that stiffens.
+The slope beta from independent finite elements at a/h = .833, h = 3 mm, depths .15 to .6 mm: the largest is a
+Hencky solid that sticks, the smallest a neo-Hookean one without friction. A free beta outside of this is fitting
+something else: a depth zero, another thickness, a rounded edge, a gel that stiffens.
+
+The bend gamma, of P/w = c (1 + beta w/h + gamma (w/h)^2), from the tables of mechanics: neo-Hooke and Hencky, from
+no friction to no slip, at this nu, a/h and edge, widened by what an error of the table as stated on its card can
+make of it.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from tactilevision.records import Estimate, Pair
+from tactilevision.errors import InputError
+from tactilevision.mechanics.flat_contact import FlatContact
+from tactilevision.mechanics.tables.punch import force_ratio
+from tactilevision.mechanics.tables.table import Table, shipped_table
+from tactilevision.records import Estimate, Floats, Material, Pair
 
 NU = (0.30, 0.40, 0.45, 0.48, 0.495)
 HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # Hencky, sticking
@@ -39,3 +49,42 @@ def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float
         f"({allowed[0]:.1f} to {allowed[1]:.2f}): thickness, a rounded edge, the depth's zero "
         "or a stiffening gel are candidates"
     )
+
+
+STRAINS = 20  # depths at which the bend is taken
+
+
+@lru_cache(maxsize=64)
+def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepest: float) -> Pair:
+    """The smallest and the largest gamma of any tabulated law and friction, over depths w/h up to `deepest`.
+
+    Beyond the table as at its ends; edges sharper or rounder than a law's own blocks as the nearest.
+    """
+    table = shipped_table()
+    nu, ratio, depth = table.axes.poisson_ratios, table.axes.a_over_h, table.axes.depths
+    place = (float(np.clip(poisson_ratio, nu[0], nu[-1])), float(np.clip(a_over_h, ratio[0], ratio[-1])))
+    strain = np.linspace(1 / STRAINS, 1, STRAINS) * min(deepest, float(depth[-1]))
+    bends = [bend for block in table.blocks
+             for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)]  # fmt: skip
+    # an error of the table that is largest half way is a parabola of this gamma
+    error = 4 * float(table.card["errors"]["interpolation_force"]) / strain[-1] ** 2
+    return min(0.0, *bends) - error, max(0.0, *bends) + error
+
+
+def _bend(
+    table: Table, kind: tuple[str, float], place: Pair, edge_over_h: float, strain: Floats
+) -> tuple[float, ...]:
+    """gamma of one law and friction, weighed as forces are; none where the table holds fewer than four depths."""
+    law, friction = kind
+    edges = [block.edge_over_h for block in table.blocks if block.law == law]
+    lowest = 0.0 if len(set(edges)) > 1 else edges[0]
+    contact = FlatContact(place[1], float(np.clip(edge_over_h, lowest, max(edges))), 1.0, friction, law)
+    try:
+        secant, known = force_ratio(strain, contact, Material(1.0, place[0]), table=table)
+    except InputError:
+        return ()
+    if np.count_nonzero(known) < 4:
+        return ()
+    eps, weight = strain[known], strain[known]
+    start, _, bend = np.polynomial.polynomial.polyfit(eps, secant[known], 2, w=weight)
+    return (float(bend / start),)

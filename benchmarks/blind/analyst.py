@@ -26,7 +26,8 @@ SEED = 7
 class Finding:
     """What an analyst says: the verdict, effects added in order, all that it cannot tell apart, and the material.
 
-    The modulus with its 95 % interval, errors in N, `seconds` of wall clock; `failed` says what was raised, if
+    The modulus with its std and its 95 % interval (which also reaches to what friction and equals may make of it),
+    errors in N, `seconds` of wall clock; `failed` says what was raised, if
     anything.
     """
 
@@ -40,6 +41,7 @@ class Finding:
     seconds: float = float("nan")
     lack_of_fit_p: float = float("nan")
     failed: str = ""
+    std_MPa: float = float("nan")
 
 
 def observed(folder: Path) -> Observations:
@@ -60,7 +62,7 @@ def diagnosing(folder: Path) -> Finding:
     return Finding(
         found.verdict, tuple(e.key for e in found.effects), tuple(found.candidates), modulus.value,
         modulus.interval95, found.errors.held_out_after, found.errors.floor, seconds,
-        lack_of_fit_p=found.lack_of_fit_p,
+        lack_of_fit_p=found.lack_of_fit_p, std_MPa=modulus.std or float("nan"),
     )  # fmt: skip
 
 

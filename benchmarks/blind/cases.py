@@ -59,7 +59,7 @@ def make(case: Case, folder: Path, *, rivals: bool = True) -> Made:
     noise = Noise(kind=case.noise).times(LEVELS[case.level])
     world, stage, strength = draw(case, design, noise, rng)
     reads = add_noise(read(world, design), noise, rng)
-    nu_stated = float(np.clip(world.nu + NU_STD / 2 * rng.standard_normal(), 0.45, 0.495))
+    nu_stated = float(np.clip(world.nu + NU_STD * rng.standard_normal(), 0.45, 0.495))  # as far off as is stated
     write(folder / case.name, world, design, reads, noise=noise, name=case.name, nu_stated=nu_stated)
     found = _rivals(stage, world, case.hidden) if rivals and len(case.hidden) == 1 else ()
     return Made(case, folder / case.name, world, strength, found)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.conditions import steady_depth
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.path import depth_at
@@ -55,4 +56,5 @@ class ClockOffset(EffectBase):
         """Read the depth at another time."""
         if values[0] == 0:
             return state
-        return replace(state, depth_mm=state.depth_mm + depth_at(data, -values[0]) - data.depth_mm)
+        steady = data.shifted(steady_depth(data) - data.depth_mm)  # differences of readings are of their noise
+        return replace(state, depth_mm=state.depth_mm + depth_at(steady, -values[0]) - steady.depth_mm)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.conditions import steady_depth
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
@@ -57,7 +58,8 @@ class Mullins(EffectBase):
         """Soften below the past maximum."""
         from scipy.special import erf
 
-        below = largest_past_depth(data) ** 2 - np.maximum(data.depth_mm, 0) ** 2
+        steady = data.shifted(steady_depth(data) - data.depth_mm)  # the largest reading is the luckiest
+        below = largest_past_depth(steady) ** 2 - np.maximum(steady.depth_mm, 0) ** 2
         return replace(state, force_N=state.force_N * (1 - values[0] * erf(below / values[1] ** 2)))
 
 

@@ -7,6 +7,9 @@ small strain, frictionless, sharp edge, layer far wider than the punch. beta hol
 the edge add; theory gives it no single value, so it is free, and as it changes with a/h each radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
 Med. Eng. Phys. 19 (1997) 57.
+
+`bent`: the bracket as finite elements have it, 1 + beta eps + gamma eps (eps - .2), eps = w/h: beta stays the
+slope of the chord up to w/h = .2, and gamma, one a radius, lies between the bounds of theory.py.
 """
 
 from __future__ import annotations
@@ -21,10 +24,12 @@ from calibration.parameters import Parameter, Prior
 from calibration.stages import State
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
+from calibration.theory import bend_range
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)
 NOMINAL_NU = 0.48
+CHORD = 0.2  # w/h up to which theory's slopes are chords
 STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit
 
 
@@ -32,11 +37,13 @@ STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its la
 class FlatPunch(Composable):
     """The default law. `free_poisson_ratio` lets nu vary where several radii may fix it.
 
-    `sticking` from 0 (frictionless) to 1 (the gel sticks to the face) adds that share of the surplus stiffness.
+    `sticking` from 0 (frictionless) to 1 (the gel sticks to the face) adds that share of the surplus stiffness;
+    `bent` adds one gamma a radius.
     """
 
     free_poisson_ratio: bool = False
     sticking: float = 0.0
+    bent: bool = False
 
     @property
     def key(self) -> str:
@@ -44,10 +51,11 @@ class FlatPunch(Composable):
         return "flat_punch"
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """E, nu, then beta for each radius in rising order."""
+        """E, nu, then beta for each radius in rising order, then gamma for each, if bent."""
         modulus = Parameter("youngs_modulus_MPa", "MPa", starting_modulus(data), (1e-5, 1e4),
                             "Young's modulus of the gel", starting_modulus(data))  # fmt: skip
-        return (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *betas(data))
+        known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *betas(data))
+        return (*known, *bends(data)) if self.bent else known
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
@@ -56,10 +64,14 @@ class FlatPunch(Composable):
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
             surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
             stiffness = stiffness * (1 + self.sticking * surplus[radius_number(data)])
-        beta = values[2:][radius_number(data)]
+        number = radius_number(data)
         depth = np.maximum(state.depth_mm, 0)
-        force = stiffness * depth * (1 + beta * depth / state.thickness_mm)
-        return replace(state, stiffness_N_per_mm=stiffness, force_N=force)
+        strain = depth / state.thickness_mm
+        bracket = 1 + values[2:][number] * strain
+        if self.bent:
+            gamma = values[2 + values[2:].size // 2 :][number]
+            bracket = bracket + gamma * strain * (strain - CHORD)
+        return replace(state, stiffness_N_per_mm=stiffness, force_N=stiffness * depth * bracket)
 
 
 def betas(data: Observations) -> tuple[Parameter, ...]:
@@ -67,6 +79,21 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     radii = np.unique(data.presses.radius_mm)
     names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
     return tuple(Parameter(n, "1", 0.85, (-3.0, 12.0), "curvature of P/w against w/h", 1.0) for n in names)
+
+
+def bends(data: Observations) -> tuple[Parameter, ...]:
+    """One gamma a radius, between what theory allows there; a straight bracket is what is usual."""
+    gel, table = data.gel, []
+    nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
+    for radius in np.unique(data.presses.radius_mm):
+        mine = data.radius_mm == radius
+        edge = max(i.edge_radius_mm or 0.0 for i in data.indenters if i.radius_mm == radius)
+        deepest = float(np.max(data.depth_mm[mine])) / gel.thickness_mm
+        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3),
+                               round(edge / gel.thickness_mm, 4), round(deepest, 3))  # fmt: skip
+        table.append(Parameter(f"bend[{radius:g}]", "1", 0.0, (low, high), "bend of P/w against w/h", 1.0,
+                               Prior(0.0, (high - low) / 2, "finite elements")))  # fmt: skip
+    return tuple(table)
 
 
 def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp]]:

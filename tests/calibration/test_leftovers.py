@@ -14,9 +14,10 @@ from calibration.fitting import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.left import describe
 from calibration.model import Model
+from calibration.pure_noise import refit_with_pure_noise
 from calibration.relief import Surface, relief
 from calibration.scatter import Scatter
-from calibration.screen import SCATTER, refit_with_pure_noise, screen
+from calibration.screen import SCATTER, screen
 from calibration.sight import sighted
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import HeightMap

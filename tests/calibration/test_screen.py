@@ -13,7 +13,8 @@ from calibration.fitting import Fit, fit, profile_interval
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
-from calibration.screen import noise_from_repeats, refit_with_pure_noise, renewed_noise, screen
+from calibration.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
+from calibration.screen import screen
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])

@@ -44,7 +44,8 @@ def seen(picture: Floats, seed: int, data: Observations = GAUGE) -> Observations
 def test_what_is_wrong_with_the_picture_is_named(key: str, picture: Floats, candidates: set[str]) -> None:
     """A certified depth that forgot the rise looks like a gain below 0: the two stay one set."""
     found = diagnose(seen(picture, 1), np.random.default_rng(0))
-    assert [effect.key for effect in found.effects] == [key]
+    (named,) = (effect.key for effect in found.effects)
+    assert named in candidates, f"of one set either may come first; {key} was planted"
     assert set(found.candidates) == candidates
     assert found.verdict == ("IDENTIFIED" if len(candidates) == 1 else "AMBIGUOUS")
     assert not candidates & set(found.not_testable)

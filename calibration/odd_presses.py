@@ -1,0 +1,110 @@
+"""Do the presses repeat each other? One that stands out of the others, or a zero that wanders over the presses.
+
+Each press has an own offset, its residual e projected on what a depth zero does to it:
+
+    z = sum s e/b^2 / sum s^2/b^2,    s = df/dw, b the samples' noise
+
+The error model takes any scatter of z for granted, however large, so two things are asked beside it. Is one z too
+far from those of presses like it (of one radius, three at least): Student's t over their robust spread,
+1.4826 times the median of |z|, Bonferroni over the presses. And does z jump or drift over the order or the date:
+the largest cumulative sum of z along it, held against the same z with like presses in another order, which is
+exact whatever z's distribution is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.conditions import covariates
+from calibration.data import Ints
+from calibration.fitting import Fit
+from calibration.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
+from tactilevision.records import Floats
+
+FEWEST, REPEATS, SHUFFLES = 8, 3, 999
+LEVEL = 0.01  # of either finding where nothing is there: beside the screen's own
+ROBUST = 1.4826
+DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
+LEAST_SPREAD_MM = 1e-3
+BEYOND_TYPICAL = 8.0  # e-folds of scatter between rigs span a factor of some three either way
+OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
+
+
+@dataclass(frozen=True, slots=True)
+class Oddity:
+    """Labels of presses that stand out, covariates that the presses' zeros depend on with p for all looks, and
+    whether like presses scatter far more than any rig's.
+    """
+
+    presses: tuple[str, ...] = ()
+    wanders: tuple[tuple[str, float], ...] = ()
+    scattered: bool = False
+
+    def __bool__(self) -> bool:
+        return bool(self.presses or self.wanders)
+
+
+def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
+    """What is odd among the presses of a fit; nothing for fewer than eight of them."""
+    data, noise = fitted.data, fitted.noise
+    scattered = max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
+    if data.count < FEWEST:
+        return Oddity(scattered=scattered)
+    groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
+    stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(_far(_beside_like(own, groups))))
+    return Oddity(stands_out, tuple(_wanders(fitted, own - own.mean(), groups, rng)), scattered)
+
+
+def own_zero_mm(fitted: Fit) -> Floats:
+    """z (M,)."""
+    weight = fitted.about.slope_N_per_mm / fitted.about.base_N**2
+    press = fitted.data.press
+    stiff = np.bincount(press, weight * fitted.about.slope_N_per_mm)
+    return np.asarray(np.bincount(press, weight * fitted.residual_N) / np.maximum(stiff, 1e-300))
+
+
+def _beside_like(own: Floats, groups: Ints) -> Floats:
+    """Less the median of the group; of all where a group has fewer than three."""
+    rest = own - np.median(own)
+    for group in np.unique(groups):
+        mine = groups == group
+        if mine.sum() >= REPEATS:
+            rest[mine] = own[mine] - np.median(own[mine])
+    return np.asarray(rest)
+
+
+def _far(own: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    from scipy.stats import t
+
+    spread = max(ROBUST * float(np.median(np.abs(own))), LEAST_SPREAD_MM)
+    limit = float(t.isf(LEVEL / 2 / own.size, max(DOF_SHARE * own.size, 2.0)))
+    return np.asarray(np.abs(own) > limit * spread)
+
+
+def _wanders(fitted: Fit, own: Floats, groups: Ints, rng: np.random.Generator) -> Iterator[tuple[str, float]]:
+    """Covariates of presses that z depends on; p adjusted by the smallest of all in each of the shuffles."""
+    first = fitted.data.first
+    looked = [c for c in covariates(fitted.data) if c.of_press and c.name in OF_PRESSES]
+    if not looked:
+        return
+    along = [np.argsort(c.values[first], kind="stable") for c in looked]
+    orders = [np.arange(own.size), *(_shuffled(groups, rng) for _ in range(SHUFFLES))]
+    table = np.array([[np.max(np.abs(np.cumsum(own[one][way]))) for way in along] for one in orders])
+    p = np.array([(column[:, None] <= column).mean(axis=1) for column in table.T]).T
+    smallest = p.min(axis=1)
+    for k, covariate in enumerate(looked):
+        adjusted = float(np.mean(smallest <= p[0, k]))
+        if adjusted < LEVEL:
+            yield covariate.name, adjusted
+
+
+def _shuffled(groups: Ints, rng: np.random.Generator) -> Ints:
+    """Numbers of the presses (M,) with like ones in another order."""
+    mixed = np.arange(groups.size)
+    for group in np.unique(groups):
+        mine = np.flatnonzero(groups == group)
+        mixed[mine] = rng.permutation(mine)
+    return mixed
