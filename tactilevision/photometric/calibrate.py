@@ -15,7 +15,16 @@ from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.quiet import Quiet, QuietSums
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.samples import CONTACT, RESTING, Samples, far_from, inside_ball, join, untouched
+from tactilevision.photometric.samples import (
+    CONTACT,
+    RESTING,
+    Samples,
+    far_from,
+    inside_ball,
+    join,
+    untouched,
+    with_noise,
+)
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3
@@ -23,6 +32,7 @@ FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
+PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
 class Fitter(Protocol):
@@ -94,7 +104,7 @@ def calibrate_from_balls(
             value=f"{len(contact)} of {len(pictures)}: " + "; ".join(warnings),
             remedy="Press the ball at more places, over the whole picture.",
         )
-    touching, still = join(contact), join(resting)
+    touching, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
@@ -211,9 +221,23 @@ def _gain_std(found: Floats, samples: Samples) -> float:
 
 
 def _relative_miss(found: Floats, samples: Samples) -> float:
-    """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth."""
-    off = np.hypot(*(found - samples.slopes).T)
-    return float(np.mean(off / (np.hypot(*samples.slopes.T) + GENTLE)))
+    """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
+
+    Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
+    by pixel the best guess is one that reads all slopes too low.
+    """
+    steep = np.hypot(*samples.slopes.T)
+    sector = np.floor(
+        (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
+    )
+    ring = np.floor(PATCHES[1] * 0.999999 * (steep / steep.max()) ** 2)
+    _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
+    count = np.bincount(patch.ravel())
+    true, off = (
+        np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
+        for many in (samples.slopes, found - samples.slopes)
+    )
+    return float(np.average(off / (true + GENTLE), weights=count))
 
 
 def _mean_square(found: Floats, samples: Samples) -> float:

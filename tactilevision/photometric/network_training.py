@@ -22,7 +22,7 @@ from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.one_core import one_core
 from tactilevision.photometric.onnx_file import export_network, require_exporter
-from tactilevision.photometric.polynomial import QUIET, TYPICAL
+from tactilevision.photometric.polynomial import TYPICAL
 from tactilevision.photometric.samples import CONTACT, INSIDE, Samples, join
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
@@ -33,6 +33,7 @@ WIDTH, LAYERS = 16, 2
 STEPS, AT_ONCE, RATE, DECAY = 900, 2048, 1e-2, 1e-3
 SHOWN = 4  # times that each press is shown beside its own picture
 SEED = 20261121
+QUIET = 0.1  # weight of untouched gel
 
 
 @dataclass(frozen=True)

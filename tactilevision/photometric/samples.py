@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,15 +20,20 @@ OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number."""
+    """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
+
+    `noise` (N, 3): standard deviation of the changes, None where they are known exactly.
+    """
 
     change: Floats
     place: Floats
     slopes: Floats
     press: npt.NDArray[np.int64]
+    noise: Floats | None = None
 
     def where(self, chosen: Bools) -> Samples:
-        return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen])
+        noise = None if self.noise is None else self.noise[chosen]
+        return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
 
 
 def join(parts: Sequence[Samples]) -> Samples:
@@ -63,6 +68,15 @@ def untouched(
 def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
     """Where (H, W) the gel counts as untouched by the ball."""
     return np.asarray(_from_axis(shape, ball, mm_per_px)[2] > OUTSIDE * ball.contact_radius_px * mm_per_px[0])
+
+
+def with_noise(samples: Samples, noise: Planes) -> Samples:
+    """The samples with the noise of their changes, out of pictures of it (3, H, W)."""
+    columns, rows = (
+        np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
+        for at, n in zip(samples.place.T, noise.shape[:0:-1], strict=True)
+    )
+    return replace(samples, noise=np.asarray(noise[:, rows, columns].T, np.float64))
 
 
 def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
