@@ -79,6 +79,10 @@ def _depths(data: Observations) -> Iterator[InputError]:
         k = int(np.flatnonzero(depth <= 0)[0])
         yield InputError("a certified depth lies above 0 mm", where=_press(data, k), value=float(depth[k]),
                          remedy="Depth is positive into the gel.")  # fmt: skip
+    if not touching.any():
+        yield InputError("every sample is called free", value="phase = free",
+                         remedy="Name the phases load, hold and unload, or leave them empty.")  # fmt: skip
+        return
     if not (touching & (depth > 0)).any():
         yield InputError("no sample lies in the gel", value=float(np.max(depth)),
                          remedy="Depth is positive into the gel: check its sign.")  # fmt: skip
@@ -87,12 +91,13 @@ def _depths(data: Observations) -> Iterator[InputError]:
     if depth[k] > data.gel.thickness_mm:
         yield InputError("a depth is larger than the gel is thick", where=_press(data, k), value=float(depth[k]),
                          remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.")  # fmt: skip
+    if depth[k] < TYPICAL_ZERO_MM:
+        yield InputError("the deepest press is no deeper than a depth's zero is known", where=_press(data, k),
+                         value=float(depth[k]), remedy="Depths are in mm: are these in metres?")  # fmt: skip
     for radius in np.unique(data.presses.radius_mm):
         mine = depth[touching & (data.radius_mm == radius)]
         if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
-            yield InputError("all presses of one radius have one depth, so stiffness and curvature cannot be "
-                             "told apart", where=f"radius {radius:g} mm", value=float(np.median(mine)),
-                             remedy="Press to two depths at least, one twice the other.")  # fmt: skip
+            yield _of_one_depth(radius, mine)
 
 
 def _forces(data: Observations) -> Iterator[InputError]:
@@ -106,8 +111,18 @@ def _forces(data: Observations) -> Iterator[InputError]:
     for radius in np.unique(data.presses.radius_mm):
         mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
         if mine.sum() > 1 and _falls(depth[mine], force[mine]):
+            if np.ptp(depth[mine]) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+                yield _of_one_depth(radius, depth[mine])
             yield InputError("the force falls as the depth grows", where=f"radius {radius:g} mm",
                              remedy="Check the sign of fz_N, and that depth and force match.")  # fmt: skip
+
+
+def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
+    return InputError(
+        "all presses of one radius have one depth, so stiffness and curvature cannot be told apart",
+        where=f"radius {radius_mm:g} mm", value=float(np.median(depth_mm)),
+        remedy="Press to two depths at least, one twice the other.",
+    )  # fmt: skip
 
 
 def _falls(depth: Floats, force: Floats) -> bool:
