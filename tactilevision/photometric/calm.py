@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
-BLOCK = 8  # halved pixels: grid on which windows are cut
+BLOCK = 4  # halved pixels: grid on which windows are cut
 MOST = 0.5  # of the picture in windows; above that all of it is read in full
 LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
 
