@@ -82,7 +82,8 @@ class TransformSolver:
         modes = fft.dct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
         modes *= self.inverse
         modes = fft.idct(modes, axis=self.axis, norm="ortho", overwrite_x=True)
-        depth = modes[self.inside] + self.growing * modes[self.beyond].sum(axis=self.axis, keepdims=True)
+        depth: Array = self.growing * modes[self.beyond].sum(axis=self.axis, keepdims=True)
+        depth += modes[self.inside]
         return np.asarray(fft.idct(depth, axis=across, norm="ortho", overwrite_x=True))
 
 
