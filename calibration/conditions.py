@@ -56,7 +56,7 @@ def steady_depth(data: Observations) -> Floats:
     """
     branch, steady = branches(data), data.depth_mm.copy()
     if not data.is_curves:
-        return _nominal(data)
+        return steady
     for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
         for kind in np.unique(branch[start:end]):
             mine = start + np.flatnonzero(branch[start:end] == kind)
@@ -64,14 +64,16 @@ def steady_depth(data: Observations) -> Floats:
     return steady
 
 
-def _nominal(data: Observations) -> Floats:
-    """The mean (N,) of points of one radius and one depth, as far as a press's zero lets that be seen."""
-    steady = data.depth_mm.copy()
+def nominal_depth(data: Observations) -> Floats:
+    """The same with one depth for plateaus, and points, of one radius that a press's zero alone may part."""
+    steady = steady_depth(data)
+    flat = np.isin(branches(data), (HOLD, FREE)) if data.is_curves else np.ones(data.size, dtype=bool)
     for radius in np.unique(data.radius_mm):
-        mine = np.flatnonzero(data.radius_mm == radius)
-        mine = mine[np.argsort(data.depth_mm[mine])]
-        number = _clusters(data.depth_mm[mine], SAME_MM)
-        steady[mine] = (np.bincount(number, data.depth_mm[mine]) / np.bincount(number))[number]
+        mine = np.flatnonzero(flat & (data.radius_mm == radius))
+        mine = mine[np.argsort(steady[mine], kind="stable")]
+        if mine.size:
+            number = _clusters(steady[mine], SAME_MM)
+            steady[mine] = (np.bincount(number, steady[mine]) / np.bincount(number))[number]
     return steady
 
 

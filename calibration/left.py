@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.conditions import steady_depth
+from calibration.conditions import nominal_depth
 from calibration.fitting import Fit
 from calibration.screen import Scored
 from tactilevision.records import Floats
@@ -38,7 +38,7 @@ def describe(fitted: Fit, scored: tuple[Scored, ...], level: float = 0.05) -> Le
 
 def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:
     """Depth, mean residual and its error in bins of depth that hold three samples or more."""
-    depth, residual = steady_depth(fitted.data), fitted.residual_N
+    depth, residual = nominal_depth(fitted.data), fitted.residual_N
     edges = np.linspace(max(float(depth.min()), 0.0), float(depth.max()), BINS + 1)
     number = np.clip(np.digitize(depth, edges) - 1, 0, BINS - 1)
     rows = [np.flatnonzero(number == k) for k in range(BINS)]

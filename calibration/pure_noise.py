@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.conditions import group_basis
-from calibration.fitting import Fit, fit
+from calibration.conditions import group_basis, nominal_depth
+from calibration.fitting import Fit, Problem, fit
 from calibration.noise import Noise, Whitener
 from calibration.reml import STATED_DOF, TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise
 from tactilevision.records import Floats
@@ -37,7 +37,11 @@ def noise_from_repeats(fitted: Fit) -> Noise:
 
 def _explained(fitted: Fit) -> Floats:
     """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
-    columns = np.column_stack([fitted.jacobian[:, fitted.free], group_basis(fitted.data)])
+    # at depths without their readings' noise, or the law's columns less a hold's mean would be just that noise
+    data = fitted.data.shifted(nominal_depth(fitted.data) - fitted.data.depth_mm)
+    whitener = Whitener(data, fitted.noise, fitted.about)
+    law = Problem(fitted.model, data, fitted.parameters, whitener).jacobian(fitted.values)
+    columns = np.column_stack([law[:, fitted.free], group_basis(data)])
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, size > ALIKE * size[0]])

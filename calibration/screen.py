@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.conditions import Covariate, bins, covariates, steady_depth
+from calibration.conditions import Covariate, bins, covariates, nominal_depth
 from calibration.fitting import Fit
 from calibration.noise import Noise, Whitener
 from calibration.pure_noise import renewed_noise
@@ -103,7 +103,7 @@ def seen_covariates(fitted: Fit) -> tuple[Covariate, ...]:
     """The covariates, depth without its readings' noise and force as fitted to that: bins of what was read would
     sort residuals by their own noise.
     """
-    steady = fitted.data.shifted(steady_depth(fitted.data) - fitted.data.depth_mm)
+    steady = fitted.data.shifted(nominal_depth(fitted.data) - fitted.data.depth_mm)
     return covariates(steady.with_force(fitted.model.predict(fitted.values, steady)))
 
 

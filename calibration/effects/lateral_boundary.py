@@ -18,6 +18,8 @@ from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+SAME_MM = 0.5  # distances from the edge nearer than this are one
+
 
 @dataclass(frozen=True, slots=True)
 class LateralBoundary(EffectBase):
@@ -38,6 +40,14 @@ class LateralBoundary(EffectBase):
             Parameter("strength", "1", 0.0, (-3.0, 3.0), "relative change of stiffness at the very edge", 0.5),
             Parameter("length_mm", "mm", 3.0, (0.5, 12.0), "length over which the edge is forgotten", 2.0),
         )
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same; the length is the gel's thickness where fewer than three distances cannot tell it."""
+        strength, length = self.parameters
+        if np.unique(np.round(edge_distance(data) / SAME_MM)).size >= 3:
+            return strength, length
+        held = float(np.clip(data.gel.thickness_mm, *length.bounds))
+        return strength, replace(length, default=held, bounds=(held, held))
 
     def missing(self, data: Observations) -> str:
         """What these data would need."""

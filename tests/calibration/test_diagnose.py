@@ -28,11 +28,9 @@ from calibration.model import Model
 from calibration.noise import Noise
 from calibration.observe import observe_curves, observe_points
 from calibration.outside import theory_beta
-from calibration.private import load_effect, new_effect
 from calibration.refit import Candidate
 from calibration.stages import Effect, State
-from calibration.steps import History, Step, load_history
-from tactilevision.errors import ConvergenceError, InputError, OutputError
+from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
 from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
@@ -232,62 +230,6 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
     assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
 
 
-@pytest.mark.parametrize(
-    ("body", "why"),
-    [
-        ("raise RuntimeError('my own fault')", "my own fault"),
-        ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
-        ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
-    ],
-)  # fmt: skip
-def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Path, body: str, why: str) -> None:
-    file = tmp_path / "mine.py"
-    new_effect(file, "my_effect")
-    text = file.read_text()
-    head, tail = text.split("        share =")
-    file.write_text(head + "        if values[0] != 0:\n            " + body + "\n        share =" + tail)
-    effect = load_effect(file)
-    data = presses(8)
-    taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
-    found = diagnose(taken, np.random.default_rng(0), effects=[effect])
-    assert why in found.not_testable["my_effect"]
-    assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
-    compared = compare(taken, [effect, "depth_zero"], np.random.default_rng(0))
-    assert [model.effects for model in compared.models] == [(), ("depth_zero",)]
-    assert why in dict(compared.left_out)["my_effect"]
-
-
-@pytest.mark.parametrize("key", ["'tilt'", "7"])
-def test_a_private_effect_has_a_name_of_its_own(tmp_path: Path, key: str) -> None:
-    file = tmp_path / "mine.py"
-    new_effect(file, "my_effect")
-    file.write_text(file.read_text().replace('"my_effect"', key))
-    with pytest.raises(InputError, match="a name that no effect of the catalogue has"):
-        load_effect(file)
-
-
-def test_the_template_is_an_effect_that_finds_its_planted_value(tmp_path: Path) -> None:
-    new_effect(tmp_path / "order_drift.py", "order_drift")
-    effect = load_effect(tmp_path / "order_drift.py")
-    data = presses()
-    model = MODEL + effect
-    force = model.predict(np.append(TRUTH, 0.08), data)
-    found = fit(model, measured(data, force, np.random.default_rng(0)))
-    assert found.estimate("order_drift.amplitude").value == pytest.approx(0.08, abs=0.02)
-    with pytest.raises(OutputError, match="exists already"):
-        new_effect(tmp_path / "order_drift.py", "order_drift")
-
-
-@pytest.mark.parametrize(
-    ("text", "why"), [("x = 1", "one subclass"), ("1/0", "division by zero"), (None, "no such file")]
-)
-def test_files_that_are_no_effect_are_named(tmp_path: Path, text: str | None, why: str) -> None:
-    if text is not None:
-        (tmp_path / "bad.py").write_text(text)
-    with pytest.raises(InputError, match=why):
-        load_effect(tmp_path / "bad.py")
-
-
 def test_a_jump_is_dated_to_its_press() -> None:
     data = presses()
     force = MODEL.predict(TRUTH, data) * np.where(data.press < 14, 1.0, 1.06)
@@ -349,20 +291,3 @@ def test_an_effect_that_lacks_its_covariate_says_what_it_needs_and_the_rest_goes
     assert "needs a temperature" in found.not_testable["temperature"]
     assert "needs presses at several places" in found.not_testable["thickness_wedge"]
     assert "depth_zero" in found.visible
-
-
-def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:
-    history = History(("a b.rec",)).add(Step("depth_zero", "", 0.02, 0.01)).add(Step("mine", "my effect.py"))
-    with pytest.raises(InputError, match="already"):
-        history.add(Step("mine"))
-    back = history.undo()
-    assert [s.key for s in back.steps] == ["depth_zero"]
-    assert back.redo() == history
-    history.save(tmp_path / "history.json")
-    assert load_history(tmp_path / "history.json").steps[0] == history.steps[0]
-    assert "tactilevision compare 'a b.rec' --with depth_zero --effect 'my effect.py'" in history.script()
-    with pytest.raises(InputError, match="undo"):
-        History(()).undo()
-    (tmp_path / "bad.json").write_text("{}")
-    with pytest.raises(InputError, match="no history"):
-        load_history(tmp_path / "bad.json")

@@ -1,0 +1,122 @@
+"""What is no effect: the bend that theory allows, the readings' own noise, presses that do not repeat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+from test_screen import MODEL, TRUTH, measured, presses
+
+from calibration.checks import clear_of_touch
+from calibration.compare import base_model, fit_alone
+from calibration.conditions import steady_depth
+from calibration.data import Observations
+from calibration.diagnose import diagnose
+from calibration.effects.lateral_boundary import LateralBoundary
+from calibration.fitting import fit
+from calibration.laws.flat_punch import CHORD, FlatPunch
+from calibration.model import Model
+from calibration.odd_presses import odd_presses, own_zero_mm
+from calibration.pure_noise import noise_from_repeats
+from calibration.theory import bend_range
+from tactilevision.mechanics.flat_contact import FlatContact
+from tactilevision.mechanics.tables.punch import punch_force
+from tactilevision.records import Material
+
+
+def test_a_bent_law_without_bend_is_the_straight_one_and_keeps_its_chord() -> None:
+    data, bent = presses(2), Model(FlatPunch(bent=True))
+    np.testing.assert_array_equal(bent.predict(np.append(TRUTH, 0.0), data), MODEL.predict(TRUTH, data))
+    at_chord = data.shifted(CHORD * data.gel.thickness_mm - data.depth_mm)
+    np.testing.assert_allclose(bent.predict(np.append(TRUTH, 0.9), at_chord), MODEL.predict(TRUTH, at_chord))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, np.inf])
+def test_finite_elements_bend_within_what_theory_allows(friction: float) -> None:
+    """A curve of the table, fitted by the bent law on its own, ends inside the bounds and within its error."""
+    data = observations([np.linspace(0.01, 0.29, 30)], [indenter()])  # as deep as the table goes for all frictions
+    contact = FlatContact(2.5, 0.0, 3.0, friction)
+    force = punch_force(data.depth_mm, contact, Material(0.2, 0.48))
+    found = fit(Model(FlatPunch(bent=True)), data.with_force(force))
+    low, high = found.parameters[-1].bounds
+    assert low < found.values[-1] < high
+    assert found.rms_error_N < 0.003 * np.max(force)
+    assert bend_range(0.48, 2.5 / 3, 0.0, 0.2)[1] < 2, "a gel that stiffens beyond it still shows"
+
+
+def test_a_gel_that_bends_as_theory_has_it_is_adequate() -> None:
+    data, law = presses(24), Model(FlatPunch(bent=True))
+    force = law.predict(np.append(TRUTH, 0.8), data)
+    found = diagnose(measured(data, force, np.random.default_rng(2)), np.random.default_rng(0))
+    assert found.verdict == "ADEQUATE"
+    assert found.flags == ("bend_within_theory",)
+    assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+
+
+def plateaus(count: int, rng: np.random.Generator) -> Observations:
+    """Ramps and long holds, the depth read with 1.5 um of noise; the force is that of the true depth."""
+    true = np.concatenate([np.linspace(0.03, 0.55, 12), np.full(14, 0.55)])
+    time = [300.0 * k + np.arange(true.size) / (2 if k % 2 else 1) for k in range(count)]
+    data = observations([true] * count, [indenter()] * count, time_s=time)
+    data = replace(data, phase=np.tile(["load"] * 12 + ["hold"] * 14, count))
+    taken = measured(data, MODEL.predict(TRUTH, data), rng)
+    return replace(taken.shifted(0.0015 * rng.standard_normal(data.size)), depth_std_mm=np.full(data.size, 0.0015))
+
+
+def test_noise_of_the_depth_sorts_no_residuals() -> None:
+    data = plateaus(16, np.random.default_rng(3))
+    hold = data.phase == "hold"
+    assert np.unique(steady_depth(data)[hold]).size == 16, "one depth a hold"
+    assert np.std(steady_depth(data)[~hold] - np.tile(np.linspace(0.03, 0.55, 12), 16)) < 0.0015
+    assert diagnose(data, np.random.default_rng(0)).verdict == "ADEQUATE"
+
+
+def test_samples_at_the_touch_are_left_out() -> None:
+    data = presses(3)
+    near = np.where(np.arange(data.size) % 17 == 0, 0.005, data.depth_mm)
+    assert clear_of_touch(data.shifted(near - data.depth_mm)).size == data.size - 3
+    assert clear_of_touch(data) is data
+
+
+def points(force_std_N: float = 0.004) -> Observations:
+    """24 points at four depths, six of each."""
+    depth = [np.array([0.15 * (1 + k % 4)]) for k in range(24)]
+    data = observations(depth, [indenter()] * 24)
+    return replace(data, force_std_N=np.full(24, force_std_N), depth_std_mm=np.full(24, 0.001))
+
+
+def test_points_are_presses_too() -> None:
+    data = points()
+    taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(5))
+    noise = noise_from_repeats(fit(MODEL, taken))
+    assert 0.002 < noise.gain < 0.012
+    assert 0.0015 < noise.zero_mm < 0.009
+
+
+@pytest.mark.parametrize(("jump_mm", "odd"), [(0.0, ()), (0.04, ("p5",))])
+def test_a_press_that_does_not_belong_is_found(jump_mm: float, odd: tuple[str, ...]) -> None:
+    data = presses(20)
+    force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, jump_mm, 0.0)))
+    fitted = fit_alone(base_model(data), measured(data, force, np.random.default_rng(1)))
+    found = odd_presses(fitted, np.random.default_rng(0))
+    assert found.presses == odd
+    assert own_zero_mm(fitted)[5] > 0.8 * jump_mm - 0.012
+
+
+def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
+    data = presses(24)
+    force = MODEL.predict(TRUTH, data.shifted(np.where(data.press >= 14, 0.025, 0.0)))
+    found = diagnose(measured(data, force, np.random.default_rng(1)), np.random.default_rng(0))
+    assert found.verdict == "UNKNOWN"
+    assert "presses_wander" in found.flags
+    assert found.change_point == "p14"
+
+
+def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:
+    data = presses(4)
+    placed = replace(data, presses=replace(data.presses, x_mm=np.array([0.0, 5, -5, 5]), y_mm=np.zeros(4)))
+    assert LateralBoundary().parameters_on(placed)[1].fixed
+    spread = replace(data, presses=replace(data.presses, x_mm=np.array([0.0, 2, 4, 5]), y_mm=np.zeros(4)))
+    assert not LateralBoundary().parameters_on(spread)[1].fixed
