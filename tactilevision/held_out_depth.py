@@ -10,7 +10,8 @@ and where the untouched gel is, have no part in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,17 +25,34 @@ from tactilevision.surface import integrate
 
 MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
 MOST = 24  # balls; more tell no more
+BANDS = 3
 
 
-def held_out_depth(calibration: Calibration, pictures: Sequence[BallPicture], mm_per_px: Pair) -> dict[str, float]:
-    """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm."""
-    now, methods, dents = calibration.method, dict[int, CalibratedMethod](), []
+@dataclass(frozen=True, slots=True)
+class Band:
+    """`count` balls from `low` to `high`: rms error of their dents, the stated one, and the share within it."""
+
+    low: float
+    high: float
+    count: int
+    off_mm: float
+    stated_mm: float
+    within: float
+
+
+def held_out_depth(calibration: Calibration, pictures: Sequence[BallPicture], mm_per_px: Pair) -> dict[str, Any]:
+    """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm.
+
+    `held_out_balls` has each dent with its contact radius.
+    """
+    now, methods, dents, radii_px = calibration.method, dict[int, CalibratedMethod](), [], []
     for picture, ball, law in _apart(calibration, pictures):
         if id(law) not in methods:
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         dents.append(dent_mm(depth, ball, mm_per_px))
+        radii_px.append(ball.contact_radius_px)
     if not dents:
         return {}
     found, true = np.array(dents).T
@@ -43,7 +61,35 @@ def held_out_depth(calibration: Calibration, pictures: Sequence[BallPicture], mm
         "held_out_depth_ratio": float(np.median(ratio)),
         "held_out_depth_ratio_std": 1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))),
         "held_out_depth_rms_mm": float(np.sqrt(np.mean((found - true) ** 2))),
+        "held_out_balls": [
+            {"dent_mm": round(t, 5), "found_mm": round(f, 5), "contact_radius_px": round(r, 2)}
+            for t, f, r in zip(true.tolist(), found.tolist(), radii_px, strict=True)
+        ],
     }
+
+
+def bands(card: Mapping[str, Any], key: str, relative_std: float) -> list[Band]:
+    """The balls held out, in BANDS of as many each by `key` of "held_out_balls": their error and the stated one.
+
+    `relative_std` is the stated deviation of the depth scale (`depth_error.gain_std`).
+    """
+    balls = sorted(card.get("held_out_balls", ()), key=lambda ball: ball[key])
+    found = []
+    for part in np.array_split(np.arange(len(balls)), BANDS):
+        if len(part):
+            true, seen, at = np.array([[balls[i][k] for k in ("dent_mm", "found_mm", key)] for i in part]).T
+            off, stated = seen - true, relative_std * true
+            found.append(
+                Band(
+                    float(at.min()),
+                    float(at.max()),
+                    len(part),
+                    float(np.sqrt(np.mean(off**2))),
+                    float(np.sqrt(np.mean(stated**2))),
+                    float(np.mean(np.abs(off) < stated)),
+                )
+            )
+    return found
 
 
 def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -> Pair:

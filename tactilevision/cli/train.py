@@ -15,12 +15,15 @@ from tactilevision.errors import InputError
 def train(
     recording: Annotated[Path, typer.Argument(help="A recording with reference/flat and reference/ball.")],
     method: Annotated[str, typer.Option(help="polynomial, either, lookup or network.")] = "polynomial",
-    out: Annotated[Path, typer.Option("--out", help="The method's file; its card lies beside it.")] = Path(
-        "method.npz"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", help="The method's file; its card and figure lie beside it.")
+    ] = Path("method.npz"),
     licence: Annotated[str, typer.Option(help="Of the method's file, for its card.")] = "not stated",
 ) -> None:
-    """Calibrate a photometric method, to be used later with --method FILE; its card says how far it is off."""
+    """Calibrate a photometric method, to be used later with --method FILE.
+
+    Its card says how far it is off; a figure shows balls held out, by depth and by contact size.
+    """
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.photometric.method import CalibratedMethod
@@ -44,6 +47,12 @@ def train(
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     card = {**made.method.card, **provenance(data, licence=licence)}
     path = save_method(dataclasses.replace(made.method, card=card), out)
-    also = (".onnx", ".json") if method == "network" else (".json",)
+    also: tuple[str, ...] = (".onnx", ".json") if method == "network" else (".json",)
+    if card.get("held_out_balls"):
+        from tactilevision.plots.depth_report import draw_depth_report
+        from tactilevision.plots.style import save_png
+
+        save_png(draw_depth_report(card), path.with_suffix(".png"))
+        also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
     console.say(*(f"  {name}: {value}" for name, value in card.items() if not isinstance(value, dict | list)))

@@ -52,6 +52,8 @@ def test_a_network_is_trained_and_used_again(tmp_path: Path, monkeypatch: pytest
     assert "16 ball presses" in card["data"]
     assert {"torch", "onnxruntime", "kornia"} <= set(card["versions"])
     assert 0.5 < card["held_out_depth_ratio"] < 1.5
+    assert len(card["held_out_balls"]) == 16
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     assert card["held_out_direction_error_deg"] < 20.0
     found = build_reconstructor(read_recording(SAMPLE), str(out))
     assert found.method.name == "network"
