@@ -28,7 +28,6 @@ from calibration.stages import Effect
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 5, 3
-RISEN = 1.05  # of the held-out error in N: what lies below is the scatter of the few deep presses that rule it
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 
 
@@ -178,7 +177,8 @@ def _skill(current: Fit, candidate: Candidate) -> float:
     folds = press_folds(current.data)
     before = hold_out(current.model, current, current.values, folds)
     after = hold_out(candidate.model, current, candidate.values, folds)
-    if after.rms_N > RISEN * before.rms_N:
+    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
+    if after.rms_N > (1 + scatter) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
     return 1 - after.squares / before.squares if before.squares > 0 else 0.0
 
