@@ -102,16 +102,19 @@ def repeat_groups(data: Observations) -> Ints:
 def group_basis(data: Observations) -> Floats:
     """Smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
 
-    What lies above the gel counts as air, whatever its phase: no smooth curve goes around the corner at the touch.
+    What lies above the gel is a constant for each phase: no smooth curve goes around the corner at the touch, and
+    a gel that clings pulls in unloading alone.
     """
     groups = repeat_groups(data)[data.press]
-    branch = np.where(data.depth_mm > 0, branches(data), FREE)
+    branch = branches(data) + np.where(data.depth_mm > 0, 0, len(BRANCHES))
     columns: list[Floats] = []
     for group in np.unique(groups):
         for kind in np.unique(branch[groups == group]):
             mine = (groups == group) & (branch == kind)
             along = data.depth_mm if kind != HOLD else data.time_s - data.time_s[data.first][data.press]
-            columns += _polynomials(along, mine, DEGREES[int(kind)], SAME_MM if kind != HOLD else None)
+            columns += _polynomials(
+                along, mine, DEGREES[int(kind)] if kind < len(BRANCHES) else 0, SAME_MM if kind != HOLD else None
+            )
     return np.column_stack(columns)
 
 

@@ -66,8 +66,10 @@ def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepes
     strain = np.linspace(1 / STRAINS, 1, STRAINS) * min(deepest, float(depth[-1]))
     bends = [bend for block in table.blocks
              for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)]  # fmt: skip
-    # an error of the table that is largest half way is a parabola of this gamma
-    error = 4 * float(table.card["errors"]["interpolation_force"]) / strain[-1] ** 2
+    stated = table.card["errors"]
+    sharper = edge_over_h < min(block.edge_over_h for block in table.blocks) * (1 - 1e-9)
+    off = stated["interpolation_force"] + (stated["sharp_limit_at_first_touch"] if sharper else 0.0)
+    error = 4 * float(off) / strain[-1] ** 2  # one that is largest half way is a parabola of this gamma
     return min(0.0, *bends) - error, max(0.0, *bends) + error
 
 
