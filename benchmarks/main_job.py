@@ -22,7 +22,7 @@ import numpy as np
 
 from tactilevision.synthetic import SimulationOptions, simulate
 
-FIRST_SEED = 4000
+FIRST_SEED = 4200
 SIDES: tuple[Literal["right", "left", "top", "bottom"], ...] = ("right", "left", "top", "bottom")
 
 
