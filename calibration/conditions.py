@@ -7,6 +7,7 @@ is estimated from differences between repeats and from what is rough, never from
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ BRANCHES = ("load", "hold", "unload", "free")
 DEGREES = (4, 1, 3, 0)
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
 COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
+_KEPT: deque[tuple[tuple[np.ndarray, ...], Floats]] = deque(maxlen=8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +54,21 @@ def branches(data: Observations) -> Ints:
 def steady_depth(data: Observations) -> Floats:
     """Depth (N,) without most of its readings' noise: a hold's and the air's mean, a smooth course of the others.
 
-    A plateau is many readings of one depth: sorted by what was read they would be sorted by their noise.
+    A plateau is many readings of one depth: sorted by what was read they would be sorted by their noise. Kept for
+    the last few data sets, since every prediction of an effect that remembers asks again; not to be written to.
     """
+    key = (data.depth_mm, data.time_s, data.phase, data.press)
+    for known, steady in _KEPT:
+        if all(a is b for a, b in zip(known, key, strict=True)):
+            return steady
+    steady = _steady(data) if data.is_curves else data.depth_mm.copy()
+    steady.setflags(write=False)
+    _KEPT.append((key, steady))
+    return steady
+
+
+def _steady(data: Observations) -> Floats:
     branch, steady = branches(data), data.depth_mm.copy()
-    if not data.is_curves:
-        return steady
     for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
         for kind in np.unique(branch[start:end]):
             mine = start + np.flatnonzero(branch[start:end] == kind)
@@ -66,7 +78,7 @@ def steady_depth(data: Observations) -> Floats:
 
 def nominal_depth(data: Observations) -> Floats:
     """The same with one depth for plateaus, and points, of one radius that a press's zero alone may part."""
-    steady = steady_depth(data)
+    steady = steady_depth(data).copy()
     flat = np.isin(branches(data), (HOLD, FREE)) if data.is_curves else np.ones(data.size, dtype=bool)
     for radius in np.unique(data.radius_mm):
         mine = np.flatnonzero(flat & (data.radius_mm == radius))
@@ -78,8 +90,14 @@ def nominal_depth(data: Observations) -> Floats:
 
 
 def _clusters(values: Floats, apart: float) -> Ints:
-    """Which cluster each of the values (n,), sorted, belongs to: a gap wider than `apart` ends one."""
-    return np.concatenate([[0], np.cumsum(np.diff(np.sort(values)) > apart)]).astype(np.int64)
+    """Which cluster each of the values (n,), sorted, belongs to: one begins where the last one's first is `apart`
+    away, so that the readings of a ramp, however near each other, are no cluster.
+    """
+    ordered = np.sort(values)
+    number, start = np.zeros(values.size, dtype=np.int64), 0
+    while (start := int(np.searchsorted(ordered, ordered[start] + apart, side="right"))) < values.size:
+        number[start:] += 1
+    return number
 
 
 def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:

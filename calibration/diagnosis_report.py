@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from calibration import page, wording
 from calibration.diagnosis import Added, Diagnosis
 from calibration.drawing import Card
@@ -80,7 +82,8 @@ def _left(found: Diagnosis) -> str:
     on = " and ".join(list(dict.fromkeys(_said(key) for key in left.covariates))[:2])
     parts = [f"it depends on {on}"] if on else []
     if left.size_N > 0:
-        parts.append(f"is about {1e3 * left.size_N:.0f} mN large and varies over {left.length_mm:.2g} mm of depth")
+        over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
+        parts.append(f"is about {1e3 * left.size_N:.0f} mN large{over}")
     if found.change_point is not None:
         parts.append(f"is there since press {found.change_point}")
     return f" ({', '.join(parts)})" if parts else ""

@@ -1,0 +1,45 @@
+"""What counts as one depth: a ramp read densely is no plateau, and points of one height are one."""
+
+from __future__ import annotations
+
+import numpy as np
+from made_presses import indenter, observations
+
+from calibration.conditions import group_basis, nominal_depth, steady_depth
+
+
+def test_a_dense_ramp_keeps_its_shape() -> None:
+    """Readings 5 um apart, nearer than two zeros of presses: the group's mean curve still has degree 4."""
+    ramp = np.linspace(0.01, 0.6, 120)
+    data = observations([ramp, ramp + 0.002, ramp - 0.002], [indenter()] * 3)
+    basis = group_basis(data)
+    assert basis.shape[1] == 5
+    coefficients = np.linalg.lstsq(basis, data.depth_mm**3, rcond=None)[0]
+    np.testing.assert_allclose(basis @ coefficients, data.depth_mm**3, atol=1e-9)
+
+
+def test_heights_that_scatter_are_as_many_as_were_pressed() -> None:
+    rng = np.random.default_rng(0)
+    heights = np.repeat([0.15, 0.3, 0.6], 6)
+    data = observations(list((heights + 0.003 * rng.standard_normal(18))[:, None]), [indenter()] * 18)
+    assert group_basis(data).shape[1] == 3
+    depth = nominal_depth(data)
+    assert np.unique(depth.round(9)).size == 3
+    np.testing.assert_allclose(depth, heights, atol=0.004)
+
+
+def test_a_chain_of_near_depths_is_no_one_depth() -> None:
+    """Forty points 15 um apart reach over .6 mm: they stay near where they were."""
+    heights = np.linspace(0.02, 0.6, 40)
+    data = observations(list(heights[:, None]), [indenter()] * 40)
+    np.testing.assert_allclose(nominal_depth(data), heights, atol=0.011)
+
+
+def test_what_is_kept_is_the_data_sets_own() -> None:
+    """The same depths at other times, and other depths at the same times, are asked for anew."""
+    time_s = np.linspace(0, 1, 40)
+    one = observations([time_s**2], [indenter()], time_s=[time_s])
+    other = observations([time_s**3], [indenter()], time_s=[time_s])
+    assert steady_depth(one) is steady_depth(one)
+    np.testing.assert_allclose(steady_depth(other), time_s**3, atol=1e-9)
+    np.testing.assert_allclose(steady_depth(one), time_s**2, atol=1e-9)
