@@ -133,7 +133,7 @@ def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator)
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates, not_testable=missing, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
-        measure_next=_next(base, force.sets, flags, _by_hand(base, missing, sight)),
+        measure_next=(*_again(force.odd), *_next(base, force.sets, flags, _by_hand(base, missing, sight))),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
         tried=tuple(key for one in both for key in one.tried), possible_bias={}, base=base, fitted=fitted,
@@ -232,10 +232,22 @@ def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str]
     return (*worth, *(NextMeasurement(*BY_HAND[key], float("nan")) for key in by_hand))
 
 
+def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:
+    """Presses that do not repeat the others are pressed again before anything else is asked of them."""
+    if odd.presses:
+        names = ", ".join(odd.presses)
+        action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
+    elif odd.wanders:
+        action, minutes = "repeat the first press after the last one: is it still the same?", 3.0
+    else:
+        return ()
+    return (NextMeasurement(action, minutes, float("nan")),)
+
+
 def _by_hand(base: Fit, not_testable: Mapping[str, str], sight: _Outcome | None) -> list[str]:
-    """Effects that an action by hand would settle: what the picture leaves open first, then what nothing shows."""
+    """Effects that an action by hand would settle: what the picture shows first, then what nothing shows."""
     source = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}
-    opened = [c.effect.key for s in (sight.sets if sight else ()) if len(s) > 1 for c in s]
+    opened = [c.effect.key for s in (sight.sets if sight else ()) for c in s]
     hidden = [key for key in not_testable if source.get(key) in (None, base.data.depth_source)]
     return [key for key in dict.fromkeys([*opened, *hidden]) if key in BY_HAND]
 
