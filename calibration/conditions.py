@@ -101,13 +101,16 @@ def _clusters(values: Floats, apart: float) -> Ints:
 
 
 def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
-    """The mean of depths (n,), or a polynomial in the time through them; depths that are too few as they are."""
+    """The mean of depths (n,), or a polynomial in the time through them; depths as read where they are too few,
+    or lie farther from it than readings scatter.
+    """
     degree = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
     if ramp and not (degree and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
         return depth_mm
     if not degree:
         return np.full(time_s.size, np.mean(depth_mm))
-    return np.asarray(np.polynomial.Polynomial.fit(time_s, depth_mm, degree)(time_s))
+    course = np.asarray(np.polynomial.Polynomial.fit(time_s, depth_mm, degree)(time_s))
+    return course if np.abs(depth_mm - course).max() < SAME_MM else depth_mm
 
 
 def repeat_groups(data: Observations) -> Ints:
