@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.contact.bevel import mean_distance_mm
+from tactilevision.depth_error import gain_std
 from tactilevision.press.certificate import Certificate, Finding
 from tactilevision.press.checks import Look, findings
 from tactilevision.press.curves import press_curve
@@ -181,7 +182,7 @@ def _shared_std(chain: Chain, watch: Watch) -> float:
         return float("nan")
     whole = float(np.median(seen.std_mm[inside] / seen.depth_mm[inside]))
     card = getattr(getattr(chain.reconstructor, "method", None), "card", {})
-    single, balls = float(card.get("held_out_gain_std", 0.0)), max(float(card.get("balls", 1.0)), 1.0)
+    single, balls = gain_std(card, 0.0), max(float(card.get("balls", 1.0)), 1.0)
     rest = max(whole**2 - single**2, 0.0)
     return float(np.sqrt(rest + single**2 / balls))
 
