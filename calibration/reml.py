@@ -85,9 +85,9 @@ def minus_two_log_likelihood(logs: Floats, grams: Grams, *, shared: bool) -> flo
         size = np.exp(logs[1:3])
         inner = grams.table[:, :2, :2] * size[:, None] * size / variance
         across = grams.table[:, :2, 2:] * size[:, None] / variance
-        middle = inner + np.eye(2)
-        cost += float(np.sum(np.log(np.linalg.det(middle))))
-        lost = np.einsum("mri,mrj->ij", across, np.linalg.solve(middle, across)) * variance
+        inverse, volumes = _inverse_beside_one(inner)
+        cost += float(np.sum(np.log(volumes)))
+        lost = np.einsum("mri,mrs,msj->ij", across, inverse, across, optimize=True) * variance
         total = (rest.sum(axis=0) - lost) / variance
     else:
         total = rest.sum(axis=0) / variance
@@ -97,6 +97,15 @@ def minus_two_log_likelihood(logs: Floats, grams: Grams, *, shared: bool) -> flo
         return 1e30  # finite, so that a search can step back
     explained = total[0, 1:] @ np.linalg.solve(information, total[1:, 0])
     return float(cost + volume + total[0, 0] - explained)
+
+
+def _inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
+    """(1 + A)^-1 and det(1 + A) for positive A (m, 2, 2): by hand, since sizes that a search only
+    passes through make A so large that 1 is lost beside it.
+    """
+    a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
+    volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
+    return np.moveaxis(np.array([[1 + d, -b], [-b, 1 + a]]), 2, 0) / volume[:, None, None], volume
 
 
 def _best(grams: Grams, first: Noise, shared: bool) -> tuple[Noise, float]:

@@ -102,7 +102,7 @@ def test_a_fresh_solution_is_met_too(nu: float, alpha: float, friction: float) -
 
 @pytest.mark.slow
 def test_a_near_rim_takes_off_what_elements_say() -> None:
-    """R = 2.5 h, a = .8333 h: the rim's share grows with depth, and is taken as that of small strain: .7, .9 % low."""
+    """R = 2.5 h, a = .8333 h: the rim's share grows with depth, and is taken as at small strain: .7, .9 % low."""
     case = Case("neo-hooke", 0.3, 1 / 60, 2.5, 0.48, 2.5 / 3)
     fresh = solve_case(case, (0.03, 0.1))
     read = punch_force(fresh.depth, FlatContact(2.5 / 3, 1 / 60, 1.0, 0.3, pad_radius_mm=2.5), Material(1.0, 0.48))
