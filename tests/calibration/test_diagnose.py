@@ -64,7 +64,7 @@ def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> 
     assert key in found.candidates
     assert found.effects[0].key == key
     assert found.effects[0].p_adjusted < 0.05
-    assert found.effects[0].transfer_skill > 0  # whitened; in N a tilt's small forces drown in those of deep presses
+    assert found.effects[0].transfer_skill > 0  # in N a tilt drowns in the deep presses
     assert found.errors.held_out_after < found.errors.held_out_before * (1.01 if key == "tilt" else 1)
     assert found.after.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
     content = found.as_json()
