@@ -29,7 +29,7 @@ LEVEL = 0.01  # of either finding where nothing is there: beside the screen's ow
 ROBUST = 1.4826
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
 LEAST_SPREAD_MM = 1e-3
-BEYOND_TYPICAL = 8.0  # e-folds of scatter between rigs span a factor of some three either way
+BEYOND_TYPICAL = 8.0  # times the usual gain and zero: two of the e-folds that the prior gives rigs (reml.SPREAD)
 OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
 
 

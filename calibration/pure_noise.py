@@ -12,7 +12,7 @@ import numpy as np
 from calibration.conditions import group_basis, nominal_depth
 from calibration.fitting import Fit, Problem, fit
 from calibration.noise import Noise, Whitener
-from calibration.reml import STATED_DOF, TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise
+from calibration.reml import STATED_DOF, TYPICAL_GAIN, TYPICAL_ZERO_MM, estimate_noise, prior_cost
 from tactilevision.records import Floats
 
 ALIKE = (
@@ -65,16 +65,9 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     step = 0.15
     stencil = [np.zeros(3), *[_unit(i) for i in range(3)], *[-_unit(i) for i in range(3)],
                *[_unit(i) + _unit(j) for i in range(3) for j in range(i + 1, 3)]]  # fmt: skip
-    costs = np.array([
-        _costs(fitted, centre + step * s, errors_N, space) for s in stencil
-    ])  # fmt: skip
-    prior = np.array(
-        [np.sum(((centre + step * s)[1:] - np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])) ** 2) for s in stencil]
-    )
-    if fitted.noise.stated:  # as where it was first estimated
-        scale = np.array([centre[0] + step * s[0] for s in stencil])
-        prior = prior + STATED_DOF * (2 * scale + np.exp(-2 * scale))
-    costs = costs + prior[:, None]
+    places = [centre + step * s for s in stencil]
+    costs = np.array([_costs(fitted, logs, errors_N, space) + prior_cost(logs, stated=fitted.noise.stated)
+                      for logs in places])  # fmt: skip
     return [_stepped(fitted.noise, centre, step, costs[:, k]) for k in range(errors_N.shape[1])]
 
 
@@ -117,5 +110,5 @@ def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     dof = fitted.data.size - q.shape[1]
     if dof < 3:
         return np.ones(errors_N.shape[1])
-    trust = 20.0 if fitted.noise.stated else 0.0
+    trust = STATED_DOF if fitted.noise.stated else 0.0
     return np.asarray(np.sqrt((squares + trust) / (dof + trust)))

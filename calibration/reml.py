@@ -99,6 +99,15 @@ def minus_two_log_likelihood(logs: Floats, grams: Grams, *, shared: bool) -> flo
     return float(cost + volume + total[0, 0] - explained)
 
 
+def prior_cost(logs: Floats, *, stated: bool) -> float:
+    """-2 ln of what is known beforehand of logs = ln scale (, ln gain, ln zero_mm): presses have a usual gain and
+    zero, and a stated noise a scale of 1 (scaled inverse chi-squared).
+    """
+    usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
+    cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
+    return cost + STATED_DOF * float(2 * logs[0] + np.exp(-2 * logs[0])) if stated else cost
+
+
 def _inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
     """(1 + A)^-1 and det(1 + A) for positive A (m, 2, 2): by hand, since sizes that a search only
     passes through make A so large that 1 is lost beside it.
@@ -114,10 +123,7 @@ def _best(grams: Grams, first: Noise, shared: bool) -> tuple[Noise, float]:
     centre = np.log([first.scale, TYPICAL_GAIN, TYPICAL_ZERO_MM])[: 3 if shared else 1]
 
     def cost(logs: Floats) -> float:
-        prior = float(np.sum(((logs[1:] - centre[1:]) / SPREAD) ** 2))
-        if first.stated:  # scaled inverse chi-squared about 1
-            prior += STATED_DOF * (2 * logs[0] + np.exp(-2 * logs[0]))
-        return minus_two_log_likelihood(logs, grams, shared=shared) + prior
+        return minus_two_log_likelihood(logs, grams, shared=shared) + prior_cost(logs, stated=first.stated)
 
     bounds = [(c - 8, c + 8) for c in centre]
     solution = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-10})

@@ -25,6 +25,7 @@ NU = (0.30, 0.40, 0.45, 0.48, 0.495)
 HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # Hencky, sticking
 LOWEST = 0.10  # neo-Hooke, frictionless
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
+STRAINS = 20  # depths at which the bend is taken
 
 
 def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
@@ -49,9 +50,6 @@ def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float
         f"({allowed[0]:.1f} to {allowed[1]:.2f}): thickness, a rounded edge, the depth's zero "
         "or a stiffening gel are candidates"
     )
-
-
-STRAINS = 20  # depths at which the bend is taken
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ is taken to be as elsewhere.
 Colours are noisy, and a plain regression on what is noisy reads slopes too low (by 4 % for u of .014). With D how
 the products phi scatter by noise, drawn for each sample, the law that is right on the mean over noise solves
 
-    (phi'W phi - D'W D) c = phi'W s + 0
+    (phi'W phi - D'W D) c = phi'W s
 
 What noise makes of slopes is to be small as well, but no depth rests on one pixel: as variance it counts with 1 /
 AVERAGED, over samples and untouched gel alike, which keeps dark channels from shouting.
