@@ -1,7 +1,7 @@
 """The error model: what one sample, and what one press, adds at random.
 
     y = f + G u + e,    G = [f, df/dw],    u ~ N(0, diag(gain^2, zero^2)) anew for each press,
-    e_i ~ N(0, scale^2 b_i^2),             correlation rho^k between samples k apart in one press
+    e_i ~ N(0, scale^2 b_i^2),             correlation (1 - white) rho^k between samples k apart in one press
 
 f is the model's force. b is the stated noise, depth carried over by the slope: b^2 = std_F^2 + (df/dw)^2 std_w^2
 (effective variance: Orear, Am. J. Phys. 50 (1982) 912), or 1 N where nobody stated any: scale is then in N.
@@ -21,7 +21,8 @@ from tactilevision.records import Floats
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """`scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press, `correlation` of neighbours.
+    """`scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press, `correlation` of neighbours in
+    all of a sample's noise but the share `white` of its variance.
 
     `dof`: how many degrees of freedom stand behind it; `stated`: True where the samples' noise came with the data.
     """
@@ -30,6 +31,7 @@ class Noise:
     gain: float = 0.0
     zero_mm: float = 0.0
     correlation: float = 0.0
+    white: float = 0.0
     dof: float = np.inf
     stated: bool = True
 
@@ -68,14 +70,12 @@ class Whitener:
     def __init__(self, data: Observations, noise: Noise, about: Linear) -> None:
         self._grid = Grid.of(data)
         self._std = noise.scale * about.base_N
-        self._rho = noise.correlation
+        self._alike = Alike.of(noise, self._grid)
         shared = np.column_stack([noise.gain * about.force_N, noise.zero_mm * about.slope_N_per_mm])
         table = self._decorrelate(shared)
         left, size, _ = np.linalg.svd(table, full_matrices=False)  # a press at a time: (M, T, 2)
         self._left = left
         self._shrink = 1 - 1 / np.sqrt(1 + size**2)
-        jump = float(self._grid.real[:, 1:].sum()) * np.log(1 - self._rho**2)
-        self.log_volume = float(2 * np.sum(np.log(self._std)) + jump + np.sum(np.log1p(size**2)))
 
     def apply(self, values: Floats) -> Floats:
         """W values."""
@@ -90,8 +90,7 @@ class Whitener:
         grow = 1 / (1 - self._shrink) - 1
         inner = np.einsum("mtr,mtk->mrk", self._left, table)
         table = table + np.einsum("mtr,mrk->mtk", self._left, grow[:, :, None] * inner)
-        for k in range(1, table.shape[1]):
-            table[:, k] = self._rho * table[:, k - 1] + np.sqrt(1 - self._rho**2) * table[:, k]
+        table = self._alike.correlate(table)
         flat = table[self._grid.real] * self._std[:, None]
         return np.asarray(flat.reshape(values.shape))
 
@@ -99,8 +98,54 @@ class Whitener:
         return np.asarray(columns[self._grid.rows] * self._grid.real[:, :, None])
 
     def _decorrelate(self, columns: Floats) -> Floats:
-        table = self._padded(columns / self._std[:, None])
-        if self._rho:
-            later = (table[:, 1:] - self._rho * table[:, :-1]) / np.sqrt(1 - self._rho**2)
-            table = np.concatenate([table[:, :1], later * self._grid.real[:, 1:, None]], axis=1)
+        return self._alike.decorrelate(self._padded(columns / self._std[:, None]))
+
+
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """What neighbours share: of each sample (T,), the std of its news, and how far it moves what is expected next.
+
+    White noise beside noise with a memory is itself no simple memory: a Kalman filter tells news from what was to
+    be expected. Source: Kalman, J. Basic Eng. 82 (1960) 35.
+    """
+
+    std: Floats
+    gain: Floats
+    correlation: float
+
+    @classmethod
+    def of(cls, noise: Noise, grid: Grid) -> Alike:
+        """The filter's steps for a process of variance 1."""
+        std, gain, expected = [], [], 1 - noise.white
+        for _ in range(grid.rows.shape[1]):
+            std.append(float(np.sqrt(expected + noise.white)))
+            gain.append(expected / (expected + noise.white))
+            known = expected * (1 - gain[-1])
+            expected = noise.correlation**2 * known + (1 - noise.correlation**2) * (1 - noise.white)
+        return cls(np.array(std), np.array(gain), noise.correlation)
+
+    def decorrelate(self, table: Floats) -> Floats:
+        """The news of columns (M, T, k), white where the columns are such noise."""
+        if not self.correlation:
+            return table
+        news, expected = np.empty_like(table), np.zeros_like(table[:, 0])
+        for k, (std, gain) in enumerate(zip(self.std, self.gain, strict=True)):
+            new = table[:, k] - expected
+            news[:, k] = new / std
+            expected = self.correlation * (expected + gain * new)
+        return news
+
+    def correlate(self, news: Floats) -> Floats:
+        """The inverse."""
+        if not self.correlation:
+            return news
+        table, expected = np.empty_like(news), np.zeros_like(news[:, 0])
+        for k, (std, gain) in enumerate(zip(self.std, self.gain, strict=True)):
+            new = std * news[:, k]
+            table[:, k] = expected + new
+            expected = self.correlation * (expected + gain * new)
         return table
+
+    def log_volume(self, grid: Grid) -> float:
+        """ln det of the covariance of such noise."""
+        return float(2 * np.sum(grid.real * np.log(self.std)))

@@ -11,30 +11,24 @@ keep them from collapsing to 0, and fade as presses are added. Sources: Patterso
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from calibration.data import Observations
-from calibration.hereditary import Grid
 from calibration.noise import Linear, Noise
+from calibration.products import Product, Weighing
 from tactilevision.records import Floats
 
 TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0
 UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
-CORRELATIONS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95)
-
-
-@dataclass(frozen=True, slots=True)
-class Grams:
-    """Inner products a press, of the columns [gain, zero | residual(s) | jacobian], all at scale 1: (M, c, c)."""
-
-    table: Floats
-    sizes: Floats
-    columns: int
-    precision: Floats
-    log_jump: float
+STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
+CLOSE, MOST_STEPS = 1e-3, 40  # a size is never known to a thousandth
+MORE = 2.0  # in -2 log L: what one more number has to bring (Akaike)
+CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
 
 
 def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jacobian: Floats,
@@ -48,55 +42,44 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     shared = data.is_curves if of_presses is None else of_presses
     if dof < 1 and not stated:  # nothing is left over to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
-    best, lowest = first, np.inf
-    for rho in CORRELATIONS if data.is_curves else (0.0,):
-        grams = inner_products(data, about, residual_N, jacobian, precision, rho)
-        found, cost = _best(grams, replace(first, correlation=rho), shared)
-        if cost < lowest - 1e-9:
-            best, lowest = found, cost
-        elif cost > lowest + 20:  # past the best correlation the cost only grows
-            break
+    columns = np.column_stack([residual_N, jacobian])
+    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared)
+    for white in WHITE if data.is_curves else ():
+        row = np.inf
+        for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
+            tried = replace(first, correlation=rho, white=white)
+            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared)
+            cost += MORE * (1 if white == 0 else 2)
+            if cost < lowest:
+                best, lowest = found, cost
+            row = min(row, cost)
+            if cost > row + 20:  # past the best correlation the cost only grows
+                break
     freedom = dof + STATED_DOF if stated else dof
     if data.is_curves:
         freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
     return replace(best, dof=max(freedom, 1e-9))
 
 
-def inner_products(data: Observations, about: Linear, residual_N: Floats, jacobian: Floats,
-                   precision: Floats, rho: float) -> Grams:  # fmt: skip
-    """What the likelihood needs of the data, once for all sizes at one correlation."""
-    grid = Grid.of(data)
-    columns = np.column_stack([about.force_N, about.slope_N_per_mm, residual_N, jacobian]) / about.base_N[:, None]
-    table = columns[grid.rows] * grid.real[:, :, None]
-    if rho:
-        later = (table[:, 1:] - rho * table[:, :-1]) / np.sqrt(1 - rho**2) * grid.real[:, 1:, None]
-        table = np.concatenate([table[:, :1], later], axis=1)
-    sizes = grid.real.sum(axis=1).astype(float)
-    jump = float(np.sum(sizes - 1)) * np.log(1 - rho**2) if rho else 0.0
-    return Grams(np.einsum("mti,mtj->mij", table, table), sizes, 2, precision, jump)
+def _likelihood(
+    data: Observations, about: Linear, columns: Floats, precision: Floats, alike: Noise
+) -> Callable[[Noise], float]:
+    """-2 log L of any sizes where neighbours are this much alike, for columns [residual | jacobian]."""
+    weighing = Weighing(data, about, alike)
+    taken = weighing.take(columns)
+    product = weighing.product(taken, taken)
+    return lambda noise: minus_two_log_likelihood(noise, weighing, product, precision=precision)
 
 
-def minus_two_log_likelihood(logs: Floats, grams: Grams, *, shared: bool) -> float:
-    """For logs = ln scale (, ln gain, ln zero_mm); leaves out what is constant."""
-    variance = np.exp(2 * logs[0])
-    rest = grams.table[:, 2:, 2:]
-    cost = float(grams.sizes.sum()) * 2 * logs[0] + grams.log_jump
-    if shared:
-        size = np.exp(logs[1:3])
-        inner = grams.table[:, :2, :2] * size[:, None] * size / variance
-        across = grams.table[:, :2, 2:] * size[:, None] / variance
-        inverse, volumes = _inverse_beside_one(inner)
-        cost += float(np.sum(np.log(volumes)))
-        lost = np.einsum("mri,mrs,msj->ij", across, inverse, across, optimize=True) * variance
-        total = (rest.sum(axis=0) - lost) / variance
-    else:
-        total = rest.sum(axis=0) / variance
-    information = total[1:, 1:] + grams.precision
+def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product, *, precision: Floats) -> float:
+    """Of these sizes, for the `product` of [residual | jacobian] with itself; leaves out what is constant."""
+    total = product.under(noise)
+    information = total[1:, 1:] + precision
     sign, volume = np.linalg.slogdet(information)
     if sign <= 0:
         return 1e30  # finite, so that a search can step back
     explained = total[0, 1:] @ np.linalg.solve(information, total[1:, 0])
-    return float(cost + volume + total[0, 0] - explained)
+    return float(weighing.log_volume(noise) + volume + total[0, 0] - explained)
 
 
 def prior_cost(logs: Floats, *, stated: bool) -> float:
@@ -108,27 +91,46 @@ def prior_cost(logs: Floats, *, stated: bool) -> float:
     return cost + STATED_DOF * float(2 * logs[0] + np.exp(-2 * logs[0])) if stated else cost
 
 
-def _inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
-    """(1 + A)^-1 and det(1 + A) for positive A (m, 2, 2): by hand, since sizes that a search only
-    passes through make A so large that 1 is lost beside it.
-    """
-    a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
-    volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
-    return np.moveaxis(np.array([[1 + d, -b], [-b, 1 + a]]), 2, 0) / volume[:, None, None], volume
+def sized(noise: Noise, logs: Floats) -> Noise:
+    """The noise with logs = ln scale (, ln gain, ln zero_mm)."""
+    sizes = [float(size) for size in np.exp(logs)]
+    if len(sizes) == 1:
+        return replace(noise, scale=sizes[0])
+    return replace(noise, scale=sizes[0], gain=sizes[1], zero_mm=sizes[2])
 
 
-def _best(grams: Grams, first: Noise, shared: bool) -> tuple[Noise, float]:
-    from scipy.optimize import minimize
+def stencil(size: int) -> Floats:
+    """Offsets (k, size) at which a cost shows its slope and its curvature: here, either side, and pairs."""
+    unit = np.eye(size)
+    pairs = [unit[i] + unit[j] for i, j in combinations(range(size), 2)]
+    return STEP * np.array([np.zeros(size), *unit, *-unit, *pairs])
 
-    centre = np.log([first.scale, TYPICAL_GAIN, TYPICAL_ZERO_MM])[: 3 if shared else 1]
+
+def newton_move(costs: Floats, size: int) -> Floats:
+    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil."""
+    ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
+    hessian = np.diag((ahead + behind - 2 * costs[0]) / STEP**2)
+    for value, (i, j) in zip(costs[2 * size + 1 :], combinations(range(size), 2), strict=True):
+        hessian[i, j] = hessian[j, i] = (value - ahead[i] - ahead[j] + costs[0]) / STEP**2
+    curvature, axes = np.linalg.eigh(hessian)
+    move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / np.maximum(curvature, 0.5))
+    return np.asarray(np.clip(move, -1, 1))
+
+
+def _best(likelihood: Callable[[Noise], float], first: Noise, shared: bool) -> tuple[Noise, float]:
+    """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
+    here = np.log([first.scale, TYPICAL_GAIN, TYPICAL_ZERO_MM])[: 3 if shared else 1]
+    offsets = stencil(here.size)
 
     def cost(logs: Floats) -> float:
-        return minus_two_log_likelihood(logs, grams, shared=shared) + prior_cost(logs, stated=first.stated)
+        return likelihood(sized(first, logs)) + prior_cost(logs, stated=first.stated)
 
-    bounds = [(c - 8, c + 8) for c in centre]
-    solution = minimize(cost, centre, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-10})
-    sizes = np.exp(solution.x)
-    found = replace(first, scale=float(sizes[0]))
-    if shared:
-        found = replace(found, gain=float(sizes[1]), zero_mm=float(sizes[2]))
-    return found, float(solution.fun)
+    for _ in range(MOST_STEPS):
+        costs = np.array([cost(here + offset) for offset in offsets])
+        move = newton_move(costs, here.size)
+        while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:
+            move = move / 2
+        here = here + move
+        if np.abs(move).max() <= CLOSE:
+            break
+    return sized(first, here), cost(here)

@@ -17,6 +17,7 @@ import numpy as np
 from calibration.conditions import Covariate, bins, covariates, nominal_depth
 from calibration.fitting import Fit
 from calibration.noise import Noise, Whitener
+from calibration.products import Weighing
 from calibration.pure_noise import renewed_noise
 from calibration.scatter import Scatter
 from calibration.stages import Effect
@@ -72,9 +73,9 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
     seen = seen_covariates(fitted)
     steps = {c.name: _steps(fitted, c) for c in seen}
     cast = _Cast(fitted, [*tables.values(), *steps.values()])
-    real, white = cast.scores(fitted.noise, fitted.residual_N[:, None], cast.own_priors[:, None], [0])[0]
+    real = cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None])[0]
     drawn = cast.null(rng, draws)
-    null = [scores for scores, _ in drawn]
+    null = cast.scores(*drawn)
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
@@ -87,11 +88,11 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
     null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
     looks, scatter = list(steps), Scatter(fitted.data)
     if scatter.seen:
-        usual = float(np.mean([scatter.differences(one).mean() for _, one in drawn]))
+        white = [cast.white(noise, drawn[1][:, k], drawn[2][:, k]) for k, noise in enumerate(drawn[0])]
+        usual = float(np.mean([scatter.differences(one).mean() for one in white]))
         looks.append(SCATTER)
-        sums.append(scatter.statistic(white, usual))
-        spread = np.array([scatter.statistic(one, usual) for _, one in drawn])
-        null_sums = np.column_stack([null_sums, spread])
+        sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, cast.own_priors), usual))
+        null_sums = np.column_stack([null_sums, [scatter.statistic(one, usual) for one in white]])
     return Screen(
         effects=_ranked(list(tables), largest, null_largest, skip=missing),
         covariates=_ranked(looks, sums, null_sums, skip={}),
@@ -153,62 +154,82 @@ def _steps(fitted: Fit, covariate: Covariate) -> Floats:
 
 
 class _Cast:
-    """Directions against residuals under one model: whiten, take out what the fit absorbs, score."""
+    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
+
+    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
+    never far from it, nothing that matters cancels.
+    """
 
     def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
         self.fitted = fitted
         free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
-        self._jacobian = fitted.jacobian[:, free]
-        known = [0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters]
-        self._priors = np.diag(np.array(known)[free])[np.array(known)[free] > 0]
+        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
         self.own_priors = np.array([(p.prior.mean - v) / p.prior.std for p, v, gives in zip(
             fitted.parameters, fitted.values, free, strict=True) if p.prior is not None and gives])  # fmt: skip
         self._ends = np.cumsum([t.shape[1] for t in tables])
-        self._tables = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
-        self.left = self._split_seen()
+        directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
+        self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)
+        self.left = list(np.split(self._visible, self._ends[:-1]))
+        self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+        own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)
+        self._own, self._looked = own, looked
+        self._within, self._between = (self._weighing.product(own, other) for other in (own, looked))
+        self._lengths = self._weighing.squares(looked)
 
-    def scores(
-        self, noise: Noise, residual_N: Floats, priors: Floats, which: Sequence[int]
-    ) -> list[tuple[list[Floats], Floats]]:
-        """Scores of each table's directions for the columns `which` of residuals (N, b), under one noise, and the
-        white residual (N,) itself. `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
+    def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
+        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
+        size = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(size > 0, size, 1.0)
+        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
+        white = np.vstack([apply(jacobian / scale), priors / scale])
+        left, length, right = np.linalg.svd(white, full_matrices=False)
+        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
+        back = right[kept].T / length[kept] / scale[:, None]
+        self._jacobian, self._priors = jacobian @ back, priors @ back
+        seen = apply(directions)
+        before = np.linalg.norm(seen, axis=0)
+        share = left[: len(seen), kept].T @ seen
+        self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
+        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
+        unit = np.where(self._visible, self.sizes, np.inf)
+        self._directions = (directions - self._jacobian @ share) / unit
+        self._beside = -(self._priors @ share) / unit
+
+    def scores(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
+        """Scores of each table's directions for each column of residuals (N, b), under a noise of its own.
+
+        `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
         """
-        directions, white = self._freed(noise, residual_N[:, which], priors[:, which])
-        unit = directions / np.where(self._visible, np.linalg.norm(directions, axis=0), np.inf)
-        all_scores = unit.T @ white
-        size = self.fitted.data.size
-        return [(np.split(all_scores[:, k], self._ends[:-1]), white[:size, k]) for k in range(len(which))]
+        errors = self._weighing.take(residual_N)
+        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
+        found = []
+        for k, noise in enumerate(noises):
+            within = self._within.under(noise) + self._priors.T @ self._priors
+            between = self._between.under(noise) + self._priors.T @ self._beside
+            taken = np.linalg.solve(within, between)
+            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
+            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
+            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
+            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
+            found.append(list(np.split(along / unit, self._ends[:-1])))
+        return found
 
-    def null(self, rng: np.random.Generator, draws: int) -> list[tuple[list[Floats], Floats]]:
-        """Scores and white residual under the model itself, the noise estimated anew for each draw."""
+    def white(self, noise: Noise, residual_N: Floats, priors: Floats) -> Floats:
+        """What the fit leaves of a residual (N,), white."""
+        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
+        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
+        jacobian, white = seen[:, :-1], seen[:, -1]
+        within = jacobian.T @ jacobian + self._priors.T @ self._priors
+        own = jacobian.T @ white + self._priors.T @ priors
+        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
+
+    def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
+        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
         fitted = self.fitted
         whitener = Whitener(fitted.data, fitted.noise, fitted.about)
         errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))
         priors = rng.standard_normal((len(self._priors), draws))
-        noises = renewed_noise(fitted, errors)
-        return [self.scores(noises[k], errors, priors, [k])[0] for k in range(draws)]
-
-    def _freed(self, noise: Noise, residual_N: Floats, priors: Floats) -> tuple[Floats, Floats]:
-        """Directions and residuals, whitened and orthogonal to the fit (priors included)."""
-        fitted = self.fitted
-        whitener = Whitener(fitted.data, noise, fitted.about)
-        both = whitener.apply(np.column_stack([self._jacobian, self._tables, residual_N]))
-        free, count = self._jacobian.shape[1], self._tables.shape[1]
-        jacobian = np.vstack([both[:, :free], self._priors])
-        rest = np.vstack([both[:, free:], np.column_stack([np.zeros((len(self._priors), count)), priors])])
-        scale = np.linalg.norm(jacobian, axis=0)
-        q, _ = np.linalg.qr(jacobian / np.where(scale > 0, scale, 1.0))
-        self._before = np.linalg.norm(rest[:, :count], axis=0)
-        rest = rest - q @ (q.T @ rest)
-        return rest[:, :count], rest[:, count:]
-
-    def _split_seen(self) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-        nothing = np.zeros((self.fitted.data.size, 0))
-        directions, _ = self._freed(self.fitted.noise, nothing, np.zeros((len(self._priors), 0)))
-        self.sizes = np.linalg.norm(directions, axis=0)
-        self._visible = self.sizes > SEEN * np.maximum(self._before, 1e-300)
-        self._visible &= self.sizes > 1e-9
-        return list(np.split(self._visible, self._ends[:-1]))
+        return renewed_noise(fitted, errors), errors, priors
 
 
 def _ranked(

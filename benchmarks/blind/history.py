@@ -86,7 +86,7 @@ def _flows(design: Design, motion: Motion, force: Floats, tau: float) -> Floats:
         q, ended, size_before = state.get(touch.place_mm, (0.0, -np.inf, 1.0))
         q *= float(np.exp(-(time[0] - ended) / tau)) * size / size_before
         step = np.diff(time)
-        rate = np.diff(push) / step * tau
+        rate = np.diff(push) / np.where(step > 0, step, np.inf) * tau  # a design without a hold stands still
         steps = zip(np.exp(-step / tau).tolist(), rate.tolist(), push.tolist(), push[1:].tolist(), strict=False)
         for k, (kept, lag, before, after) in enumerate(steps, start=1):
             q = after - lag + (q - before + lag) * kept

@@ -13,6 +13,7 @@ from calibration.fitting import Fit, fit, profile_interval
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
+from calibration.products import Weighing
 from calibration.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
 from calibration.screen import screen
 from tactilevision.records import Floats
@@ -58,6 +59,19 @@ def test_correlated_noise_is_recognised() -> None:
     assert noise_from_repeats(fit(MODEL, data.with_force(force))).correlation == pytest.approx(0.6, abs=0.21)
 
 
+def test_white_noise_beside_correlated_noise_is_told_apart() -> None:
+    """Depths read with white noise beside forces that drift: a mere neighbours' correlation forgets too soon."""
+    data, rng = presses(60), np.random.default_rng(12)
+    slow = np.zeros((60, 17))
+    slow[:, 0] = rng.standard_normal(60)
+    for k in range(1, 17):
+        slow[:, k] = 0.7 * slow[:, k - 1] + np.sqrt(1 - 0.7**2) * rng.standard_normal(60)
+    force = MODEL.predict(TRUTH, data) + 0.004 * (slow.ravel() + rng.standard_normal(data.size))
+    found = noise_from_repeats(fit(MODEL, data.with_force(force)))
+    assert found.correlation >= 0.6
+    assert found.white >= 0.4
+
+
 def test_what_the_law_lacks_does_not_count_as_noise() -> None:
     data = presses()
     force = (MODEL + EFFECTS["stiffening"]).predict(np.array([0.2, 0.48, 0.85, 8.0]), data)
@@ -73,20 +87,27 @@ def test_with_few_presses_the_press_errors_stay_near_what_is_usual() -> None:
     assert 0.001 < found.zero_mm < 0.012
 
 
-def test_whitening_and_colouring_are_inverse_and_match_the_covariance() -> None:
+@pytest.mark.parametrize("white", [0.0, 0.4])
+def test_whitening_and_colouring_are_inverse_and_match_the_covariance(white: float) -> None:
     data = presses(3)
     about = Linear(MODEL.predict(TRUTH, data), MODEL.slope(TRUTH, data), np.full(data.size, 1.0))
-    whitener = Whitener(data, Noise(0.004, 0.005, 0.004, 0.5, stated=False), about)
+    noise = Noise(0.004, 0.005, 0.004, 0.5, white, stated=False)
+    whitener = Whitener(data, noise, about)
     numbers = np.random.default_rng(0).standard_normal((data.size, 3))
     np.testing.assert_allclose(whitener.apply(whitener.colour(numbers)), numbers, atol=1e-9)
     root = whitener.colour(np.eye(data.size))
     one = slice(0, 17)
     lag = np.abs(np.subtract.outer(np.arange(17), np.arange(17)))
     f, d = about.force_N[one], about.slope_N_per_mm[one]
-    by_hand = 0.004**2 * 0.5**lag + 0.005**2 * np.outer(f, f) + 0.004**2 * np.outer(d, d)
+    by_hand = (
+        0.004**2 * ((1 - white) * 0.5**lag + white * (lag == 0))
+        + 0.005**2 * np.outer(f, f)
+        + 0.004**2 * np.outer(d, d)
+    )
     np.testing.assert_allclose((root @ root.T)[one, one], by_hand, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose((root @ root.T)[17:34, one], 0, atol=1e-12)
-    assert whitener.log_volume == pytest.approx(np.linalg.slogdet(root @ root.T)[1], rel=1e-9)
+    weighing = Weighing(data, about, noise)
+    assert weighing.log_volume(noise) == pytest.approx(np.linalg.slogdet(root @ root.T)[1], rel=1e-9)
 
 
 def test_one_newton_step_follows_the_noise_of_a_draw() -> None:
