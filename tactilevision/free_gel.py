@@ -11,7 +11,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
-from tactilevision.photometric.calm import CalmReader, can_halve
+from tactilevision.photometric.calm import CalmReader, calm_pixels
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.quiet import QuietSums
 from tactilevision.photometric.reference import Reference
@@ -41,19 +41,20 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
 def settle(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
     """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
 
-    They are found as surfaces will be read: from then on at half the resolution where that can be.
+    They are found as surfaces will be read: from then on calm gel in means of pixels, where that can be.
     Fewer than LEAST_FREE untouched frames leave it as it was: their noise would be taken for bias.
     """
     free = untouched_of(method, frames)
     if len(free) < LEAST_FREE:
         return method
     whole, mean = QuietSums(method.reference.shape), QuietSums(method.reference.shape)
-    halved = CalmReader(method) if can_halve(method) else None
+    px = calm_pixels(method)
+    coarse = CalmReader(method, px) if px > 1 else None
     for rgb in free:
         read = method.read(rgb).slopes
-        for sums, slopes in ((whole, read), (mean, halved.read(rgb).slopes if halved else read)):
+        for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
-    card = {**method.card, "frame_noise": whole.noise_over(method.noise), "calm_gel_halved": halved is not None}
+    card = {**method.card, "frame_noise": whole.noise_over(method.noise), "calm_gel_px": px}
     return dataclasses.replace(method, quiet=mean.added_to(method.quiet_now, method.calm), card=card)
 
 

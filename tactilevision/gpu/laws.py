@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from tactilevision.photometric.lookup import CELLS, LookupEvaluator
+from tactilevision.photometric.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.method import Evaluator
 from tactilevision.photometric.network import NetworkEvaluator
 from tactilevision.photometric.polynomial import RAISED, PolynomialEvaluator
@@ -49,8 +49,8 @@ def _lookup(evaluate: LookupEvaluator, device: str) -> Law:
                   for v in (evaluate.per, evaluate.shift))  # fmt: skip
 
     def slopes(change: torch.Tensor) -> torch.Tensor:
-        cells = torch.round(change * per + shift).clamp(0, CELLS - 1).long()
-        return table[:, (cells[0] * CELLS + cells[1]) * CELLS + cells[2]]
+        cells = torch.round(change * per + shift).clamp(0, FINE - 1).long()
+        return table[:, (cells[0] * FINE + cells[1]) * FINE + cells[2]]
 
     return slopes
 

@@ -20,7 +20,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class TorchReader:
-    """Reads frames of one method on `device`, calm gel at half the resolution where the method does."""
+    """Reads frames of one method on `device`, calm gel in means where the method does."""
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair, device: str) -> None:
         """Raises LookupError for a colour law that torch is not told of."""
@@ -56,13 +56,15 @@ class TorchReader:
         return Reading(SlopeMap(found[0], found[1], valid), drift, float(np.abs(found).max())), depth
 
     def _calmed(self, slopes: torch.Tensor, greys: torch.Tensor) -> torch.Tensor:
-        """Slopes (2, H, W) at half the resolution but for the windows in which `slopes` were read in full."""
+        """Slopes (2, H, W) in means but for the windows in which `slopes` were read in full."""
         assert self.calm is not None
         assert self.half is not None
         rows, columns = self.calm.even
-        half = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], 2))
+        half = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.calm.px))
         out = torch.empty_like(slopes)
-        out[:, rows, columns] = torch.nn.functional.interpolate(half[None], scale_factor=2, mode="bilinear")[0]
+        out[:, rows, columns] = torch.nn.functional.interpolate(
+            half[None], scale_factor=self.calm.px, mode="bilinear"
+        )[0]
         out[:, rows.stop :], out[..., columns.stop :] = (
             out[:, rows.stop - 1, None],
             out[..., columns.stop - 1, None],

@@ -1,11 +1,11 @@
-"""Calm gel read at half the resolution, and what is pressed in full.
+"""Calm gel read in means of several pixels, and what is pressed in full.
 
-Where the surface hardly slopes its colours change slowly from pixel to pixel, and four pixels' mean says as much
-of it as the four do: a quarter of the work. So the whole picture is read in means of 2 by 2 pixels, and windows
-round all that stands out there by LOUD deviations of a single pixel's noise once more, pixel by pixel.
-The halved reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
-so only where frames of untouched gel, read so, have told what to take off. Not for gel with marks,
-which are filled in the whole picture first, nor for laws with steps, which the noise of single pixels must blur.
+Where the surface hardly slopes its colours change slowly from pixel to pixel, and the mean of 2 by 2 to 4 by 4
+says as much of it as they do one by one: a small part of the work. So the whole picture is read in such means, and
+windows round all that stands out there by LOUD deviations of a single pixel's noise once more, pixel by pixel.
+The coarse reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
+so only where frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a
+law is smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
-BLOCK = 4  # halved pixels: grid on which windows are cut
-MOST = 0.5  # of the picture in windows; above that all of it is read in full
+COARSE = 110  # means along the shorter side of the picture, about
+FEWEST, MOST = 2, 4  # pixels along each side of a mean
+BLOCK = 8  # pixels, about: grid on which windows are cut
+SHARE = 0.5  # of the picture in windows; above that all of it is read in full
 LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
 
 Picture = npt.NDArray[np.float32]
@@ -42,61 +44,68 @@ class Reading:
     steepest: float
 
 
-def can_halve(method: CalibratedMethod) -> bool:
-    """Whether calm gel may be read at half the resolution, and something is saved by it."""
-    shape = method.reference.shape
-    return method.reference.marks is None and method.evaluate.smooth and min(shape) >= LEAST
+def calm_pixels(method: CalibratedMethod) -> int:
+    """Pixels along each side of the means in which calm gel is read; 1 where it is to be read pixel by pixel."""
+    side = min(method.reference.shape)
+    if method.reference.marks is not None or side < LEAST:
+        return 1
+    return min(MOST, max(FEWEST, round(side / COARSE)))
 
 
 class CalmReader:
-    """Reads frames for one method; what depends on the method alone is made once."""
+    """Reads frames for one method in means of `px` by `px`; what depends on the method alone is made once."""
 
-    def __init__(self, method: CalibratedMethod) -> None:
-        self.method = method
+    def __init__(self, method: CalibratedMethod, px: int) -> None:
+        self.method, self.px = method, px
         height, width = method.reference.shape
-        self.size = width // 2, height // 2
-        self.even = slice(0, 2 * self.size[1]), slice(0, 2 * self.size[0])
+        self.size = width // px, height // px
+        self.even = slice(0, px * self.size[1]), slice(0, px * self.size[0])
         full = method.change.maps
-        x, y = (np.asarray(0.5 * (places[0:end:2] + places[1:end:2]))
-                for places, end in ((full.x, 2 * self.size[0]), (full.y, 2 * self.size[1])))  # fmt: skip
-        self.maps = ChangeMaps(np.stack([self._halved(plane) for plane in full.mean]), x, y)
-        self.evaluate = method.law.evaluator((len(y), len(x)))
-        self.calm = self._halved(method.calm)
-        noise = np.stack([self._halved(plane) for plane in method.change.noise])
-        rest = np.stack(rest_bias(self.evaluate, 0.5 * noise)) - np.stack([self._halved(r) for r in method.rest])
-        self.bias = np.stack([self._halved(plane) for plane in method.bias]) + rest * self.calm
-        self.loud = LOUD * self._halved(method.noise)
+        x, y = (np.asarray(places[:end].reshape(-1, px).mean(axis=1))
+                for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop)))  # fmt: skip
+        self.maps = ChangeMaps(np.stack([self._means(plane) for plane in full.mean]), x, y)
+        noise = np.stack([self._means(plane) for plane in method.change.noise])
+        missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
+        self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
+        self.calm = self._means(method.calm)
+        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - np.stack(
+            [self._means(r) for r in method.rest]
+        )
+        self.bias = np.stack([self._means(plane) for plane in method.bias]) + rest * self.calm
+        self.loud = LOUD * self._means(method.noise)
         self._change = np.empty_like(self.maps.mean)
         self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
-        blocks = [-(-n // BLOCK) for n in self.calm.shape]
-        self._seen = np.zeros((BLOCK * blocks[0], BLOCK * blocks[1]), np.uint8)
+        self.block = round(BLOCK / px)
+        blocks = [-(-n // self.block) for n in self.calm.shape]
+        self._seen = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
 
     def follow(self) -> None:
         """To be called when the method's reference has moved."""
-        for halved, plane in zip(self.maps.mean, self.method.change.level, strict=True):
-            halved[...] = self._halved(plane)
+        for means, plane in zip(self.maps.mean, self.method.change.level, strict=True):
+            means[...] = self._means(plane)
         self.maps.settle()
 
     def read(self, rgb: Bytes) -> Reading:
-        """As the method's own reading, calm gel at half the resolution."""
+        """As the method's own reading, calm gel in means."""
         method = self.method
         drift, valid = method.change.take(rgb)
         self.maps.light(drift.gains)
         self._read()
         slopes: Planes = np.empty((2, *method.reference.shape), np.float32)
         rows, columns = self.even
-        for whole, half in zip(slopes, self._slopes, strict=True):
-            cv2.resize(half, (columns.stop, rows.stop), dst=whole[self.even], interpolation=cv2.INTER_LINEAR)
-        slopes[:, rows.stop :], slopes[..., columns.stop :] = slopes[:, -2:-1], slopes[..., -2:-1]
-        steepest = max(cv2.norm(half, cv2.NORM_INF) for half in self._slopes)
+        for whole, means in zip(slopes, self._slopes, strict=True):
+            cv2.resize(means, (columns.stop, rows.stop), dst=whole[self.even], interpolation=cv2.INTER_LINEAR)
+        slopes[:, rows.stop :] = slopes[:, rows.stop - 1, None]
+        slopes[..., columns.stop :] = slopes[..., columns.stop - 1, None]
+        steepest = max(cv2.norm(means, cv2.NORM_INF) for means in self._slopes)
         for window in self.windows(self._slopes):
             steepest = max(steepest, method.read_into(slopes, method.change.within(window)))
         valid &= method.readable
         return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
 
     def _read(self) -> None:
-        """The slopes (2, h, w) of the frame taken in, at half the resolution."""
-        greys = [self._halved(grey) for grey in self.method.change.greys]
+        """The slopes (2, h, w) of the frame taken in, in means."""
+        greys = [self._means(grey) for grey in self.method.change.greys]
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
             self.evaluate.strip(self.maps.changes(greys, window, change), window, part)
@@ -104,24 +113,33 @@ class CalmReader:
             part -= self.bias[:, window[0]]
 
     def windows(self, slopes: Planes) -> list[Window]:
-        """Windows of the whole picture round what is not calm in its halved `slopes`, a block to spare.
+        """Windows of the whole picture round what is not calm in its coarse `slopes`, a block to spare.
 
-        Lone pixels are noise.
+        Lone means are noise.
         """
         height, width = self.method.reference.shape
-        loud = np.abs(slopes[0]) > self.loud
-        loud |= np.abs(slopes[1]) > self.loud
-        self._seen[: self.size[1], : self.size[0]] = loud
-        seen = cv2.morphologyEx(self._seen, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-        blocks = seen.reshape(seen.shape[0] // BLOCK, BLOCK, -1, BLOCK).any(axis=(1, 3)).view(np.uint8)
+        steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
+        seen = self._seen[: self.size[1], : self.size[0]]
+        cv2.compare(steepest, self.loud, cv2.CMP_GT, dst=seen)  # 255 where it is
+        cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8), dst=seen)
+        size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
+        blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, np.ones((3, 3), np.uint8)))
-        step, found = 2 * BLOCK, []
+        step, found = self.px * self.block, []
         for left, top, columns, rows, _ in stats[1:].tolist():
             found.append((slice(step * top, min(step * (top + rows), height)),
                           slice(step * left, min(step * (left + columns), width))))  # fmt: skip
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
-        return found if area < MOST * height * width else [(slice(0, height), slice(0, width))]
+        return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 
-    def _halved(self, plane: npt.NDArray[np.generic]) -> Picture:
-        single = np.asarray(plane[self.even], np.float32)  # means of whole numbers would be rounded up
-        return np.asarray(cv2.resize(single, self.size, interpolation=cv2.INTER_AREA))
+    def _means(self, plane: npt.NDArray[np.generic]) -> Picture:
+        """Means over `px` by `px` pixels of a plane (H, W), exact for whole numbers."""
+        rows, columns = self.even
+        total = np.add.reduce(
+            plane[rows].reshape(self.size[1], self.px, -1)[..., columns],
+            axis=1,
+            dtype=np.uint16 if plane.dtype == np.uint8 else np.float32,
+        )
+        means = cv2.resize(np.asarray(total, np.float32), self.size, interpolation=cv2.INTER_AREA)
+        means *= np.float32(1.0 / self.px)
+        return np.asarray(means)

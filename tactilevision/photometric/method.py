@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.calm import CalmReader, Reading, can_halve
+from tactilevision.photometric.calm import CalmReader, Reading, calm_pixels
 from tactilevision.photometric.change import ColourChange, Planes, Window, strips
 from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.reference import Reference
@@ -30,12 +30,7 @@ class PhotometricMethod(Protocol):
 
 
 class Evaluator(Protocol):
-    """A colour law made ready for one picture size.
-
-    `smooth` where the mean slope of a few pixels is that of their mean change: not where the law has steps.
-    """
-
-    smooth: bool
+    """A colour law made ready for one picture size."""
 
     def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
 
@@ -52,6 +47,10 @@ class ColourLaw(Protocol):
     def name(self) -> str: ...
 
     def at(self, change: Floats, place: Floats) -> Floats: ...
+
+    def averaged(self, noise: Floats) -> ColourLaw:
+        """The law that says of a colour what this one says, on the mean, of that colour with `noise` (3,)."""
+        ...
 
     def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
 
@@ -117,14 +116,15 @@ class CalibratedMethod:
         return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
 
     def glance(self, rgb_rectified: Bytes) -> Reading:
-        """As `read`, calm gel at half the resolution: for surfaces, in which single pixels do not matter."""
+        """As `read`, calm gel in means of pixels: for surfaces, in which single pixels do not matter."""
         reader = self.calm_reader
         return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
 
     @cached_property
     def calm_reader(self) -> CalmReader | None:
-        """What reads calm gel at half the resolution; None where the method was not settled so (card)."""
-        return CalmReader(self) if self.card.get("calm_gel_halved") and can_halve(self) else None
+        """What reads calm gel in means; None where the method was not settled so (card)."""
+        px = int(self.card.get("calm_gel_px", 1))
+        return CalmReader(self, px) if 1 < px <= calm_pixels(self) else None
 
     def read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]]) -> float:
         """Set the windows of `slopes` (2, H, W) whose changes (3, h, w) are given; their greatest |slope|."""

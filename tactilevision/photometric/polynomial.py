@@ -78,6 +78,10 @@ class Polynomial:
         bound = REACH * self.steepest
         return np.asarray(np.clip(slopes, -bound, bound))
 
+    def averaged(self, noise: Floats) -> Polynomial:
+        """Itself: over noise its mean changes by next to nothing but what it makes of rest (`quiet.py`)."""
+        return self
+
     def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
         return PolynomialEvaluator(self, shape)
 
@@ -144,8 +148,6 @@ class PolynomialEvaluator:
     slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
     The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
     """
-
-    smooth = True
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
         y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(4)[None, :]

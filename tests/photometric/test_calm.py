@@ -1,4 +1,4 @@
-"""Calm gel at half the resolution: the same surface, every pressed pixel still read by itself."""
+"""Calm gel in means of pixels: the same surface, every pressed pixel still read by itself."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
+from tactilevision.photometric.marks import Marks
 from tactilevision.records import Bytes, Floats
 from tactilevision.surface import integrate
 
@@ -96,7 +97,20 @@ def test_only_a_method_settled_so_is_read_so() -> None:
     method = calibrated()
     assert method.calm_reader is not None
     assert dataclasses.replace(method, card={}).calm_reader is None
-    assert calibrated("lookup").calm_reader is None
+    marks = Marks(0.0, 4.0, np.zeros(SHAPE, np.uint8))
+    assert method.with_reference(dataclasses.replace(method.reference, marks=marks)).calm_reader is None
+
+
+@pytest.mark.parametrize("name", PHOTOMETRIC)
+def test_what_a_law_says_of_noisy_pixels_on_the_mean_it_says_of_their_mean(name: str) -> None:
+    law, rng = calibrated(name).law, np.random.default_rng(8)
+    noise, place = np.full(3, 0.03), np.zeros((8000, 2))
+    drawn = noise * rng.standard_normal((8000, 3))
+    colours = 0.05 * rng.standard_normal((60, 3))
+    of_pixels = np.array([law.at(colour + drawn, place).mean(axis=0) for colour in colours])
+    of_pixels -= law.at(drawn, place).mean(axis=0)
+    of_means = law.averaged(noise).at(colours, place[:60])
+    assert np.sqrt(np.mean((of_means - of_pixels) ** 2)) < 0.04 * np.sqrt(np.mean(of_pixels**2))
 
 
 def test_what_noise_makes_of_dark_gel_is_no_depth() -> None:
