@@ -29,7 +29,6 @@ from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats
 
 _TURNS = 3
-SHAPE = 0.1  # of the length over which the dent changes its shape: what that shape leaves open
 _UNEVEN = 0.02  # of the depth: a ramp that keeps one pace no better does not tell how it goes on
 _RISE = 0.09  # of the depth, for the first anchors: a common factor of all, which the search does not feel
 
@@ -128,11 +127,10 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, T
 
 def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
     """One onset from both channels by their variances; where they contradict each other, the surer one."""
-    shape_mm = SHAPE * height.growth.fill_mm
-    if abs(height.at - picture.at) > 3 * np.hypot(np.hypot(height.std, picture.std), shape_mm):
+    if abs(height.at - picture.at) > 3 * np.hypot(height.std, picture.std):
         sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
-        return replace(height, at=sure.at, std=float(np.hypot(sure.std, shape_mm))), name
-    shared = np.array([height.shared_std, np.hypot(picture.shared_std, shape_mm)])
+        return replace(height, at=sure.at, std=sure.std, shared_std=sure.shared_std), name
+    shared = np.array([height.shared_std, picture.shared_std])
     own = np.sqrt(
         np.maximum(np.array([height.std, picture.std]) ** 2 - [height.shared_std**2, picture.shared_std**2], 0)
     )

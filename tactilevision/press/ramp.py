@@ -20,6 +20,8 @@ from tactilevision.records import Floats
 _SHORTEST = 0.3  # of the ramp: below it the curvature is no longer to be told from the start
 _SHORTER = 1.3
 _STEPS = 8
+_LEVEL_S = 0.1  # of readings for a mean level or a rate: as long as a pause must be to be told from noise
+_FEWEST, _TURNS = 4, 6
 _SIGMAS = 4.0  # of chi-square: the noise it is held against is itself known to some per cent only
 
 
@@ -85,7 +87,7 @@ def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:
 def moving_s(window: ForceWindow, since_s: float, time_s: Floats) -> Floats:
     """How long (N,) the rig has moved on the way in since a time: stops and the hold do not count."""
     assert window.phases is not None
-    end = float(window.time_s[window.phases.hold])
+    end = top_s(window)
     reached = np.minimum(time_s, end)
     moved = reached - since_s
     for first, last in window.dwells:
@@ -95,3 +97,27 @@ def moving_s(window: ForceWindow, since_s: float, time_s: Floats) -> Floats:
                 reached - max(start, since_s), 0.0, max(min(stop, end) - max(start, since_s), 0.0)
             )
     return np.asarray(moved, dtype=np.float64)
+
+
+def top_s(window: ForceWindow) -> float:
+    """When the way in ended: where the last of the ramp, drawn on, meets the level of the hold's beginning.
+
+    The phase of the hold begins earlier, as soon as the force is within its tolerance of the top: of a deep press
+    that is ten microns of travel.
+    """
+    assert window.phases is not None
+    time, force, hold = window.time_s, window.force_N[:, 2], window.phases.hold
+    count = max(round(_LEVEL_S / max(float(np.median(np.diff(time))), 1e-9)), 3)
+    ramp = np.arange(max(hold - count, window.phases.onset), hold + 1)
+    ramp = ramp[np.isfinite(force[ramp])]
+    end = float(time[hold])
+    if ramp.size < _FEWEST:
+        return end
+    rate, there = np.polyfit(time[ramp] - time[hold], force[ramp], 1)
+    for _ in range(_TURNS):  # the level begins where the ramp ends
+        first = int(np.searchsorted(time, end))
+        level = float(window.smooth_N[first : min(first + count, window.phases.release + 1)].mean())
+        if not rate > 0:
+            break
+        end = float(np.clip(time[hold] + (level - there) / rate, time[hold], time[window.phases.release]))
+    return end

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.press.event import event_force
-from tactilevision.press.groups import SHAPE
 from tactilevision.press.ramp import FirstContact, first_contact
 from tactilevision.press.rise import Rise
 from tactilevision.press.ruler import Mark, Ruler, fit_ruler
@@ -75,7 +74,7 @@ def _mark(chain: Chain, one: Timed, begun: FirstContact, *, pace_mm_s: float, ri
     scale = travel / onset.at
     own = scale**2 * max(onset.std**2 - onset.shared_std**2, 0.0) + (pace_mm_s * begun.std_s) ** 2
     # an edge that was found lies anywhere in its window: seen beyond it, the touch comes by the bevel's fall later
-    shape = SHAPE * fill_mm(indenter) if one.touched.distance_given else 0.5 * fill_mm(indenter)
+    shape = 0.0 if one.touched.distance_given else 0.5 * fill_mm(indenter)
     shared = scale**2 * (onset.shared_std**2 + shape**2) + (pace_mm_s * (chain.offset.std or 0.0)) ** 2
     return Mark(
         depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=travel, own_std_mm=float(np.sqrt(own)),

@@ -11,9 +11,9 @@ from tactilevision.press.certificate import Touch
 from tactilevision.press.event import Crossing, crossing, event_force
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.groups import SHAPE, Touched
+from tactilevision.press.groups import Touched
 from tactilevision.press.ruler import Ruler
-from tactilevision.press.touch import SURE, fill_mm
+from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch
 from tactilevision.recording import Recording
 from tactilevision.records import Estimate, ForceSeries
@@ -72,9 +72,7 @@ def _time(chain: Chain, name: str, touched: Touched) -> Timed:
         return Timed(touched, None, None, None)
     level = float(touched.law.force(onset.at))
     stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
-    # a rig that stops near the touch stops at it, as far as the dent's shape lets anybody tell
-    shape_mm = SHAPE * fill_mm(watch.indenter)
-    crossed = crossing(window, level, stiffness * float(np.hypot(onset.std, shape_mm)))
+    crossed = crossing(window, level, stiffness * onset.std)
     if crossed is None:
         return Timed(touched, None, None, None)
     time_s = crossed.time_s - chain.offset_s

@@ -23,6 +23,7 @@ SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
 _SHARES = np.linspace(0.0, 1.0, 6)
 # of fill_mm: blur and the gel beside the edge smear it by what is not known beforehand
 _FILLS = (0.25, 0.5, 1.0, 2.0)
+SHAPE = 0.1  # of fill_mm: what the family of shapes itself leaves open
 _TYPICAL = 0.4
 _ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
 _ANGLE_DEG = 10.0  # of a bevel of which nothing is said
@@ -119,7 +120,7 @@ def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onse
     count = sum(len(x) for x, _ in traces)
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
-    return [_mixture([trial[k] for trial in trials], weights) for k in range(len(traces))]
+    return [_mixture([trial[k] for trial in trials], weights, SHAPE * fill) for k in range(len(traces))]
 
 
 def _alike(onsets: Sequence[Onset]) -> Pair | None:
@@ -136,8 +137,8 @@ def _alike(onsets: Sequence[Onset]) -> Pair | None:
     return middle, float(np.clip(beyond, _LIKE[0] * middle, _LIKE[1] * middle))
 
 
-def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:
-    """One onset from its likes under several shares."""
+def _mixture(onsets: Sequence[Onset | None], weights: Floats, shape_mm: float) -> Onset | None:
+    """One onset from its likes under several shapes; `shape_mm` is what no shape among them may say right."""
     kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
     if not kept or sum(weight for _, weight in kept) <= 0:
         return None
@@ -146,7 +147,7 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats) -> Onset | None:
     variance = np.array([onset.std**2 for onset, _ in kept])
     mean = float(np.average(at, weights=share_out))
     best = kept[int(share_out.argmax())][0]
-    shared = float(np.average((at - mean) ** 2, weights=share_out))
+    shared = float(np.average((at - mean) ** 2, weights=share_out)) + shape_mm**2
     return replace(best, at=mean, std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
                    shared_std=float(np.sqrt(shared)))  # fmt: skip
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactilevision.press.force_window import force_window
-from tactilevision.press.ramp import first_contact, moving_s
+from tactilevision.press.ramp import first_contact, moving_s, top_s
 from tactilevision.press.ruler import Mark, fit_ruler
 from tactilevision.records import ForceSeries, Press
 
@@ -121,3 +121,16 @@ def test_a_stop_on_the_way_is_no_part_of_the_travel() -> None:
     since = 1.2345 + 0.2 / 0.25
     moved = moving_s(window, since, np.array([since, since + 0.4, since + 1.9]))
     assert moved == pytest.approx([0.0, 0.4, 0.9], abs=0.06)
+
+
+def test_the_way_in_ends_at_the_corner_not_where_the_top_is_nearly_reached() -> None:
+    corner, errors = 1.2345 + 0.5 / 0.25, []
+    for seed in range(20):
+        series, press = ramp(np.random.default_rng(seed))
+        window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
+        assert window is not None
+        assert window.phases is not None
+        assert window.time_s[window.phases.hold] < corner - 0.02
+        errors.append(top_s(window) - corner)
+    assert abs(np.mean(errors)) < 0.006
+    assert np.std(errors) < 0.012
