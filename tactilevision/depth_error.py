@@ -36,7 +36,8 @@ Picture = npt.NDArray[np.float32]
 DRAWS = 6
 STEEP = 0.95  # of the steepest slope that was calibrated
 LEAST_STEEP = 12  # pixels; fewer are noise
-COARSE = 8  # px: grid on which depth nearby is looked up
+HALF = 2  # px: grid on which it is worked out; it is smooth but for walls, where a pixel does not matter
+COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
 ROOM = 16  # px: grid on which the depth of untouched gel is kept
 SPREAD = 2.5
 MEDIAN_TO_STD = 1.4826
@@ -55,7 +56,7 @@ class DepthError:
         untouched = np.array(method.card.get("untouched_std_mm", [[0.0]]), np.float32)
         shape = self.variance.shape
         untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
-        self.variance = np.maximum(self.variance, untouched**2)
+        self.variance = np.maximum(self.variance, untouched**2)[::HALF, ::HALF].copy()
 
     def std_mm(
         self,
@@ -68,41 +69,42 @@ class DepthError:
     ) -> Picture:
         """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
 
-        `steepest` is the greatest |slope| along x or y where it is known, which saves a look at all of them.
+        `steepest` is the greatest |slope| where it is known, which saves a look at all of them.
         """
-        total = self._nearby(depth, zero.std_mm)
-        total += self.variance
+        half = np.array(depth[::HALF, ::HALF], np.float32)
+        total = self._nearby(half)
+        cv2.addWeighted(total, 1.0, self.variance, 1.0, zero.std_mm**2, dst=total)
         for restored in walls:
-            window, x, y = window_of(depth.shape, restored.centre_mm, self.mm_per_px, restored.radius_mm)
+            step = (HALF * self.mm_per_px[0], HALF * self.mm_per_px[1])
+            window, x, y = window_of(half.shape, restored.centre_mm, step, restored.radius_mm)
             total[window] += np.float32(restored.std_mm**2) * (x * x + y * y < restored.radius_mm**2)
-        wall = 0.0 if walls or steepest <= self.steep else self.wall_mm(depth, slopes)
+        wall = 0.0 if walls or steepest <= self.steep else self.wall_mm(half, slopes)
         if wall > 0:
-            total += np.float32(wall**2) * (depth > 0.5 * depth.max())
-        return np.asarray(cv2.sqrt(total, dst=total))
+            total += np.float32(wall**2) * (half > 0.5 * half.max())
+        cv2.sqrt(total, dst=total)
+        return np.asarray(cv2.resize(total, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
-    def _nearby(self, depth: npt.NDArray[np.floating[Any]], zero_std_mm: float) -> Picture:
-        """gain^2 times the square of `depth` (H, W), or of the depths about it where that is greater, + zero^2.
+    def _nearby(self, half: Picture) -> Picture:
+        """gain^2 times the square of the depth (h, w), or of the depths about it where that is greater.
 
         Errors of slope spread.
         """
-        height, width = depth.shape
-        depth = np.asarray(depth, np.float32)
-        coarse = np.square(depth[::COARSE, ::COARSE])
-        spread = [USUAL_THICKNESS_MM / (COARSE * step) for step in self.mm_per_px]
+        every = max(1, round(USUAL_THICKNESS_MM / (COARSE * HALF * max(self.mm_per_px))))
+        coarse = np.square(half[::every, ::every])
+        spread = [USUAL_THICKNESS_MM / (every * HALF * step) for step in self.mm_per_px]
         coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
         coarse *= np.float32(SPREAD * self.gain**2)
-        square = cv2.multiply(depth, depth, scale=self.gain**2)
-        total = cv2.max(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), square, dst=square)
-        return np.asarray(cv2.add(total, zero_std_mm**2, dst=total))
+        square = cv2.multiply(half, half, scale=self.gain**2)
+        wide = cv2.resize(coarse, half.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return np.asarray(cv2.max(wide, square, dst=square))
 
-    def wall_mm(self, depth: npt.NDArray[np.floating[Any]], slopes: SlopeMap) -> float:
-        """What may be missing of the depth behind walls steeper than the calibration knows."""
-        # every second pixel of every second row: a wall is long, and a frame has little time
-        p, q, deep = slopes.dz_dx[::2, ::2], slopes.dz_dy[::2, ::2], depth[::2, ::2]
-        steep = 4 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
+    def wall_mm(self, half: Picture, slopes: SlopeMap) -> float:
+        """What may be missing of the depth behind walls steeper than the calibration knows; a wall is long."""
+        p, q = slopes.dz_dx[::HALF, ::HALF], slopes.dz_dy[::HALF, ::HALF]
+        steep = HALF**2 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
         if steep < LEAST_STEEP:
             return 0.0
-        area = max(4.0 * np.count_nonzero(deep > 0.5 * deep.max()), 1.0)
+        area = max(float(HALF**2) * np.count_nonzero(half > 0.5 * half.max()), 1.0)
         width_px = steep / np.sqrt(4.0 * np.pi * area)
         return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
 

@@ -86,7 +86,7 @@ class Reconstructor:
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
         slopes, untouched, steepest, surface = self._glance(rgb)
-        steep = self.readable is not None and steepest * np.sqrt(2.0) >= self.readable
+        steep = self.readable is not None and steepest >= self.readable
         walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if steep and self.readable else []
         restore(slopes, walls, self.sensor.mm_per_px)
         if surface is None or walls:
@@ -125,7 +125,7 @@ class Reconstructor:
         return False
 
     def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, float, npt.NDArray[Any] | None]:
-        """Slopes, untouched blocks, the greatest |slope| along x or y, and the surface, where they are known."""
+        """Slopes, untouched blocks, the greatest |slope|, and the surface, where they are known."""
         if not isinstance(self.method, CalibratedMethod):
             slopes = self.method.slopes(rgb)
             return slopes, _flat_blocks(slopes), np.inf, None

@@ -29,6 +29,7 @@ DECAY_PER_THICKNESS = 0.75
 USUAL_THICKNESS_MM = 3.0
 LEAST_BLOCKS = 12
 ROUNDS = 4
+SETTLED = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 SAMPLED = 8  # places along each side of a block that stand for it
 
 
@@ -124,12 +125,15 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
 def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
     """Reweighted least squares of terms (k, n); the coefficients, and the deviation of the plane at the centre."""
     heavy = terms
+    solution: Depth = np.zeros(len(terms))
     stiffening = 1.0 + 1e-9 * np.eye(len(terms))
     for _ in range(ROUNDS):
         normal = (heavy @ terms.T) * stiffening
-        solution = np.linalg.solve(normal, heavy @ depth)
+        before, solution = solution, np.linalg.solve(normal, heavy @ depth)
         left = np.abs(depth - solution @ terms)
         scale = 1.4826 * float(median(left)) + 1e-12
+        if np.abs(solution - before).max() < SETTLED * scale:
+            break
         left *= 1.0 / (3.0 * scale)
         left *= left
         left += 1.0

@@ -52,8 +52,9 @@ class TorchReader:
                 slopes = self._calmed(slopes, greys)
             depth = self.solver.surface(slopes).cpu().numpy()
             found: Planes = slopes.cpu().numpy()
+            steepest = float(slopes.square().sum(dim=0).max().sqrt())
         valid &= method.readable
-        return Reading(SlopeMap(found[0], found[1], valid), drift, float(np.abs(found).max())), depth
+        return Reading(SlopeMap(found[0], found[1], valid), drift, steepest), depth
 
     def _calmed(self, slopes: torch.Tensor, greys: torch.Tensor) -> torch.Tensor:
         """Slopes (2, H, W) in means but for the windows in which `slopes` were read in full."""

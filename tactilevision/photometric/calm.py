@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
-COARSE = 110  # means along the shorter side of the picture, about
+COARSE = 95  # means along the shorter side of the picture, about
 FEWEST, MOST = 2, 4  # pixels along each side of a mean
 BLOCK = 8  # pixels, about: grid on which windows are cut
 SHARE = 0.5  # of the picture in windows; above that all of it is read in full
@@ -37,7 +37,7 @@ Picture = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one frame says: its slopes, the drift of its light, and the greatest |slope| along x or y."""
+    """What one frame says: its slopes, the drift of its light, and the greatest |slope|."""
 
     slopes: SlopeMap
     drift: Drift
@@ -63,16 +63,14 @@ class CalmReader:
         full = method.change.maps
         x, y = (np.asarray(places[:end].reshape(-1, px).mean(axis=1))
                 for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop)))  # fmt: skip
-        self.maps = ChangeMaps(np.stack([self._means(plane) for plane in full.mean]), x, y)
-        noise = np.stack([self._means(plane) for plane in method.change.noise])
+        self.maps = ChangeMaps(self._means(full.mean), x, y)
+        noise = self._means(method.change.noise)
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
         self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
-        self.calm = self._means(method.calm)
-        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - np.stack(
-            [self._means(r) for r in method.rest]
-        )
-        self.bias = np.stack([self._means(plane) for plane in method.bias]) + rest * self.calm
-        self.loud = LOUD * self._means(method.noise)
+        self.calm = self._means(method.calm[None])[0]
+        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - self._means(np.stack(method.rest))
+        self.bias = self._means(method.bias) + rest * self.calm
+        self.loud = LOUD * self._means(method.noise[None])[0]
         self._change = np.empty_like(self.maps.mean)
         self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
         self.block = round(BLOCK / px)
@@ -81,8 +79,7 @@ class CalmReader:
 
     def follow(self) -> None:
         """To be called when the method's reference has moved."""
-        for means, plane in zip(self.maps.mean, self.method.change.level, strict=True):
-            means[...] = self._means(plane)
+        self.maps.mean[...] = self._means(self.method.change.level)
         self.maps.settle()
 
     def read(self, rgb: Bytes) -> Reading:
@@ -97,7 +94,7 @@ class CalmReader:
             cv2.resize(means, (columns.stop, rows.stop), dst=whole[self.even], interpolation=cv2.INTER_LINEAR)
         slopes[:, rows.stop :] = slopes[:, rows.stop - 1, None]
         slopes[..., columns.stop :] = slopes[..., columns.stop - 1, None]
-        steepest = max(cv2.norm(means, cv2.NORM_INF) for means in self._slopes)
+        steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
         for window in self.windows(self._slopes):
             steepest = max(steepest, method.read_into(slopes, method.change.within(window)))
         valid &= method.readable
@@ -105,7 +102,7 @@ class CalmReader:
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
-        greys = [self._means(grey) for grey in self.method.change.greys]
+        greys = self._means(self.method.change.greys)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
             self.evaluate.strip(self.maps.changes(greys, window, change), window, part)
@@ -132,14 +129,16 @@ class CalmReader:
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
         return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 
-    def _means(self, plane: npt.NDArray[np.generic]) -> Picture:
-        """Means over `px` by `px` pixels of a plane (H, W), exact for whole numbers."""
+    def _means(self, planes: npt.NDArray[np.generic]) -> Picture:
+        """Means (n, h, w) over `px` by `px` pixels of planes (n, H, W), exact for whole numbers."""
         rows, columns = self.even
+        number, height, width = len(planes), self.size[1], self.size[0]
         total = np.add.reduce(
-            plane[rows].reshape(self.size[1], self.px, -1)[..., columns],
-            axis=1,
-            dtype=np.uint16 if plane.dtype == np.uint8 else np.float32,
+            planes[:, rows].reshape(number, height, self.px, -1)[..., columns],
+            axis=2,
+            dtype=np.uint16 if planes.dtype == np.uint8 else np.float32,
         )
-        means = cv2.resize(np.asarray(total, np.float32), self.size, interpolation=cv2.INTER_AREA)
+        long = np.asarray(total.reshape(number * height, -1), np.float32)
+        means = cv2.resize(long, (width, number * height), interpolation=cv2.INTER_AREA)
         means *= np.float32(1.0 / self.px)
-        return np.asarray(means)
+        return np.asarray(means).reshape(number, height, width)

@@ -10,7 +10,7 @@ Marks on the gel are filled from around, in I0 once and in u frame by frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -24,7 +24,7 @@ from tactilevision.photometric.reference import SATURATED, Reference
 from tactilevision.records import Bools, Bytes, Floats
 
 SOFTENING_GREY = 20.0
-STRIP_PX = 8000  # pixels worked on at once, so that all that is made of them stays in the cache
+STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
 
@@ -38,6 +38,7 @@ class ChangeMaps:
     def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
         self.mean, self.x, self.y = mean, x, y
         self.scale: Planes = np.empty_like(mean)
+        self.dark: Planes = np.empty_like(mean)  # change of a pixel that is black
         self.settle()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
         self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
@@ -46,6 +47,8 @@ class ChangeMaps:
         """To be called when `mean` has changed."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
+        np.multiply(self.scale, np.float32(SOFTENING_GREY), out=self.dark)
+        self.dark -= np.float32(1.0)
 
     def light(self, gains: Floats) -> None:
         """Count from here on with the `gains` (3, 3) of a drift."""
@@ -53,15 +56,17 @@ class ChangeMaps:
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
 
-    def changes(self, greys: Sequence[npt.NDArray[Any]], window: Window, out: Planes) -> Planes:
-        """Changes (3, h, w) of a window of three channels: (I gain + s) / (I0 + s) - 1, into `out`."""
+    def changes(self, greys: npt.NDArray[Any], window: Window, out: Planes) -> Planes:
+        """Changes (3, h, w) of a window of the channels (3, H, W): (I gain + s) / (I0 + s) - 1, into `out`."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
-        for grey, plane in zip(greys, out, strict=True):
-            cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
-        out += np.float32(SOFTENING_GREY)
         out *= self.scale[:, rows, columns]
-        out -= np.float32(1.0)
+        if greys.dtype == np.float32:
+            out *= greys[:, rows, columns]
+        else:
+            for grey, plane in zip(greys, out, strict=True):
+                cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
+        out += self.dark[:, rows, columns]
         return out
 
 
@@ -77,7 +82,7 @@ class ColourChange:
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self.greys = list(np.empty((3, *reference.shape), np.uint8))
+        self.greys: Bytes = np.empty((3, *reference.shape), np.uint8)
         self._whole: Planes = np.empty_like(mean)
         self._strip = np.empty(3 * max(STRIP_PX, reference.shape[1]), np.float32)
 
@@ -98,11 +103,11 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        cv2.split(rgb, self.greys)
+        cv2.split(rgb, list(self.greys))
+        if rgb.max() < SATURATED:
+            return drift, self.reference.usable.copy()
         brightest = cv2.max(cv2.max(self.greys[0], self.greys[1]), self.greys[2])
-        valid = brightest < SATURATED
-        valid &= self.reference.usable
-        return drift, valid
+        return drift, self.reference.usable & (brightest < SATURATED)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window, each good until the next.

@@ -23,6 +23,7 @@ from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
+SETTLED = 3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
 SAMPLED = 8  # pixels at most along each side of a block that stand for it
 CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
 SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
@@ -31,7 +32,8 @@ USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
 LEAST_UNEVEN = 2e-4
-SOLID, NEAR = np.ones((2, 2), np.uint8), np.ones((7, 7), np.uint8)
+SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
+NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
 CORRELATED = 20.0  # blocks whose errors (gentle slopes of the gel) hang together
 
 
@@ -85,24 +87,26 @@ class DriftTracker:
         heavy = change * self._shown
         scale = 1.0
         for _ in range(ROUNDS):
-            size = self._strangeness(change, gains)
-            scale = max(1.0, float(median(self._among_usable(size))) / USUAL)
-            weights = size * (1.0 / (3.0 * scale))
-            weights *= weights
+            squares = self._squares(change, gains)
+            scale = max(1.0, float(median(self._among_usable(squares))) / USUAL**2)
+            weights = squares * (1.0 / (9.0 * scale))
             weights += 1.0
             weights *= weights
             np.divide(usable, weights, out=weights)
-            near = self._beside(usable & (size > 4.0 * scale))
+            near = self._beside(usable & (squares > 16.0 * scale))
             fitting = weights if near is None else weights * ~near
             if near is not None and np.count_nonzero(fitting) < LEAST_BLOCKS:
                 fitting = weights
-            gains = self._fit(heavy, fitting, gains[:, 0])
-        size = self._strangeness(change, gains)
+            before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
+            if np.abs(gains - before).max() < SETTLED:
+                break
+        squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
-        return Drift(gains, (usable & (size < 4.0 * scale)).reshape(shape), size.reshape(shape))
+        return Drift(gains, (usable & (squares < 16.0 * scale)).reshape(shape), np.sqrt(squares).reshape(shape))
 
     def _settle(self) -> None:
         """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
+        self.usual, self.clear = float(self._among_usable(self.level).mean()), CLEAR * float(self.noise.mean())
         np.maximum(self.level, 1.0, out=self._bright)
         np.divide(self.level, self.noise, out=self._shown)
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._leaning)
@@ -117,9 +121,8 @@ class DriftTracker:
         """Blocks near enough to a contact for its slopes to pass for drift; a lone noisy block is none."""
         if not touched.any():
             return None
-        picture = touched.reshape(self.size[1], self.size[0]).view(np.uint8)
-        solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, SOLID)
-        return np.asarray(cv2.dilate(solid, NEAR).ravel() > 0)
+        solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
+        return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
     def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
         """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
@@ -128,25 +131,24 @@ class DriftTracker:
         blocks = cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA)
         return np.array(blocks.reshape(-1, 3).T, np.float64, order="C")
 
-    def _strangeness(self, change: Floats, gains: Floats) -> Floats:
-        """Distance of each block from the drift over the channels; `change` is in deviations of its noise."""
+    def _squares(self, change: Floats, gains: Floats) -> Floats:
+        """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
         left = change - np.matmul(gains[:, None, :], self._leaning)[:, 0]
         left *= left
-        return np.asarray(np.sqrt(left.sum(axis=0)))
+        return np.asarray(left.sum(axis=0))
 
     def _fit(self, heavy: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
-        normal = (weights @ self._normal).reshape(3, 3, 3)
+        normal = (weights @ self._normal).reshape(3, 9)
         likely = UNEVEN * np.abs(constant) + LEAST_UNEVEN
-        normal[:, (1, 2), (1, 2)] += (CORRELATED / likely**2)[:, None]
-        normal[:, 0, 0] += 1e-9
+        normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
+        normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
+        return np.asarray(np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         blocks = self._among_usable(blocks)
-        level = float(blocks.mean())
-        usual = float(self._among_usable(self.level).mean())
+        level, usual, clear = float(blocks.mean()), self.usual, self.clear
         dark = level < 0.1 * usual
         if dark or (blocks.max() > 252.0 > usual + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
             raise InputError(
@@ -156,7 +158,6 @@ class DriftTracker:
                 remedy="Leave the frame out; check lights and exposure.",
             )
         size = np.abs(self._among_usable(change))
-        clear = CLEAR * float(self.noise.mean())
         if 2.0 * float(size.mean()) <= min(clear, 0.5 * usual):
             return  # no median of what is not negative is more than twice its mean
         off = float(median(size.ravel()))

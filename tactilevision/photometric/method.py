@@ -134,7 +134,7 @@ class CalibratedMethod:
             self.evaluate.strip(change, window, part)
             part *= self.calm[window]
             part -= self.bias[:, *window]
-            steepest = max(steepest, cv2.norm(part[0], cv2.NORM_INF), cv2.norm(part[1], cv2.NORM_INF))
+            steepest = max(steepest, cv2.norm(cv2.magnitude(part[0], part[1]), cv2.NORM_INF))
         return steepest
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
