@@ -104,8 +104,9 @@ def common_assumptions(fitted: Fit) -> list[str]:
         lines.append("the depth is the stage's: the rig's give counts as the gel's unless an effect takes it out")
     if not data.is_curves and not data.shared.heights:
         lines.append(
-            "the rig comes to each touch at one pace (as stated, where speeds are): depths lie on the ruler this "
-            f"makes, whose scale the bevels fix within {data.shared.rise:.1%} (std)"
+            "the rig comes to each touch at one pace (as stated, where speeds are; by the motion stage, where its "
+            "place was recorded): depths lie on the ruler this makes, whose scale the bevels fix within "
+            f"{data.shared.rise:.1%} (std)"
         )
     thickness = next((p.prior for p in fitted.parameters if p.name == "thickness.relative"), None)
     if thickness is not None:

@@ -1,4 +1,4 @@
-"""The touches of the sound presses put on their ramps' ruler, and the force read there."""
+"""The touches of the sound presses put on the ruler of their way in, and the force read there."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.contact.bevel import SIDES
+from tactilevision.press.checks import face_tilt
 from tactilevision.press.event import event_force
-from tactilevision.press.ramp import FirstContact, first_contact
+from tactilevision.press.event_force import EventForce
+from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.rise import Rise
 from tactilevision.press.ruler import Mark, Ruler, fit_ruler
 from tactilevision.press.timed import Chain, Timed
 from tactilevision.press.touch import SURE, fill_mm
+from tactilevision.press.travel import Travel, travel_of
 from tactilevision.records import Indenter
+
+_AT_STOP = 3.0  # sigmas of a stop's travel within which the ruler puts a touch at it
 
 
 def on_ruler(
@@ -21,40 +27,42 @@ def on_ruler(
 ) -> dict[str, Timed]:
     """`timed` with the touches of the `sound` presses where the ruler of their bevel puts them.
 
-    As they were: presses that stopped at the touch, whose pace is not known, or whose bevel's ruler does not fit.
+    The motion stage is the ruler where it was recorded, else the pace. As they were: presses whose first contact
+    or pace is not known, or whose bevel's ruler does not fit.
     """
     ruled = dict(timed)
-    groups: dict[tuple[object, ...], dict[str, tuple[Timed, FirstContact]]] = {}
-    for name in sound:
-        begun = _begun(chain, timed.get(name))
-        if begun is not None:
-            indenter = timed[name].touched.case.watch.indenter
-            key = indenter.bevel, timed[name].touched.distance_mm, indenter.radius_mm
-            groups.setdefault(key, {})[name] = timed[name], begun
-    for group in groups.values():
-        pace = _paces(chain, list(group))
-        marks = {name: _mark(chain, *found, pace_mm_s=pace[name], rise=rises[name])
-                 for name, found in group.items() if np.isfinite(pace[name])}  # fmt: skip
-        ruler = fit_ruler(list(marks.values()))
+    staged = chain.recording.stage is not None
+    for group in _groups(chain, timed, sound).values():
+        marks = {name: _mark(chain, timed[name], travel, rises[name]) for name, travel in group.items()}
+        lean = float(np.median([mark.lean_mm for mark in marks.values()]))
+        marks = {name: replace(mark, lean_mm=mark.lean_mm - lean) for name, mark in marks.items()}
+        ruler = fit_ruler(list(marks.values()), scale=1.0 if staged else None)
         if ruler is None:
             continue
         for (name, mark), use in zip(marks.items(), ruler.used, strict=True):
             if use:
-                one, begun = group[name]
-                after_s = ruler.travel_mm(mark.depth_mm, mark.force_N) / pace[name]
-                ruled[name] = _moved(chain, one, ruler, FirstContact(begun.time_s + after_s, begun.std_s))
+                ruled[name] = _moved(chain, timed[name], ruler, group[name], mark)
     return ruled
 
 
-def _begun(chain: Chain, one: Timed | None) -> FirstContact | None:
-    """First contact of a press that came to a sure touch without a stop."""
-    if one is None or one.touch is None or one.event is None or one.crossed is None or one.event.dwell:
-        return None
-    watch = one.touched.case.watch
-    window = chain.windows[watch.press.press]
-    if one.touch.onset.gain <= SURE or one.touched.distance_mm is None or not watch.indenter.height_mm:
-        return None
-    return None if window is None else first_contact(window, one.crossed.time_s)
+def _groups(
+    chain: Chain, timed: Mapping[str, Timed], sound: Sequence[str]
+) -> dict[tuple[object, ...], dict[str, Travel]]:
+    """The ways in of presses of one bevel and radius that came to a sure touch."""
+    groups: dict[tuple[object, ...], dict[str, Travel]] = {}
+    pace = _paces(chain, sound)
+    for name in sound:
+        one, window = timed.get(name), chain.windows[name]
+        if one is None or one.touch is None or one.event is None or one.crossed is None or window is None:
+            continue
+        indenter = one.touched.case.watch.indenter
+        if one.touch.onset.gain <= SURE or one.touched.distance_mm is None or not indenter.height_mm:
+            continue
+        travel = travel_of(window, one.crossed.time_s, stage=chain.recording.stage, pace_mm_s=pace[name])
+        if travel is not None and travel.at(one.crossed.time_s) > 0:
+            key = indenter.bevel, one.touched.distance_mm, indenter.radius_mm
+            groups.setdefault(key, {})[name] = travel
+    return groups
 
 
 def _paces(chain: Chain, names: Sequence[str]) -> dict[str, float]:
@@ -65,21 +73,28 @@ def _paces(chain: Chain, names: Sequence[str]) -> dict[str, float]:
     return stated
 
 
-def _mark(chain: Chain, one: Timed, begun: FirstContact, *, pace_mm_s: float, rise: Rise) -> Mark:
+def _mark(chain: Chain, one: Timed, travel: Travel, rise: Rise) -> Mark:
     assert one.crossed is not None
     assert one.touch is not None
     assert one.event is not None
-    indenter, onset = one.touched.case.watch.indenter, one.touch.onset
-    travel = pace_mm_s * (one.crossed.time_s - begun.time_s)
-    scale = travel / onset.at
-    own = scale**2 * max(onset.std**2 - onset.shared_std**2, 0.0) + (pace_mm_s * begun.std_s) ** 2
+    assert one.touched.distance_mm is not None
+    watch, onset = one.touched.case.watch, one.touch.onset
+    indenter, window = watch.indenter, chain.windows[watch.press.press]
+    assert window is not None
+    there = travel.at(one.crossed.time_s)
+    scale = there / onset.at
+    if one.event.dwell:  # the rig stopped about the touch: how far from it, the force tells
+        there += scale * (onset.at - float(one.touched.law.depth(window.at(np.array([one.crossed.time_s])))[0]))
+    pace = travel.travel_mm[-1] / max(travel.time_s[-1] - travel.time_s[0], 1e-9)
+    own = scale**2 * max(onset.std**2 - onset.shared_std**2, 0.0) + travel.std_mm**2
     # an edge that was found lies anywhere in its window: seen beyond it, the touch comes by the bevel's fall later
     shape = 0.0 if one.touched.distance_given else 0.5 * fill_mm(indenter)
-    shared = scale**2 * (onset.shared_std**2 + shape**2) + (pace_mm_s * (chain.offset.std or 0.0)) ** 2
+    shared = scale**2 * (onset.shared_std**2 + shape**2) + (pace * (chain.offset.std or 0.0)) ** 2
+    lean = float(face_tilt(watch) @ np.array(SIDES[watch.side])) * one.touched.distance_mm
     return Mark(
-        depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=travel, own_std_mm=float(np.sqrt(own)),
+        depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=there, own_std_mm=float(np.sqrt(own)),
         shared_std_mm=float(np.sqrt(shared)), force_N=float(one.event.force_N[2]), height=indenter.name,
-        height_std_mm=indenter.height_std_mm / (1 + rise.ratio),
+        height_std_mm=indenter.height_std_mm / (1 + rise.ratio), lean_mm=lean / (1 + rise.ratio),
     )  # fmt: skip
 
 
@@ -88,20 +103,43 @@ def _height(indenter: Indenter) -> float:
     return indenter.height_mm
 
 
-def _moved(chain: Chain, one: Timed, ruler: Ruler, at: FirstContact) -> Timed:
-    """The press with its touch at another time (F/T clock), and the force read there."""
+def _moved(chain: Chain, one: Timed, ruler: Ruler, travel: Travel, mark: Mark) -> Timed:
+    """The press with its touch where the ruler puts it, and the force read there."""
     assert one.crossed is not None
     assert one.touch is not None
+    assert one.event is not None
     watch = one.touched.case.watch
     window = chain.windows[watch.press.press]
     assert window is not None
-    crossed = replace(one.crossed, time_s=at.time_s, std_s=at.std_s)
-    event = event_force(window, chain.forces, crossed)
-    if event is None:
+    target = ruler.travel_mm(mark.depth_mm, mark.force_N)
+    beyond = target - travel.at(one.crossed.time_s)
+    moving = max(travel.reached_s(target), float(travel.time_s[0]))
+    pace = travel.travel_mm[-1] / max(travel.time_s[-1] - travel.time_s[0], 1e-9)
+    if one.event.dwell and beyond > -_AT_STOP * travel.std_mm:
+        event = _beyond_stop(one, one.event, window, beyond / mark.travel_mm * one.touch.onset.at)
+        return replace(one, event=event, ruler=ruler, stop_std_N=abs(_rate(one, window)) * travel.std_mm)
+    crossed = replace(one.crossed, time_s=moving, std_s=travel.std_mm / pace, dwell_s=None)
+    found = event_force(window, chain.forces, crossed)
+    if found is None:
         return one
-    time_s = at.time_s - chain.offset_s
+    time_s = moving - chain.offset_s
     touch = replace(
-        one.touch, time_s=time_s, std_s=float(np.hypot(at.std_s, chain.offset.std or 0.0)),
+        one.touch, time_s=time_s, std_s=float(np.hypot(crossed.std_s, chain.offset.std or 0.0)),
         depth_seen_mm=float(np.interp(time_s, watch.time_s, watch.depth_mm)),
     )  # fmt: skip
-    return replace(one, crossed=crossed, touch=touch, event=event, ruler=ruler)
+    return replace(one, crossed=crossed, touch=touch, event=found, ruler=ruler, stop_std_N=0.0)
+
+
+def _beyond_stop(one: Timed, event: EventForce, window: ForceWindow, beyond_mm: float) -> EventForce:
+    """The force of a stop carried on to a touch `beyond_mm` behind it, along the press's own law."""
+    force = event.force_N.copy()
+    force[2] += _rate(one, window) * beyond_mm
+    return replace(event, force_N=force)
+
+
+def _rate(one: Timed, window: ForceWindow) -> float:
+    """Force per driving depth (N/mm) where the rig stood."""
+    assert one.crossed is not None
+    law = one.touched.law
+    depth = float(law.depth(window.at(np.array([one.crossed.time_s])))[0])
+    return float(law.force(depth + 1e-3) - law.force(depth)) / 1e-3

@@ -10,6 +10,8 @@ import pytest
 from tactilevision.press.force_window import force_window
 from tactilevision.press.ramp import first_contact, moving_s, top_s
 from tactilevision.press.ruler import Mark, fit_ruler
+from tactilevision.press.travel import travel_of
+from tactilevision.recording import StageSeries
 from tactilevision.records import ForceSeries, Press
 
 HEIGHTS = (0.15, 0.3, 0.4, 0.5, 0.6)
@@ -72,6 +74,61 @@ def test_one_wrong_touch_is_left_out() -> None:
     ruler = fit_ruler(wrong)
     assert ruler is not None
     assert list(np.flatnonzero(~ruler.used)) == [7]
+
+
+def test_two_heights_are_enough_where_they_differ() -> None:
+    errors = []
+    for seed in range(40):
+        late = float(np.random.default_rng(seed + 1000).normal(0, TOGETHER))
+        two = [mark for mark in marks(np.random.default_rng(seed), late=late) if mark.height in ("A1", "A4")]
+        ruler = fit_ruler(two)
+        assert ruler is not None
+        errors.append(((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1) / ruler.relative_std(C))
+    assert np.sqrt(np.mean(np.square(errors))) < 1.3
+
+
+def test_a_face_that_leans_is_believed_as_far_as_the_touches_say() -> None:
+    """Tilts of 5 um at the bevel that are real scatter the touches; those that the map made up do not."""
+    spread = {}
+    for real in (1.0, 0.0):
+        errors = []
+        for seed in range(40):
+            rng = np.random.default_rng(seed)
+            lean = 0.005 * rng.standard_normal(3 * len(HEIGHTS))
+            leaning = [replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, lean_mm=t)
+                       for mark, t in zip(marks(rng, late=0.002), lean, strict=True)]  # fmt: skip
+            ruler = fit_ruler(leaning)
+            assert ruler is not None
+            errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
+        spread[real] = np.std(errors)
+    assert spread[1.0] < 1.3 * spread[0.0]
+
+
+def test_a_stage_tells_at_one_height_how_late_the_touches_are() -> None:
+    late = 0.004
+    one = [mark for mark in marks(np.random.default_rng(5), late=late, alpha=1.0) if mark.height == "A2"]
+    assert fit_ruler(one) is None
+    ruler = fit_ruler([replace(mark, force_N=0.0) for mark in one], scale=1.0)  # a rig that does not give
+    assert ruler is not None
+    assert ruler.alpha == pytest.approx(1.0, abs=0.005)
+    assert ruler.late_mm == pytest.approx(late, abs=2.5 * ruler.late_std_mm)
+
+
+def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> None:
+    series, press = ramp(np.random.default_rng(3), dwell_s=1.0)
+    window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
+    assert window is not None
+    stop_s, top_s_ = 1.2345 + 0.3 / 0.25, 1.2345 + 0.5 / 0.25 + 1.0
+    times = np.arange(0.0, 8.0, 0.01)
+    place = 7.0 + np.interp(times, [0.0, 1.2345, stop_s, stop_s + 1.0, top_s_, 8.0],
+                            [-0.1, 0.0, 0.3, 0.3, 0.5, 0.5])  # fmt: skip
+    for stage, pace in ((StageSeries(times, place), float("nan")), (None, 0.25)):
+        travel = travel_of(window, top_s_ - 0.2, stage=stage, pace_mm_s=pace)
+        assert travel is not None
+        assert travel.at(stop_s + 0.5) == pytest.approx(0.3, abs=0.012)
+        assert travel.at(top_s_ - 0.2) == pytest.approx(0.45, abs=0.012)
+        assert travel.reached_s(0.45) == pytest.approx(top_s_ - 0.2, abs=0.06)
+    assert travel_of(window, top_s_ - 0.2, stage=None, pace_mm_s=float("nan")) is None
 
 
 def test_no_ruler_without_a_common_pace_or_enough_heights() -> None:

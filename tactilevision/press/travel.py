@@ -1,0 +1,66 @@
+"""How far a press has come since its face met the gel: by the motion stage, or by pace times time.
+
+z(t) = stage(t) - stage(t0), or speed times the time that the rig has moved since t0, the zero of force (ramp.py).
+Times on the F/T sensor's clock, lengths in mm. What the rig gives under the force is part of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.press.force_window import ForceWindow
+from tactilevision.press.ramp import first_contact, moving_s, top_s
+from tactilevision.recording import StageSeries
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """`travel_mm` (T,) at `time_s` (T,) from first contact to the top, never falling; `std_mm` of its zero."""
+
+    time_s: Floats
+    travel_mm: Floats
+    std_mm: float
+
+    def at(self, time_s: float) -> float:
+        """Travel at a time."""
+        return float(np.interp(time_s, self.time_s, self.travel_mm))
+
+    def reached_s(self, travel_mm: float) -> float:
+        """When a travel was first reached; the last time where it never was."""
+        place = int(np.searchsorted(self.travel_mm, travel_mm))
+        if place == 0 or place == self.time_s.size:
+            return float(self.time_s[min(place, self.time_s.size - 1)])
+        return float(np.interp(travel_mm, self.travel_mm[place - 1 : place + 1],
+                               self.time_s[place - 1 : place + 1]))  # fmt: skip
+
+
+def travel_of(
+    window: ForceWindow, touch_s: float, *, stage: StageSeries | None, pace_mm_s: float
+) -> Travel | None:
+    """The travel of one press; None where its first contact is not to be told, or neither stage nor pace is known.
+
+    First contact is looked for up to the rig's first stop, or to the touch at `touch_s`.
+    """
+    if window.phases is None:
+        return None
+    onset = float(window.time_s[window.phases.onset])
+    stops = [float(window.time_s[first]) for first, _ in window.dwells]
+    begun = first_contact(window, min([stop for stop in stops if stop > onset] + [touch_s]))
+    if begun is None:
+        return None
+    end = top_s(window)
+    inside = window.time_s[(window.time_s > begun.time_s) & (window.time_s < end)]
+    times = np.concatenate([[begun.time_s], inside, [max(end, begun.time_s)]])
+    if stage is not None and stage.time_s[0] <= times[0] and times[-1] <= stage.time_s[-1]:
+        place = np.interp(times, stage.time_s, stage.z_mm)
+        travel = np.maximum.accumulate(place - place[0])
+    elif np.isfinite(pace_mm_s):
+        travel = pace_mm_s * moving_s(window, begun.time_s, times)
+    else:
+        return None
+    moved = moving_s(window, begun.time_s, times[-1:])[0]
+    pace = float(travel[-1]) / max(float(moved), 1e-9)
+    return Travel(times, np.asarray(travel, dtype=np.float64), pace * begun.std_s) if pace > 0 else None
