@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.depths import BRANCHES, branches
 from calibration.reml import TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Floats, Indenter
@@ -137,8 +138,8 @@ def _press(data: Observations, sample: int) -> str:
 def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
     """What a law can be fitted to: presses of this shape, of radii pressed to more than one depth.
 
-    What is left out and what these measurements lack is said in the warnings. Raises InputError where nothing is
-    left to fit.
+    Phases that nobody recorded are read from the depth. What is left out and what these measurements lack is said
+    in the warnings. Raises InputError where nothing is left to fit.
     """
     kept = of_shape(data, shape)
     single = [r for r in np.unique(kept.presses.radius_mm) if _one_depth(kept, float(r))]
@@ -148,7 +149,8 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
         kept = kept.take(~np.isin(kept.presses.radius_mm, single))
         kept = replace(kept, warnings=(*kept.warnings, warning))
     check(kept, shape=shape)
-    return replace(kept, warnings=(*kept.warnings, *lacks(kept)))
+    phase = np.array(BRANCHES)[branches(kept)]
+    return replace(kept, phase=phase, warnings=(*kept.warnings, *lacks(kept)))
 
 
 def clear_of_touch(data: Observations) -> Observations:

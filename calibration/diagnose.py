@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration import by_hand
 from calibration.bias import possible_bias
 from calibration.calibrate import conclude
 from calibration.change import change_point
@@ -26,9 +27,9 @@ from calibration.data import Observations
 from calibration.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
-from calibration.experiment import BY_HAND, NextMeasurement, measure_next
+from calibration.experiment import NextMeasurement, measure_next
 from calibration.fitting import Fit
-from calibration.left import describe
+from calibration.left import Left, describe
 from calibration.odd_presses import Oddity, odd_presses
 from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
@@ -39,9 +40,11 @@ from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
-LEFT_LEVEL = 0.025  # of saying that something unknown is left
+LEFT_LEVEL = 0.01  # of saying that something unknown is left
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
+SURE = 10.0  # std: one that brings more is no better for it
+WORTH_SAYING = 0.1  # of a misfit: an effect that explains less is not near it
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +93,7 @@ def diagnose(
     sight = None
     if seen is not None:
         sight = _outcome(search(seen, sighted(), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
-    found = _conclude(force, sight, rng)
-    hidden = [effect for effect in catalogue if effect.key in found.not_testable]
-    return replace(found, possible_bias=possible_bias(found.fitted, hidden))
+    return _conclude(force, sight, catalogue, rng)
 
 
 def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Outcome:
@@ -111,37 +112,43 @@ def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Ou
     return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
 
 
-def _conclude(force: _Outcome, sight: _Outcome | None, rng: np.random.Generator) -> Diagnosis:
+def _conclude(
+    force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
     before, after = conclude(base), conclude(fitted)
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*after.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
-    after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)])
+    outside = "beta_outside_theory" in flags
+    explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
+    others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)],
+                     [modulus / base.values[0] for modulus in others])  # fmt: skip
     if sight is not None:
         after = _risen(after, sight)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
-    explained = would_have_to_be(base) if "beta_outside_theory" in flags else ()
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
     missing, visible = _testable(both)
     errors = _errors(base, fitted)
+    left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
+    bias = possible_bias(fitted, [effect for effect in catalogue if effect.key in missing])
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates, not_testable=missing, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
-        measure_next=(*_again(force.odd), *_next(base, force.sets, flags, _by_hand(base, missing, sight))),
+        measure_next=_next(base, both, left, instead, bias),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
-        tried=tuple(key for one in both for key in one.tried), possible_bias={}, base=base, fitted=fitted,
+        tried=tuple(key for one in both for key in one.tried), possible_bias=bias, base=base, fitted=fitted,
         sight=None if sight is None else sight.searched,
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
-        left=describe(force.searched.current, force.searched.last.covariates) if force.unknown else None,
-        odd=force.odd,
+        left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
     )  # fmt: skip
 
 
@@ -181,10 +188,12 @@ def _tried(searched: Searched) -> tuple[Candidate, ...]:
     return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
 
 
-def _spanning(after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]]) -> CalibrationResult:
-    """E's interval stretched to what the candidates that cannot be told apart would each make of it."""
+def _spanning(
+    after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]], others: Sequence[float]
+) -> CalibrationResult:
+    """E's interval stretched to what the candidates that cannot be told apart, and `others`, would make of it."""
     E = after.youngs_modulus
-    others = [c.values[0] / s[0].values[0] for s in sets for c in s[1:]]  # of the first of each set
+    others = [*others, *(c.values[0] / s[0].values[0] for s in sets for c in s[1:])]  # of the first of each set
     if not others or E.interval95 is None:
         return after
     low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
@@ -217,19 +226,34 @@ def _errors(base: Fit, current: Fit) -> Errors:
     return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
 
 
-def _next(base: Fit, sets: Sequence[tuple[Candidate, ...]], flags: Sequence[str],
-          by_hand: Sequence[str]) -> tuple[NextMeasurement, ...]:  # fmt: skip
-    """Actions for the first set that stays open; for what no press can show, the action by hand."""
-    plans: list[NextMeasurement] = []
-    for group in sets:
+def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Sequence[Candidate],
+          bias: Mapping[str, float]) -> tuple[NextMeasurement, ...]:  # fmt: skip
+    """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows."""
+    open_sets = [group for one in both for group in one.sets]
+    if not open_sets and instead:
+        open_sets = [tuple(instead)]
+    plans = [plan for group in open_sets for plan in by_hand.of_candidates(group)]
+    for group in both[0].sets or open_sets[:1]:
         if len(group) > 1:
             plans += measure_next(base, group[0], group[1:])
             break
-    if not plans and "beta_outside_theory" in flags:
-        found = _refitted(base, CANDIDATES)
-        plans += measure_next(base, found[0], found[1:]) if found else ()
-    worth = [p for p in plans if p.separation_sigma > WORTH]
-    return (*worth, *(NextMeasurement(*BY_HAND[key], float("nan")) for key in by_hand))
+    worth = [plan for plan in plans if plan.separation_sigma > WORTH]
+    worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
+    follow = by_hand.of_left(left.covariates) if left is not None else []
+    found = [*_again(both[0].odd), *follow, *worth, *by_hand.of_hidden(bias, base.data.depth_source)]
+    return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
+
+
+def _nearest(searched: Searched) -> tuple[str, float] | None:
+    """The effects that came nearest to a misfit that none explains, and their share of it."""
+    if searched.steps:
+        return "+".join(step.best.effect.key for step in searched.steps), searched.explained
+    start, candidates = searched.start, searched.rounds[-1].candidates
+    beyond = start.chi2 - start.dof
+    if not candidates or beyond <= 0:
+        return None
+    share = (start.chi2 - candidates[0].chi2) / beyond
+    return (candidates[0].effect.key, min(share, 1.0)) if share > WORTH_SAYING else None
 
 
 def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:
@@ -244,20 +268,12 @@ def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:
     return (NextMeasurement(action, minutes, float("nan")),)
 
 
-def _by_hand(base: Fit, not_testable: Mapping[str, str], sight: _Outcome | None) -> list[str]:
-    """Effects that an action by hand would settle: what the picture shows first, then what nothing shows."""
-    source = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}
-    opened = [c.effect.key for s in (sight.sets if sight else ()) for c in s]
-    hidden = [key for key in not_testable if source.get(key) in (None, base.data.depth_source)]
-    return [key for key in dict.fromkeys([*opened, *hidden]) if key in BY_HAND]
-
-
 def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:
     """Of one step's fit; the last one's is known."""
     return errors.held_out_after if fitted is last else held_out_rms(fitted)
 
 
-def _refitted(base: Fit, keys: Sequence[str]) -> list[Candidate]:
+def _refitted(base: Fit, keys: Sequence[str]) -> Sequence[Candidate]:
     """These effects on top of the base; with beta out of theory the stated thickness is itself in doubt."""
     found = []
     for key in keys:

@@ -68,7 +68,8 @@ class Diagnosis:
     bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
     before and after; `sight` the search on the
     picture's depth against the certified one, where there are both; `left` describes what nothing
-    explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `held_out` the held-out
+    explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `nearest` the effect
+    that came nearest to it, and the share that it explains; `held_out` the held-out
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
     on.
     """
@@ -95,6 +96,7 @@ class Diagnosis:
     sight: Searched | None = None
     left: Left | None = None
     odd: Oddity = NOTHING_ODD
+    nearest: tuple[str, float] | None = None
     held_out: tuple[float, ...] = ()
     covariates_before: tuple[Scored, ...] = ()
 
@@ -114,6 +116,7 @@ class Diagnosis:
             "odd_presses": list(self.odd.presses),
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
             "lack_of_fit_p": self.lack_of_fit_p,
+            "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
             "left": None
             if self.left is None

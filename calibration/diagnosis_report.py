@@ -54,7 +54,7 @@ def verdict_sentence(found: Diagnosis) -> str:
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
-            return f"Something is missing from the model{known} {what}."
+            return f"Something is missing from the model{known} {what}.{_nearest(found)}"
 
 
 def _odd(found: Diagnosis) -> str:
@@ -87,6 +87,14 @@ def _left(found: Diagnosis) -> str:
     if found.change_point is not None:
         parts.append(f"is there since press {found.change_point}")
     return f" ({', '.join(parts)})" if parts else ""
+
+
+def _nearest(found: Diagnosis) -> str:
+    """What came nearest, in a sentence; empty where nothing came near."""
+    if found.nearest is None:
+        return ""
+    key, share = found.nearest
+    return f" Nearest to it comes {in_words(key).replace('+', ' and ')}, which explains {100 * share:.0f} % of it."
 
 
 def _said(name: str) -> str:

@@ -19,6 +19,7 @@ from calibration.screen import Scored, seen_covariates
 from calibration.search import TOLD_APART
 from calibration.sight import depth_ratio, sighted
 from calibration.stages import Effect
+from calibration.steadied import steadied
 from calibration.tolerances import CERTIFICATE, HEIGHTS
 from tactilevision.plots.diagnosis import Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
@@ -88,7 +89,7 @@ def _box(fitted: Fit) -> Box:
 
 def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
     """The covariates that tell most, with the residual in its own std."""
-    seen = {c.name: c for c in seen_covariates(fitted)}
+    seen = {c.name: c for c in seen_covariates(steadied(fitted))}
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
     return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
             for s in scored[:most] if s.key in seen]  # fmt: skip
@@ -179,7 +180,7 @@ def _overlay(base: Fit, candidate: Candidate) -> Overlay:
     """Against the covariate along which the candidate changes most."""
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
-    best = max(seen_covariates(base), key=lambda one: _spread(one, change / std))
+    best = max(seen_covariates(steadied(base)), key=lambda one: _spread(one, change / std))
     number = bins(best, BINS)
     rows = [number == k for k in range(int(number.max()) + 1)]
     residual = base.residual_N / std

@@ -22,12 +22,6 @@ from calibration.refit import CANNOT_FIT, Candidate
 from tactilevision.records import Floats, Indenter
 
 SAMPLES = 17
-BY_HAND = {
-    "force_gain": ("put a dead weight on the force sensor", 5.0),
-    "backing_compliance": ("press on the bare backing", 10.0),
-    "photometric_gain": ("press a gauge or a ball of known depth beside the camera's own reading", 10.0),
-    "bevel_rise": ("use an indenter whose bevel stands at another distance", 15.0),
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from calibration.conditions import nominal_depth
+from calibration.depths import nominal_depth
 from calibration.fitting import Fit
 from calibration.screen import Scored
 from tactilevision.records import Floats

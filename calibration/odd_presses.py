@@ -25,7 +25,7 @@ from calibration.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats
 
 FEWEST, REPEATS, SHUFFLES = 8, 3, 999
-LEVEL = 0.01  # of either finding where nothing is there: beside the screen's own
+LEVEL = 0.005  # of either finding where nothing is there: beside the screen's own
 ROBUST = 1.4826
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
 LEAST_SPREAD_MM = 1e-3
@@ -54,7 +54,9 @@ def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     if data.count < FEWEST:
         return Oddity(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
-    stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(_far(_beside_like(own, groups))))
+    stands_out = tuple(
+        data.presses.label[k] for k in np.flatnonzero(_far(_beside_like(own, groups), np.unique(groups).size))
+    )
     return Oddity(stands_out, tuple(_wanders(fitted, own - own.mean(), groups, rng)), scattered)
 
 
@@ -76,11 +78,11 @@ def _beside_like(own: Floats, groups: Ints) -> Floats:
     return np.asarray(rest)
 
 
-def _far(own: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _far(own: Floats, medians: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     from scipy.stats import t
 
     spread = max(ROBUST * float(np.median(np.abs(own))), LEAST_SPREAD_MM)
-    limit = float(t.isf(LEVEL / 2 / own.size, max(DOF_SHARE * own.size, 2.0)))
+    limit = float(t.isf(LEVEL / 2 / own.size, max(DOF_SHARE * (own.size - medians), 2.0)))
     return np.asarray(np.abs(own) > limit * spread)
 
 

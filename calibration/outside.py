@@ -28,7 +28,7 @@ TURNS = 25
 
 @dataclass(frozen=True, slots=True)
 class WouldHaveToBe:
-    """One candidate: its first parameter, what it would have to be, and R^2 of P/w against w/h that it leaves."""
+    """One candidate: its first parameter, what it would have to be, R^2 of P/w over w/h that it leaves, and E."""
 
     key: str
     parameter: str
@@ -36,11 +36,13 @@ class WouldHaveToBe:
     value: float
     r_squared: float
     rms_error_N: float
+    modulus_MPa: float
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
         return {"key": self.key, "parameter": self.parameter, "unit": self.unit, "value": self.value,
-                "r_squared": self.r_squared, "rms_error_N": self.rms_error_N}  # fmt: skip
+                "r_squared": self.r_squared, "rms_error_N": self.rms_error_N,
+                "youngs_modulus_MPa": self.modulus_MPa}  # fmt: skip
 
 
 def would_have_to_be(fitted: Fit) -> tuple[WouldHaveToBe, ...]:
@@ -74,6 +76,7 @@ def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
     return WouldHaveToBe(
         key, effect.parameters[0].name, effect.parameters[0].unit, float(values[place]),
         straightness(data, force), float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
+        float(values[0]),
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.conditions import group_basis, nominal_depth
-from calibration.fitting import Fit, Problem, fit
-from calibration.noise import Linear, Noise, Whitener
+from calibration.conditions import group_basis
+from calibration.fitting import Fit, fit
+from calibration.noise import Noise
 from calibration.products import Weighing
 from calibration.reml import (
     STATED_DOF,
@@ -24,6 +24,7 @@ from calibration.reml import (
     sized,
     stencil,
 )
+from calibration.steadied import steadied
 from tactilevision.records import Floats
 
 ALIKE = (
@@ -35,34 +36,25 @@ def noise_from_repeats(fitted: Fit) -> Noise:
     """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
     typical of presses. Points with a stated noise are presses too: they have a gain and a zero beside it.
     """
-    space, about, stated = *_explained(fitted), fitted.noise.stated
+    steady, stated = steadied(fitted), fitted.noise.stated
+    space = _explained(steady)
     of_presses = fitted.data.is_curves or stated
     if fitted.data.size - space.shape[1] < 3:
         if not of_presses or fitted.noise.gain:
             return fitted.noise
         return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
-    return estimate_noise(fitted.data, about, residual_N=fitted.residual_N, jacobian=space,
+    return estimate_noise(steady.data, steady.about, residual_N=fitted.residual_N, jacobian=space,
                           precision=np.zeros((space.shape[1],) * 2), stated=stated,
                           of_presses=of_presses)  # fmt: skip
 
 
-def _explained(fitted: Fit) -> tuple[Floats, Linear]:
-    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain, and
-    the model about which presses have a gain and a zero.
-
-    Both at depths without their readings' noise: a column, or a press's gain, less the same at depths as read is
-    just that noise, and of the residual's size.
-    """
-    data = fitted.data.shifted(nominal_depth(fitted.data) - fitted.data.depth_mm)
-    steady = Linear(fitted.model.predict(fitted.values, data), fitted.model.slope(fitted.values, data),
-                    fitted.about.base_N)  # fmt: skip
-    whitener = Whitener(data, fitted.noise, steady)
-    law = Problem(fitted.model, data, fitted.parameters, whitener).jacobian(fitted.values)
-    columns = np.column_stack([law[:, fitted.free], group_basis(data)])
+def _explained(steady: Fit) -> Floats:
+    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     size, axes = np.linalg.eigh(columns.T @ columns)
     kept = size > ALIKE**2 * size[-1]
-    return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept])), steady
+    return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))
 
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
@@ -72,7 +64,7 @@ def refit_with_pure_noise(fitted: Fit) -> Fit:
 
 
 def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
-    """The noise that would be estimated from each column of errors (N, b): one Newton step on the likelihood.
+    """The noise that would be estimated from each column of errors (N, b) of a steadied fit: one Newton step.
 
     The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
     """
@@ -87,9 +79,8 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
 
 def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
     """-2 log L (b,) of many residuals (N, b) at any sizes."""
-    space, about = _explained(fitted)
-    weighing = Weighing(fitted.data, about, fitted.noise)
-    columns, errors = weighing.take(space), weighing.take(errors_N)
+    weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+    columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
     within, across = weighing.product(columns, columns), weighing.product(columns, errors)
     squares = weighing.squares(errors)
 
@@ -105,7 +96,7 @@ def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
 def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     """Relative size of the noise from each draw of points, weighed with what was stated."""
     base = fitted.noise.scale * fitted.about.base_N
-    q, _ = np.linalg.qr(_explained(fitted)[0] / base[:, None])
+    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
     z = errors_N / base[:, None]
     squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
     dof = fitted.data.size - q.shape[1]

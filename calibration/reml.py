@@ -27,7 +27,7 @@ UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing wa
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
 CLOSE, MOST_STEPS = 1e-3, 40  # a size is never known to a thousandth
-MORE = 2.0  # in -2 log L: what one more number has to bring (Akaike)
+RANGE = 8.0  # in the logarithm: where there is nothing to see, no size runs off to 0
 CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
 
 
@@ -47,9 +47,9 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     for white in WHITE if data.is_curves else ():
         row = np.inf
         for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
-            tried = replace(first, correlation=rho, white=white)
+            tried = replace(best, correlation=rho, white=white)
             found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared)
-            cost += MORE * (1 if white == 0 else 2)
+            cost += float(np.log(data.size)) * (1 + (white > 0))  # what each number has to bring: Schwarz (1978)
             if cost < lowest:
                 best, lowest = found, cost
             row = min(row, cost)
@@ -75,10 +75,12 @@ def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product,
     """Of these sizes, for the `product` of [residual | jacobian] with itself; leaves out what is constant."""
     total = product.under(noise)
     information = total[1:, 1:] + precision
-    sign, volume = np.linalg.slogdet(information)
-    if sign <= 0:
+    try:
+        root = np.linalg.cholesky(information)
+    except np.linalg.LinAlgError:
         return 1e30  # finite, so that a search can step back
-    explained = total[0, 1:] @ np.linalg.solve(information, total[1:, 0])
+    volume = 2 * float(np.sum(np.log(np.diag(root))))
+    explained = float(np.sum(np.linalg.solve(root, total[1:, 0]) ** 2))
     return float(weighing.log_volume(noise) + volume + total[0, 0] - explained)
 
 
@@ -119,7 +121,8 @@ def newton_move(costs: Floats, size: int) -> Floats:
 
 def _best(likelihood: Callable[[Noise], float], first: Noise, shared: bool) -> tuple[Noise, float]:
     """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
-    here = np.log([first.scale, TYPICAL_GAIN, TYPICAL_ZERO_MM])[: 3 if shared else 1]
+    sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
+    here = start = np.log(sizes[: 3 if shared else 1])
     offsets = stencil(here.size)
 
     def cost(logs: Floats) -> float:
@@ -130,7 +133,7 @@ def _best(likelihood: Callable[[Noise], float], first: Noise, shared: bool) -> t
         move = newton_move(costs, here.size)
         while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:
             move = move / 2
-        here = here + move
+        here = np.clip(here + move, start - RANGE, start + RANGE)
         if np.abs(move).max() <= CLOSE:
             break
     return sized(first, here), cost(here)

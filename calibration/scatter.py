@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.conditions import LOAD, branches
 from calibration.data import Observations
+from calibration.depths import LOAD, branches
 from calibration.hereditary import Grid
 from tactilevision.records import Bools, Floats
 

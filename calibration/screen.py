@@ -14,17 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.conditions import Covariate, bins, covariates, nominal_depth
+from calibration.conditions import Covariate, bins, covariates
 from calibration.fitting import Fit
 from calibration.noise import Noise, Whitener
 from calibration.products import Weighing
 from calibration.pure_noise import renewed_noise
 from calibration.scatter import Scatter
 from calibration.stages import Effect
+from calibration.steadied import steadied
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
-DRAWS = 199
+DRAWS = 399
+TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS, OTHER_BINS = 16, 6
@@ -69,6 +71,7 @@ class Screen:
 
 def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS) -> Screen:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
+    fitted = steadied(fitted)
     tables, missing = effect_directions(fitted, effects)
     seen = seen_covariates(fitted)
     steps = {c.name: _steps(fitted, c) for c in seen}
@@ -100,12 +103,11 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
     )  # fmt: skip
 
 
-def seen_covariates(fitted: Fit) -> tuple[Covariate, ...]:
-    """The covariates, depth without its readings' noise and force as fitted to that: bins of what was read would
-    sort residuals by their own noise.
+def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
+    """The covariates of a steadied fit, force as fitted: bins of what was read would sort residuals by their own
+    noise.
     """
-    steady = fitted.data.shifted(nominal_depth(fitted.data) - fitted.data.depth_mm)
-    return covariates(steady.with_force(fitted.model.predict(fitted.values, steady)))
+    return covariates(steady.data.with_force(steady.force_N))
 
 
 def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -251,17 +253,22 @@ def _ranked(
 
 
 class _Tail:
-    """p-values from draws: a scaled chi-squared with the draws' mean and variance, which reaches beyond them."""
+    """p-values from draws: their own share up to the largest tenth, and beyond it an exponential of that tenth's
+    mean excess. A chi-squared falls off no slower, and where the noise is hardly known the draws fall off slower
+    than a chi-squared. Source: Pickands, Ann. Stat. 3 (1975) 119, shape 0.
+    """
 
     def __init__(self, draws: Floats) -> None:
-        mean, variance = float(np.mean(draws)), float(np.var(draws))
-        self._scale = max(variance / (2 * mean), 1e-12) if mean > 0 else 1.0
-        self._dof = max(mean / self._scale, 0.1)
+        self._draws = np.sort(draws)
+        self._from = float(np.quantile(draws, 1 - TAIL))
+        beyond = draws[draws > self._from] - self._from
+        self._excess = max(float(np.mean(beyond)) if beyond.size else 0.0, 1e-12)
 
     def __call__(self, statistic: float) -> float:
-        from scipy.special import chdtrc
-
-        return float(chdtrc(self._dof, statistic / self._scale))
+        if statistic > self._from:
+            return TAIL * float(np.exp(-(statistic - self._from) / self._excess))
+        below = np.searchsorted(self._draws, statistic) / self._draws.size
+        return max(float(1 - below), TAIL)
 
 
 def _visible(

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.conditions import steady_depth
 from calibration.data import Observations
+from calibration.depths import steady_depth
 from calibration.parameters import Parameter
 from calibration.path import depth_at
 from calibration.stages import EffectBase, Stage, State

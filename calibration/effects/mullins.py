@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.conditions import steady_depth
 from calibration.data import Observations
+from calibration.depths import nominal_depth
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
@@ -58,8 +58,8 @@ class Mullins(EffectBase):
         """Soften below the past maximum."""
         from scipy.special import erf
 
-        steady = data.shifted(steady_depth(data) - data.depth_mm)  # the largest reading is the luckiest
-        below = largest_past_depth(steady) ** 2 - np.maximum(steady.depth_mm, 0) ** 2
+        level = data.shifted(nominal_depth(data) - data.depth_mm)  # the largest reading is the luckiest
+        below = largest_past_depth(level) ** 2 - np.maximum(level.depth_mm, 0) ** 2
         return replace(state, force_N=state.force_N * (1 - values[0] * erf(below / values[1] ** 2)))
 
 

@@ -11,8 +11,8 @@ from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.checks import clear_of_touch
 from calibration.compare import base_model, fit_alone
-from calibration.conditions import steady_depth
 from calibration.data import Observations
+from calibration.depths import steady_depth
 from calibration.diagnose import diagnose
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fitting import fit

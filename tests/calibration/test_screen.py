@@ -61,11 +61,11 @@ def test_correlated_noise_is_recognised() -> None:
 
 def test_white_noise_beside_correlated_noise_is_told_apart() -> None:
     """Depths read with white noise beside forces that drift: a mere neighbours' correlation forgets too soon."""
-    data, rng = presses(60), np.random.default_rng(12)
-    slow = np.zeros((60, 17))
-    slow[:, 0] = rng.standard_normal(60)
+    data, rng = presses(120), np.random.default_rng(12)
+    slow = np.zeros((120, 17))
+    slow[:, 0] = rng.standard_normal(120)
     for k in range(1, 17):
-        slow[:, k] = 0.7 * slow[:, k - 1] + np.sqrt(1 - 0.7**2) * rng.standard_normal(60)
+        slow[:, k] = 0.7 * slow[:, k - 1] + np.sqrt(1 - 0.7**2) * rng.standard_normal(120)
     force = MODEL.predict(TRUTH, data) + 0.004 * (slow.ravel() + rng.standard_normal(data.size))
     found = noise_from_repeats(fit(MODEL, data.with_force(force)))
     assert found.correlation >= 0.6
