@@ -27,7 +27,7 @@ UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing wa
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
 CLOSE, MOST_STEPS = 1e-3, 40  # a size is never known to a thousandth
-RANGE = 8.0  # in the logarithm: where there is nothing to see, no size runs off to 0
+FINEST = 1e-6  # of the largest force, of the stated noise, of a gain, in mm: nothing is known more finely
 CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
 
 
@@ -38,17 +38,18 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     `of_presses`: whether presses have a gain and a zero of their own; None: curves have.
     """
     dof = max(data.size - jacobian.shape[1] + float(np.count_nonzero(np.diag(precision))), 0.0)
-    first = Noise(1.0 if stated else max(float(np.std(residual_N)), 1e-9), stated=stated)
+    finest = FINEST * float(np.max(np.abs(about.force_N)))
+    first = Noise(1.0 if stated else max(float(np.std(residual_N)), finest, 1e-9), stated=stated)
     shared = data.is_curves if of_presses is None else of_presses
     if dof < 1 and not stated:  # nothing is left over to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     columns = np.column_stack([residual_N, jacobian])
-    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared)
+    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest)
     for white in WHITE if data.is_curves else ():
         row = np.inf
         for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
             tried = replace(best, correlation=rho, white=white)
-            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared)
+            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest)
             cost += float(np.log(data.size)) * (1 + (white > 0))  # what each number has to bring: Schwarz (1978)
             if cost < lowest:
                 best, lowest = found, cost
@@ -119,11 +120,14 @@ def newton_move(costs: Floats, size: int) -> Floats:
     return np.asarray(np.clip(move, -1, 1))
 
 
-def _best(likelihood: Callable[[Noise], float], first: Noise, shared: bool) -> tuple[Noise, float]:
+def _best(
+    likelihood: Callable[[Noise], float], first: Noise, shared: bool, finest_N: float
+) -> tuple[Noise, float]:
     """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
     sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
-    here = start = np.log(sizes[: 3 if shared else 1])
+    here = np.log(sizes[: 3 if shared else 1])
     offsets = stencil(here.size)
+    low = np.log([FINEST if first.stated else finest_N, FINEST, FINEST])[: here.size]
 
     def cost(logs: Floats) -> float:
         return likelihood(sized(first, logs)) + prior_cost(logs, stated=first.stated)
@@ -133,7 +137,7 @@ def _best(likelihood: Callable[[Noise], float], first: Noise, shared: bool) -> t
         move = newton_move(costs, here.size)
         while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:
             move = move / 2
-        here = np.clip(here + move, start - RANGE, start + RANGE)
+        here = np.maximum(here + move, low)
         if np.abs(move).max() <= CLOSE:
             break
     return sized(first, here), cost(here)
