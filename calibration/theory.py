@@ -6,7 +6,7 @@ something else: a depth zero, another thickness, a rounded edge, a gel that stif
 
 The bend gamma, of P/w = c (1 + beta w/h + gamma (w/h)^2), from the tables of mechanics: neo-Hooke and Hencky, from
 no friction to no slip, at this nu, a/h and edge, widened by what an error of the table as stated on its card can
-make of it. Where presses go deeper than the table (w/h .1 for a gel that sticks) its parabola is carried on.
+make of it. Where presses go deeper than the table its parabola is carried on.
 """
 
 from __future__ import annotations

@@ -69,7 +69,8 @@ def _workers(processes: int | None, scheduler: str | None) -> AbstractContextMan
 def _grid(
     law: str | None, friction: str | None, poisson_ratio: str | None, a_over_h: str | None, edge_over_h: str | None
 ) -> Grid:
-    from tactilevision.mechanics.tables.cases import LAWS, Grid
+    from tactilevision.mechanics.tables.cases import Grid
+    from tactilevision.mechanics.tables.solve import LAWS
 
     usual = Grid()
     laws = usual.laws if law is None else tuple(part.strip() for part in law.split(","))

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
-from tactilevision.mechanics.tables.cases import DEPTHS, Case, solve_case
+from tactilevision.mechanics.tables.cases import DEPTHS, Case
 from tactilevision.mechanics.tables.punch import punch_force, punch_reach
+from tactilevision.mechanics.tables.solve import solve_case
 from tactilevision.records import Floats, Material
 
 if TYPE_CHECKING:

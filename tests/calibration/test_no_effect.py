@@ -36,14 +36,14 @@ def test_a_bent_law_without_bend_is_the_straight_one_and_keeps_its_chord() -> No
 @pytest.mark.parametrize("friction", [0.0, 0.3, np.inf])
 def test_finite_elements_bend_within_what_theory_allows(friction: float) -> None:
     """A curve of the table, fitted by the bent law on its own, ends inside the bounds and within its error."""
-    data = observations([np.linspace(0.01, 0.29, 30)], [indenter()])  # as deep as the table goes for all frictions
+    data = observations([np.linspace(0.01, 0.59, 30)], [indenter()])
     contact = FlatContact(2.5, 0.0, 3.0, friction)
     force = punch_force(data.depth_mm, contact, Material(0.2, 0.48))
     found = fit(Model(FlatPunch(bent=True)), data.with_force(force))
     low, high = found.parameters[-1].bounds
     assert low < found.values[-1] < high
     assert found.rms_error_N < 0.003 * np.max(force)
-    assert bend_range(0.48, 2.5 / 3, 0.0, 0.2)[1] < 2, "a gel that stiffens beyond it still shows"
+    assert bend_range(0.48, 2.5 / 3, 0.0, 0.2)[1] < 2.2, "a gel that stiffens beyond it still shows"
 
 
 def test_a_gel_that_bends_as_theory_has_it_is_adequate() -> None:

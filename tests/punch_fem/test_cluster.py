@@ -14,7 +14,8 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.mechanics.tables import tabulate as method
-from tactilevision.mechanics.tables.cases import Grid, case_path, load_case, solve_case
+from tactilevision.mechanics.tables.cases import Grid, case_path, load_case
+from tactilevision.mechanics.tables.solve import solve_case
 from tactilevision.mechanics.tables.table import read_table
 
 distributed = pytest.importorskip("distributed")
@@ -47,7 +48,7 @@ def test_a_worker_that_dies_costs_its_case_a_second_try_and_no_more(local: Any, 
 def test_the_command_hands_its_cases_to_the_cluster(
     local: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr("tactilevision.mechanics.tables.cases.build")  # nothing can be solved in this process
+    monkeypatch.delattr("tactilevision.mechanics.tables.solve.build")  # nothing can be solved in this process
     options = ("--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.4", "--a-over-h", "0.4,0.6",
                "--edge-over-h", "0.1", "--scheduler", local.scheduler_address)  # fmt: skip
     monkeypatch.setattr(sys, "argv", ["tactilevision", "tabulate", str(tmp_path), *options])

@@ -12,11 +12,13 @@ import pytest
 from made_tables import made_up
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.tables.blocks import build_blocks
-from tactilevision.mechanics.tables.cases import DEPTHS, Case, Grid, SolvedCase
+from tactilevision.mechanics.tables.blocks import Block, hayes_stiffness
+from tactilevision.mechanics.tables.build import build_blocks, on_one_grid
+from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
+from tactilevision.mechanics.tables.edges import deepened
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
-from tactilevision.mechanics.tables.local import cubic_weights
-from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, write_table
+from tactilevision.mechanics.tables.solve import Press, agreed
+from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, straight, write_table
 from tactilevision.records import Floats
 
 AXES = Axes(np.array([0.3, 0.4, 0.45, 0.48, 0.4999]), np.array([0.2, 0.4, 0.7, 1.1, 1.5]), np.array(DEPTHS))
@@ -44,13 +46,46 @@ def solved_blocks(edges: tuple[float, ...] = (1 / 60, 1 / 30), reach: int = len(
     return {case: made_up(case, reach if case.poisson_ratio > 0.49 else len(DEPTHS)) for case in cases}
 
 
-def test_weights_reproduce_cubics_and_use_neighbours_only() -> None:
-    nodes = np.array([0.0, 0.3, 0.7, 1.5, 2.0, 3.0])
-    at = np.array([0.0, 0.1, 1.0, 2.9, 3.0])
-    weights = cubic_weights(nodes, at)
-    np.testing.assert_allclose(weights @ (2 - nodes + nodes**3), 2 - at + at**3, atol=1e-12)
-    assert np.all((weights != 0).sum(axis=1) <= 4)
-    np.testing.assert_allclose(cubic_weights(nodes[:2], np.array([0.15])), [[0.5, 0.5]])
+def test_weights_are_straight_between_neighbours_and_beyond_the_last() -> None:
+    names, places = (1.0, 2.0, 3.0), (0.0, 0.5, 2.0)
+    assert straight(names, places, 0.5) == [(2.0, 1.0)]
+    assert straight(names, places, 0.125) == [(1.0, 0.75), (2.0, 0.25)]
+    assert straight(names, places, -0.5) == [(1.0, 2.0), (2.0, -1.0)]
+    assert straight(names[:1], places[:1], 7.0) == [(1.0, 1.0)]
+
+
+def pressed(force: list[float], sound: int, ended: str = "") -> Press:
+    return Press(np.array(force), np.zeros((len(force), 2, len(BESIDE))), sound, ended)
+
+
+def test_beyond_a_fold_stands_what_a_second_mesh_confirms() -> None:
+    folded = pressed([4.0, 4.4, 4.8, 5.2], sound=2)
+    assert agreed(folded, pressed([2.0, 2.2, 2.4, 2.6], 4)) == 4  # the same growth on another scale
+    assert agreed(folded, pressed([4.0, 4.4, 4.8, 5.3], 4)) == 3
+    assert agreed(folded, pressed([4.0, 4.4, 4.8], 3)) == 3
+    assert agreed(folded, pressed([4.0], 1)) == 2
+
+
+def test_a_blunter_edge_leads_a_sharper_one_on() -> None:
+    """The edge's share falls as a power of depth, which is what is assumed; made here, it comes back exactly."""
+    nodes = Axes(np.array([0.3, 0.4999]), np.array([0.45, 1.0]), np.array(DEPTHS))
+    shape = (2, 2, len(DEPTHS))
+    more, power = 0.02 * (AXES.depths / 0.1) ** -0.4, (AXES.depths / 0.1) ** -0.4
+    surface = np.ones((*shape, 2, len(BESIDE)))
+    blunt = Block("hencky", 0.3, 1 / 30, nodes, np.full(shape, 1.1), surface, 4)
+    flat = np.array([[hayes_stiffness(nu, a, 1 / 30) / hayes_stiffness(nu, a, 1 / 60) for a in (0.45, 1.0)]
+                     for nu in (0.3, 0.4999)])  # fmt: skip
+    truth = 1.1 * flat[..., None] * (1 + more)
+    beside = surface + 0.01 * power[:, None, None]
+    known = np.arange(len(DEPTHS)) < np.array([[8, 14], [9, 3]])[..., None]
+    sharp = Block("hencky", 0.3, 1 / 60, nodes, np.where(known, truth, np.nan),
+                  np.where(known[..., None, None], beside, np.nan), 4)  # fmt: skip
+    found = deepened(sharp, blunt)
+    assert found.deepened == 2  # one is whole, one ends before the edge's share can be told
+    for node, reach in (((0, 0), 12), ((0, 1), 14), ((1, 0), 14), ((1, 1), 3)):  # .1 leads to .2, .125 to .25
+        np.testing.assert_allclose(found.stiffness[node][:reach], truth[node][:reach])
+        np.testing.assert_allclose(found.surface[node][:reach], beside[node][:reach])
+        assert np.isnan(found.stiffness[node][reach:]).all()
 
 
 def test_a_spline_has_cubics_exactly_and_knows_where_it_ends() -> None:
@@ -80,13 +115,15 @@ def test_what_was_not_solved_is_not_known_and_disturbs_nothing_far_away() -> Non
 
 
 def test_a_block_solved_at_few_nodes_is_carried_to_all() -> None:
-    blocks = {(b.friction, b.edge_over_h): b for b in build_blocks(solved_blocks())}
+    blocks = {(b.friction, b.edge_over_h): b for b in on_one_grid(build_blocks(solved_blocks()))}
     carried, full = blocks[math.inf, 1 / 60], blocks[0.3, 1 / 60]
     assert (carried.nodes, full.nodes) == (16, 36)
     expected = np.array([made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, nu, 0.67)).force for nu in FINE])
     ours = np.array([made_up(Case("neo-hooke", 0.3, 1 / 60, 5.0, nu, 0.67)).force for nu in FINE])
     np.testing.assert_allclose(carried.stiffness[:, 3] / full.stiffness[:, 3], expected / ours, rtol=1e-9)
-    shallow = {(b.friction, b.edge_over_h): b for b in build_blocks(solved_blocks(reach=6))}[math.inf, 1 / 60]
+    shallow = {(b.friction, b.edge_over_h): b for b in on_one_grid(build_blocks(solved_blocks(reach=6)))}[
+        math.inf, 1 / 60
+    ]
     assert np.isnan(shallow.stiffness[5, 3, 6:]).all()
     assert np.isfinite(shallow.stiffness[4, 3]).all()
 
@@ -116,7 +153,7 @@ def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path:
 
 
 def test_a_table_of_one_edge_serves_edges_near_it() -> None:
-    table = Table(tuple(build_blocks(solved_blocks(edges=(1 / 60,)))))
+    table = Table(tuple(on_one_grid(build_blocks(solved_blocks(edges=(1 / 60,))))))
     assert len(table.mixture("neo-hooke", 0.3, 0.04 / 2.4)) == 1
     assert len(table.mixture("neo-hooke", 0.3, 1.05 / 60)) == 1
     with pytest.raises(InputError, match="edge radius"):

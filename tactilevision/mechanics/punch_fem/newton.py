@@ -18,7 +18,8 @@ from tactilevision.records import Floats
 @dataclass(frozen=True, slots=True)
 class State:
     """An equilibrium: unknowns `u` (N,), `pressure` (E, 3), contact history, punch depth and force on the gel,
-    Newton's iterations that it took, and the out-of-balance force left over the punch's."""
+    Newton's iterations that it took, the out-of-balance force left over the punch's, and whether the surface has
+    folded (only where the problem lets it)."""
 
     u: Floats
     pressure: Floats
@@ -27,6 +28,7 @@ class State:
     force_N: float
     iterations: int
     imbalance: float
+    folded: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +101,13 @@ def solve_step(
         settled = jump == 0 and (contact is None or iteration > 0)
         settled = settled and error < (CHATTER_TOLERANCE if chatters else FORCE_TOLERANCE)
         if settled and _volume_error(mesh, solid) < (CHATTER_VOLUME if chatters else VOLUME_TOLERANCE):
-            if corner_volumes(mesh, u).min() <= 0:
+            folded = bool(corner_volumes(mesh, u).min() <= 0)
+            if folded and not model.problem.may_fold:
                 return Failure("the surface folds at the punch's edge")
             reaction = -float(_sum(system, solid.internal, contact)[mesh.punch])
             force = target if system.by_force else reaction
             reached = None if contact is None else contact.history
-            return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error)
+            return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error, folded)
         du = _increment(system, solid, contact, target, jump)
         jump = 0.0
         if contact is not None and last.history is not None:

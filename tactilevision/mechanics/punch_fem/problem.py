@@ -33,7 +33,9 @@ class PunchProblem:
     The pad is a disc of `thickness_mm` and `pad_radius_mm`, bonded to a rigid base; its side is free, or held in
     both directions with `side_fixed`. `penalty` is the contact stiffness times edge_size_mm over Young's modulus:
     the punch sinks in by edge_size_mm / penalty times pressure over modulus; made stiffer, contact points chatter.
-    `mesh` None takes `default_mesh`.
+    `mesh` None takes `default_mesh`. A press ends where the surface folds at the punch's edge: where a corner of
+    an element turns inside out. With `may_fold` it goes on while all quadrature points keep their volume, and the
+    caller is to show that what he takes from it does not hang on the fold.
     """
 
     material: Material
@@ -44,6 +46,7 @@ class PunchProblem:
     side_fixed: bool = False
     penalty: float = 80.0
     mesh: MeshSettings | None = None
+    may_fold: bool = False
 
 
 def default_mesh(problem: PunchProblem) -> MeshSettings:

@@ -12,9 +12,12 @@ from typing import Any
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
-from tactilevision.mechanics.tables.blocks import Key, Solved, build_blocks
+from tactilevision.mechanics.tables.blocks import Key, Solved
+from tactilevision.mechanics.tables.build import build_blocks
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, load_case
 from tactilevision.mechanics.tables.table import write_table
+
+COLUMNS = "law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "to_w_over_h", "no_fold_to", "ended"
 
 
 def merge(cases: Iterable[Case], folder: Path | str, out: Path | str, *, notes: dict[str, Any]) -> list[str]:
@@ -51,8 +54,8 @@ def merge(cases: Iterable[Case], folder: Path | str, out: Path | str, *, notes: 
 def _write_cases(path: Path, solved: Solved) -> None:
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "reached_w_over_h", "ended"])
+        rows.writerow(COLUMNS)
         for case, found in solved.items():
             friction = "no slip" if math.isinf(case.friction) else f"{case.friction:g}"
             about = [case.law, friction, f"{case.edge_over_h:.6g}", case.poisson_ratio, case.a_over_h]
-            rows.writerow([*about, f"{found.reached:.5g}", found.ended])
+            rows.writerow([*about, f"{found.depth.max(initial=0.0):g}", f"{found.sound:g}", found.ended])

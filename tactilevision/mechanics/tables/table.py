@@ -2,8 +2,9 @@
 
     P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
 
-S is a spline in nu, a/h and depth, cubic in mu/(mu + 1/4) and straight in (edge radius/h)^EDGE_POWER, from two
-tabulated radii on to the sharp limit. What lies in a cell of the grid that was not solved is not known.
+S is a spline in nu, a/h and depth, straight in mu/(mu + 3) from one friction to the next, and straight in the edge
+radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not solved is not
+known. Friction's effect grows in proportion to mu and stops at some mu of .1 to .3, hence no smoother rule.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -22,13 +24,12 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.mechanics.tables.blocks import Block
+from tactilevision.mechanics.tables.build import on_one_grid
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
-from tactilevision.mechanics.tables.local import cubic_weights
 from tactilevision.records import Bools, Floats
 
 SHIPPED = Path(__file__).with_name("punch.npz")
-HALF_FRICTION = 0.25  # the friction that has half of the effect
-EDGE_POWER = 1.0
+HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly straight in mu, yet finite for no slip
 EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
 ROUNDING = 1e-9  # a weight as small is a node that is met but for rounding, and must not lend its reach
 Mixture = tuple[tuple[float, Block], ...]  # weights that add up to 1, and their blocks
@@ -51,29 +52,25 @@ class Table:
 
         Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
         """
-        mine = {(block.friction, block.edge_over_h): block for block in self.blocks if block.law == law}
+        mine = {(block.edge_over_h, block.friction): block for block in self.blocks if block.law == law}
         if not mine:
             raise _absent("law", law, sorted({block.law for block in self.blocks}))
-        frictions, edges = (sorted({key[k] for key in mine}) for k in range(2))
-        if not frictions[0] <= friction <= frictions[-1]:
-            raise _absent("friction", friction, frictions)
+        edges = sorted({edge for edge, _ in mine})
         alone = len(edges) == 1  # Hayes' stiffness of the flat part still follows the edge that is asked for
         near = (
             abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
         )
         if not (near and edge_over_h >= 0):
             raise _absent("edge radius over thickness", edge_over_h, edges)
-        by_friction = _weights([_friction_place(mu) for mu in frictions], _friction_place(friction))
-        by_edge = _weights([edge**EDGE_POWER for edge in edges], edge_over_h**EDGE_POWER)
-        weights = {
-            (mu, edge): float(p * q)
-            for p, mu in zip(by_friction, frictions, strict=True)
-            for q, edge in zip(by_edge, edges, strict=True)
-            if abs(p * q) > ROUNDING
-        }
-        if not weights.keys() <= mine.keys():
-            raise _absent("friction at this edge radius", (friction, edge_over_h), sorted(mine))
-        return tuple((weight, mine[key]) for key, weight in weights.items())
+        found: list[tuple[float, Block]] = []
+        for edge, weight in straight(edges, edges, edge_over_h):
+            frictions = sorted(friction for other, friction in mine if other == edge)
+            if not frictions[0] <= friction <= frictions[-1]:
+                raise _absent("friction", friction, frictions)
+            places = [_friction_place(mu) for mu in frictions]
+            for mu, share in straight(frictions, places, _friction_place(friction)):
+                found.append((weight * share, mine[edge, mu]))
+        return tuple(found)
 
 
 def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
@@ -104,21 +101,17 @@ def read_table(path: Path) -> Table:
         raise InputError("the table is not the one that its card describes", where=path,
                          remedy="Install the package again, or tabulate anew.")  # fmt: skip
     with np.load(path, allow_pickle=False) as data:
-        axes = Axes(data["poisson_ratios"], data["a_over_h"], data["depths"])
-        values = [(data[f"stiffness_{k}"].astype(float), data[f"surface_{k}"].astype(float))
-                  for k in range(len(card["blocks"]))]  # fmt: skip
-    return Table(
-        tuple(_block(about, axes, *pair) for about, pair in zip(card["blocks"], values, strict=True)), card
-    )
+        own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
+    return Table(tuple(on_one_grid(own)), card)
 
 
 def write_table(path: Path, blocks: Sequence[Block], notes: dict[str, Any]) -> None:
-    """Write PATH (.npz) and its card (.json); `notes` go into the card."""
-    axes = blocks[0].axes
-    arrays: dict[str, Any] = {
-        "poisson_ratios": axes.poisson_ratios, "a_over_h": axes.a_over_h, "depths": axes.depths,
-    }  # fmt: skip
+    """Write PATH (.npz), every block at its own nodes, and its card (.json); `notes` go into the card."""
+    arrays: dict[str, Any] = {}
     for number, block in enumerate(blocks):
+        arrays[f"poisson_ratios_{number}"] = block.axes.poisson_ratios
+        arrays[f"a_over_h_{number}"] = block.axes.a_over_h
+        arrays[f"depths_{number}"] = block.axes.depths
         arrays[f"stiffness_{number}"] = block.stiffness.astype(np.float32)
         arrays[f"surface_{number}"] = block.surface.astype(np.float16)
     with replacing(path) as temporary:
@@ -146,8 +139,14 @@ def _mixed(mixture: Mixture, splines: Sequence[HoledSpline], places: Floats) -> 
     return np.asarray(values), np.asarray(known)
 
 
-def _weights(nodes: Sequence[float], at: float) -> Floats:
-    return cubic_weights(np.array(nodes), np.array([at]))[0] if len(nodes) > 1 else np.ones(1)
+def straight(names: Sequence[float], places: Sequence[float], at: float) -> list[tuple[float, float]]:
+    """(name, weight) of the two of `names`, at ascending `places`, between which `at` lies, or beyond which."""
+    if len(places) == 1:
+        return [(names[0], 1.0)]
+    low = min(max(bisect_right(places, at) - 1, 0), len(places) - 2)
+    share = (at - places[low]) / (places[low + 1] - places[low])
+    pair = (names[low], 1 - share), (names[low + 1], share)
+    return [(name, weight) for name, weight in pair if abs(weight) > ROUNDING]
 
 
 def _friction_place(friction: float) -> float:
@@ -160,9 +159,17 @@ def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
                       remedy=f"It holds {', '.join(map(str, there))}; solve others with punch_fem.")  # fmt: skip
 
 
-def _block(about: dict[str, Any], axes: Axes, stiffness: Floats, surface: Floats) -> Block:
-    friction = math.inf if about["friction"] is None else float(about["friction"])
-    return Block(about["law"], friction, about["edge_over_h"], axes, stiffness, surface, about["solved_nodes"])
+def _block(about: dict[str, Any], data: Mapping[str, Any], number: int) -> Block:
+    return Block(
+        law=about["law"],
+        friction=math.inf if about["friction"] is None else float(about["friction"]),
+        edge_over_h=about["edge_over_h"],
+        axes=Axes(*(data[f"{name}_{number}"] for name in ("poisson_ratios", "a_over_h", "depths"))),
+        stiffness=data[f"stiffness_{number}"].astype(float),
+        surface=data[f"surface_{number}"].astype(float),
+        nodes=about["solved_nodes"],
+        deepened=about["deepened_nodes"],
+    )
 
 
 def _about(block: Block) -> dict[str, Any]:
@@ -172,6 +179,7 @@ def _about(block: Block) -> dict[str, Any]:
         "friction": None if math.isinf(block.friction) else block.friction,
         "edge_over_h": block.edge_over_h,
         "solved_nodes": block.nodes,
+        "deepened_nodes": block.deepened,
         "least_reach": float(block.axes.depths[reached.min()]),
         "greatest_reach": float(block.axes.depths[reached.max()]),
     }

@@ -14,7 +14,8 @@ from pathlib import Path
 from time import monotonic
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case, solve_case
+from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case
+from tactilevision.mechanics.tables.solve import solve_case
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ def tabulate(
     for case, solved in _solved(missing, workers):
         save_case(case_path(place, case), solved)
         if report is not None:
-            report(clock.tick(case, solved.reached))
+            report(clock.tick(case, float(solved.depth[-1]) if solved.depth.size else 0.0))
     return len(missing)
 
 

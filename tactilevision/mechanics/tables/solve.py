@@ -1,0 +1,102 @@
+"""How a case of the table is solved, also beyond the depth at which the surface folds at the punch's edge.
+
+Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25, while the force
+grows on as if nothing had been. So it is not the fold that ends a case, but that the force hangs on it: beyond, a
+depth is kept while a mesh twice as coarse at the edge says the same of how the force grows from the last depth
+without a fold, to SAME_GROWTH.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.errors import ConvergenceError
+from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.hencky import Hencky
+from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
+from tactilevision.mechanics.punch_fem.march import StepRecord, march
+from tactilevision.mechanics.punch_fem.newton import State, equations
+from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
+from tactilevision.mechanics.punch_fem.results import surface_profile
+from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase
+from tactilevision.records import Floats, Material
+
+LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
+COARSER = 2.0  # edge elements of the second mesh over those of the first
+SAME_GROWTH = 0.003
+HANGS = "the surface folds, and the force hangs on its mesh"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Press:
+    """One mesh's press: `force` (T,) P/(E w h) and `surface` (T, 2, B) u_r, u_z over w at the first T depths asked
+    for, the first `sound` of them without a fold; `ended` as in SolvedCase."""
+
+    force: Floats
+    surface: Floats
+    sound: int
+    ended: str
+
+
+def problem_of(case: Case, coarser: float = 1.0) -> PunchProblem:
+    """The case with a gel of thickness 1 and modulus 1; its edge meshed so much coarser, as hard to the touch."""
+    law = next(law for law in LAWS if law.name == case.law)
+    punch = RoundedPunch(case.a_over_h, case.edge_over_h, case.friction)
+    problem = PunchProblem(Material(1.0, case.poisson_ratio), punch, 1.0, case.pad_over_h, law=law, may_fold=True)
+    usual = default_mesh(problem)
+    mesh = replace(usual, edge_size_mm=min(coarser * usual.edge_size_mm, usual.largest_mm))
+    return replace(problem, mesh=mesh, penalty=problem.penalty * mesh.edge_size_mm / usual.edge_size_mm)
+
+
+def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
+    """Press as deep as the solver gets and meshes agree; what cannot be reached is left out, never filled in."""
+    press = _press(case, depths, 1.0)
+    kept, ended = len(press.force), press.ended
+    if 0 < press.sound < kept:
+        kept = agreed(press, _press(case, depths, COARSER))
+        ended = HANGS if kept < len(press.force) else ended
+    depth = np.array(depths[:kept])
+    sound = float(depth[press.sound - 1]) if press.sound else 0.0
+    return SolvedCase(depth, press.force[:kept], press.surface[:kept, 0], press.surface[:kept, 1], sound, ended)
+
+
+def agreed(press: Press, other: Press) -> int:
+    """To how many depths `press` stands: all without a fold, and those beyond that `other` confirms."""
+    common, last = min(len(press.force), len(other.force)), press.sound - 1
+    if common <= press.sound:
+        return press.sound
+    growth = press.force[last:common] / press.force[last] / (other.force[last:common] / other.force[last])
+    off = np.abs(growth - 1) > SAME_GROWTH
+    return last + int(np.argmax(off)) if off.any() else common
+
+
+def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
+    model = build(problem_of(case, coarser))
+    steps: list[StepRecord] = []
+    states: list[State] = []
+    ended = ""
+    try:
+        for state in march(equations(model, by_force=False), depths, steps):
+            states.append(state)  # noqa: PERF402 - what was reached before an error is kept
+    except ConvergenceError:
+        ended = steps[-1].failure
+    force = np.array([state.force_N / state.depth_mm for state in states])
+    surface = np.array([_beside(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
+    folded = [state.folded for state in states]
+    return Press(force, surface, folded.index(True) if True in folded else len(states), ended)
+
+
+def _beside(model: Model, state: State, case: Case) -> Floats:
+    """(u_r, u_z) over the depth (2, places) where the table has places."""
+    from scipy.interpolate import CubicSpline
+
+    wanted = case.a_over_h + np.array(BESIDE)
+    on_pad = wanted <= case.pad_over_h * (1 + 1e-9)
+    r, profile = surface_profile(model, state)
+    beside = r >= case.a_over_h * (1 - 1e-9)
+    found = np.full((2, len(wanted)), np.nan)
+    found[:, on_pad] = CubicSpline(r[beside], profile[:, beside], axis=1)(wanted[on_pad]) / state.depth_mm
+    return found
