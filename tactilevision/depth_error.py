@@ -36,7 +36,7 @@ Picture = npt.NDArray[np.float32]
 DRAWS = 6
 STEEP = 0.95  # of the steepest slope that was calibrated
 LEAST_STEEP = 12  # pixels; fewer are noise
-HALF = 2  # px: grid on which it is worked out; it is smooth but for walls, where a pixel does not matter
+GRID_MM = 0.18  # on which it is worked out, about; it is smooth but for walls, where a pixel does not matter
 COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
 ROOM = 16  # px: grid on which the depth of untouched gel is kept
 SPREAD = 2.5
@@ -56,55 +56,58 @@ class DepthError:
         untouched = np.array(method.card.get("untouched_std_mm", [[0.0]]), np.float32)
         shape = self.variance.shape
         untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
-        self.variance = np.maximum(self.variance, untouched**2)[::HALF, ::HALF].copy()
+        every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
+        self.variance = np.maximum(self.variance, untouched**2)[::every, ::every].copy()
 
     def std_mm(
         self,
         depth: npt.NDArray[np.floating[Any]],
-        slopes: SlopeMap,
+        slopes: SlopeMap | None,
         zero: ZeroPlane,
         walls: Sequence[Wall] = (),
-        *,
-        steepest: float = np.inf,
     ) -> Picture:
         """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
 
-        `steepest` is the greatest |slope| where it is known, which saves a look at all of them.
+        `slopes` may be left out where walls were restored, and where none is too steep (`too_steep`).
         """
-        half = np.array(depth[::HALF, ::HALF], np.float32)
-        total = self._nearby(half)
+        few = np.array(depth[:: self.every, :: self.every], np.float32)
+        total = self._nearby(few)
         cv2.addWeighted(total, 1.0, self.variance, 1.0, zero.std_mm**2, dst=total)
         for restored in walls:
-            step = (HALF * self.mm_per_px[0], HALF * self.mm_per_px[1])
-            window, x, y = window_of(half.shape, restored.centre_mm, step, restored.radius_mm)
+            step = (self.every * self.mm_per_px[0], self.every * self.mm_per_px[1])
+            window, x, y = window_of(few.shape, restored.centre_mm, step, restored.radius_mm)
             total[window] += np.float32(restored.std_mm**2) * (x * x + y * y < restored.radius_mm**2)
-        wall = 0.0 if walls or steepest <= self.steep else self.wall_mm(half, slopes)
+        wall = 0.0 if walls or slopes is None else self.wall_mm(few, slopes)
         if wall > 0:
-            total += np.float32(wall**2) * (half > 0.5 * half.max())
+            total += np.float32(wall**2) * (few > 0.5 * few.max())
         cv2.sqrt(total, dst=total)
         return np.asarray(cv2.resize(total, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
-    def _nearby(self, half: Picture) -> Picture:
+    def too_steep(self, steepest: float) -> bool:
+        """Whether a picture whose greatest |slope| is `steepest` may hide depth behind its walls."""
+        return steepest > self.steep
+
+    def _nearby(self, few: Picture) -> Picture:
         """gain^2 times the square of the depth (h, w), or of the depths about it where that is greater.
 
         Errors of slope spread.
         """
-        every = max(1, round(USUAL_THICKNESS_MM / (COARSE * HALF * max(self.mm_per_px))))
-        coarse = np.square(half[::every, ::every])
-        spread = [USUAL_THICKNESS_MM / (every * HALF * step) for step in self.mm_per_px]
+        every = max(1, round(USUAL_THICKNESS_MM / (COARSE * self.every * max(self.mm_per_px))))
+        coarse = np.square(few[::every, ::every])
+        spread = [USUAL_THICKNESS_MM / (every * self.every * step) for step in self.mm_per_px]
         coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
         coarse *= np.float32(SPREAD * self.gain**2)
-        square = cv2.multiply(half, half, scale=self.gain**2)
-        wide = cv2.resize(coarse, half.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        square = cv2.multiply(few, few, scale=self.gain**2)
+        wide = cv2.resize(coarse, few.shape[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(cv2.max(wide, square, dst=square))
 
-    def wall_mm(self, half: Picture, slopes: SlopeMap) -> float:
+    def wall_mm(self, few: Picture, slopes: SlopeMap) -> float:
         """What may be missing of the depth behind walls steeper than the calibration knows; a wall is long."""
-        p, q = slopes.dz_dx[::HALF, ::HALF], slopes.dz_dy[::HALF, ::HALF]
-        steep = HALF**2 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
+        p, q = slopes.dz_dx[:: self.every, :: self.every], slopes.dz_dy[:: self.every, :: self.every]
+        steep = self.every**2 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
         if steep < LEAST_STEEP:
             return 0.0
-        area = max(float(HALF**2) * np.count_nonzero(half > 0.5 * half.max()), 1.0)
+        area = max(float(self.every**2) * np.count_nonzero(few > 0.5 * few.max()), 1.0)
         width_px = steep / np.sqrt(4.0 * np.pi * area)
         return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
 

@@ -30,15 +30,17 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.calm import CalmReader
 from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.samples import far_from, inside_ball
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.surface import integrate
-from tactilevision.walls import find_walls, restore
+from tactilevision.two_grids import TwoGrids
+from tactilevision.walls import Wall, find_walls, restore
 from tactilevision.weights import find_model
-from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level
+from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level, slope_of
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
@@ -68,6 +70,9 @@ class Reconstructor:
         steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
         self.readable = READABLE * float(steepest) if steepest else None
         self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
+        self.grids: TwoGrids | None = None
+        if isinstance(method, CalibratedMethod) and method.calm_reader:
+            self.grids = TwoGrids(method.reference.shape, method.calm_reader.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -85,20 +90,53 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
+        if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
+            return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
         slopes, untouched, steepest, surface = self._glance(rgb)
-        steep = self.readable is not None and steepest >= self.readable
-        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable) if steep and self.readable else []
-        restore(slopes, walls, self.sensor.mm_per_px)
+        walls = self._walls(slopes, steepest)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
-        gel = self.sensor.gel
-        self.zero = find_zero_plane(
-            surface, untouched, self.sensor.mm_per_px, thickness_mm=gel.thickness_mm if gel else None
-        )
+        self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
-        std = self.error.std_mm(surface, slopes, self.zero, walls, steepest=steepest) if self.error else None
+        std = None
+        if self.error:
+            std = self.error.std_mm(surface, slopes if self.error.too_steep(steepest) else None, self.zero, walls)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return HeightMap(surface, valid, self.sensor.mm_per_px, std)
+
+    def _on_two_grids(
+        self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids
+    ) -> HeightMap:
+        """As `rectified_map`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+        look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
+        fine, walls = look.fine, list[Wall]()
+        if self.readable is not None and look.steepest >= self.readable:
+            slopes = reader.whole(look)
+            walls = self._walls(slopes, look.steepest)
+            if walls:
+                fine = [np.stack([slopes.dz_dx[window], slopes.dz_dy[window]]) for window in look.windows]
+        coarse = grids.coarse(look.coarse, look.windows, fine)
+        self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
+        level(coarse, self.zero)
+        tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
+        surface = grids.whole(coarse, look.windows, fine, tilt=tilt)
+        std = None
+        if self.error:
+            hidden = not walls and self.error.too_steep(look.steepest)
+            std = self.error.std_mm(surface, reader.whole(look) if hidden else None, self.zero, walls)
+        return HeightMap(surface, look.valid, self.sensor.mm_per_px, std)
+
+    def _walls(self, slopes: SlopeMap, steepest: float) -> list[Wall]:
+        """The walls in `slopes`, which are restored there, in place."""
+        if self.readable is None or steepest < self.readable:
+            return []
+        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable)
+        restore(slopes, walls, self.sensor.mm_per_px)
+        return walls
+
+    def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
+        gel = self.sensor.gel
+        return find_zero_plane(depth, untouched, mm_per_px, thickness_mm=gel.thickness_mm if gel else None)
 
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
@@ -129,7 +167,7 @@ class Reconstructor:
         if not isinstance(self.method, CalibratedMethod):
             slopes = self.method.slopes(rgb)
             return slopes, _flat_blocks(slopes), np.inf, None
-        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.glance(rgb), None)
+        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.read(rgb), None)
         return reading.slopes, reading.drift.untouched & self.method.told, reading.steepest, surface
 
 

@@ -80,6 +80,12 @@ def level(depth: Depth, zero: ZeroPlane) -> None:
     depth -= y.astype(depth.dtype)[:, None]
 
 
+def slope_of(zero: ZeroPlane, shape: tuple[int, ...], mm_per_px: Pair) -> Pair:
+    """Slope (x, y) of the plane, mm per mm, over a picture (H, W)."""
+    across, down = (step * (count - 1) for step, count in zip(mm_per_px, shape[::-1], strict=True))
+    return 2.0 * zero.tilt_mm[0] / across, 2.0 * zero.tilt_mm[1] / down
+
+
 def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
     """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
     size = (blocks[1], blocks[0])

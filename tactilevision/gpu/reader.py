@@ -1,7 +1,7 @@
 """A frame's slopes and surface on a GPU.
 
 What looks at blocks alone (drift, zero plane, walls) stays on the processor, which is quicker at little; the
-changes of colour, the law and the transforms, which look at every pixel, are done there.
+changes of colour and the law, which look at every pixel, are done there, and the transforms of whole pictures.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import torch
 
 from tactilevision.gpu.cosine import TorchSolver
 from tactilevision.gpu.laws import Law, law_on
-from tactilevision.photometric.calm import Reading
+from tactilevision.photometric.calm import Look, Reading
 from tactilevision.photometric.change import SOFTENING_GREY, ChangeMaps, Planes
 from tactilevision.photometric.method import CalibratedMethod, Evaluator
 from tactilevision.records import Bytes, Pair, SlopeMap
@@ -20,7 +20,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class TorchReader:
-    """Reads frames of one method on `device`, calm gel in means where the method does."""
+    """Reads frames of one method on `device`: `look` where it reads calm gel in means, else `read`."""
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair, device: str) -> None:
         """Raises LookupError for a colour law that torch is not told of."""
@@ -42,37 +42,39 @@ class TorchReader:
         with torch.inference_mode():
             if method.reference.marks is None:
                 drift, valid = method.change.take(rgb)
-                greys = torch.from_numpy(rgb).to(self.device).permute(2, 0, 1).float()
-                slopes = self.whole.slopes(greys)
+                slopes = self.whole.slopes(self._greys(rgb))
             else:
                 changes, drift, valid = method.change.measure(rgb)
                 slopes = self.whole.read(torch.from_numpy(changes).to(self.device))
-            if self.calm is not None and self.half is not None:
-                self.calm.maps.light(drift.gains)
-                slopes = self._calmed(slopes, greys)
             depth = self.solver.surface(slopes).cpu().numpy()
             found: Planes = slopes.cpu().numpy()
-            steepest = float(slopes.square().sum(dim=0).max().sqrt())
+            steepest = _steepest(slopes)
         valid &= method.readable
         return Reading(SlopeMap(found[0], found[1], valid), drift, steepest), depth
 
-    def _calmed(self, slopes: torch.Tensor, greys: torch.Tensor) -> torch.Tensor:
-        """Slopes (2, H, W) in means but for the windows in which `slopes` were read in full."""
+    def look(self, rgb: Bytes) -> Look:
+        """What a frame says, calm gel in means, as the method's own reader of calm gel gives it."""
         assert self.calm is not None
         assert self.half is not None
+        drift, valid = self.method.change.take(rgb)
+        self.calm.maps.light(drift.gains)
         rows, columns = self.calm.even
-        half = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.calm.px))
-        out = torch.empty_like(slopes)
-        out[:, rows, columns] = torch.nn.functional.interpolate(
-            half[None], scale_factor=self.calm.px, mode="bilinear"
-        )[0]
-        out[:, rows.stop :], out[..., columns.stop :] = (
-            out[:, rows.stop - 1, None],
-            out[..., columns.stop - 1, None],
-        )
-        for window in self.calm.windows(half.cpu().numpy()):
-            out[:, *window] = slopes[:, *window]
-        return out
+        with torch.inference_mode():
+            greys = self._greys(rgb)
+            coarse = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.calm.px))
+            windows = self.calm.windows(coarse.cpu().numpy())
+            slopes = self.whole.slopes(greys) if windows else coarse
+            fine = [slopes[:, *window] for window in windows]
+            steepest = max(_steepest(part) for part in (coarse, *fine))
+        valid &= self.method.readable
+        return Look(coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest)
+
+    def _greys(self, rgb: Bytes) -> torch.Tensor:
+        return torch.from_numpy(rgb).to(self.device).permute(2, 0, 1).float()
+
+
+def _steepest(slopes: torch.Tensor) -> float:
+    return float(slopes.square().sum(dim=0).max().sqrt())
 
 
 class _Maps:

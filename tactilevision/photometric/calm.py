@@ -10,6 +10,7 @@ law is smoothed in the law instead. Not for gel with marks, which are filled in 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from tactilevision.photometric.change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.quiet import rest_bias
-from tactilevision.records import Bytes, SlopeMap
+from tactilevision.records import Bools, Bytes, SlopeMap
 
 if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
@@ -40,6 +41,19 @@ class Reading:
     """What one frame says: its slopes, the drift of its light, and the greatest |slope|."""
 
     slopes: SlopeMap
+    drift: Drift
+    steepest: float
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one frame says, calm gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and `fine`
+    (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
+
+    coarse: Planes
+    windows: list[Window]
+    fine: list[Planes]
+    valid: Bools
     drift: Drift
     steepest: float
 
@@ -84,21 +98,34 @@ class CalmReader:
 
     def read(self, rgb: Bytes) -> Reading:
         """As the method's own reading, calm gel in means."""
-        method = self.method
-        drift, valid = method.change.take(rgb)
+        look = self.look(rgb)
+        return Reading(self.whole(look), look.drift, look.steepest)
+
+    def look(self, rgb: Bytes) -> Look:
+        """What a frame says; less work than `read`. Raises as the method does."""
+        drift, valid = self.method.change.take(rgb)
         self.maps.light(drift.gains)
         self._read()
-        slopes: Planes = np.empty((2, *method.reference.shape), np.float32)
+        steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
+        windows, fine = self.windows(self._slopes), []
+        for window in windows:
+            slopes, steep = self.method.read_window(window)
+            steepest = max(steepest, steep)
+            fine.append(slopes)
+        valid &= self.method.readable
+        return Look(self._slopes, windows, fine, valid, drift, steepest)
+
+    def whole(self, look: Look) -> SlopeMap:
+        """The slopes of a look pixel by pixel."""
+        slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)
         rows, columns = self.even
-        for whole, means in zip(slopes, self._slopes, strict=True):
+        for whole, means in zip(slopes, look.coarse, strict=True):
             cv2.resize(means, (columns.stop, rows.stop), dst=whole[self.even], interpolation=cv2.INTER_LINEAR)
         slopes[:, rows.stop :] = slopes[:, rows.stop - 1, None]
         slopes[..., columns.stop :] = slopes[..., columns.stop - 1, None]
-        steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
-        for window in self.windows(self._slopes):
-            steepest = max(steepest, method.read_into(slopes, method.change.within(window)))
-        valid &= method.readable
-        return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
+        for window, fine in zip(look.windows, look.fine, strict=True):
+            slopes[:, *window] = fine
+        return SlopeMap(slopes[0], slopes[1], look.valid)
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
@@ -123,9 +150,9 @@ class CalmReader:
         blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, np.ones((3, 3), np.uint8)))
         step, found = self.px * self.block, []
-        for left, top, columns, rows, _ in stats[1:].tolist():
-            found.append((slice(step * top, min(step * (top + rows), height)),
-                          slice(step * left, min(step * (left + columns), width))))  # fmt: skip
+        for left, top, right, bottom in _apart(stats[1:, :4].tolist()):
+            found.append((slice(step * top, min(step * bottom, height)),
+                          slice(step * left, min(step * right, width))))  # fmt: skip
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
         return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 
@@ -142,3 +169,16 @@ class CalmReader:
         means = cv2.resize(long, (width, number * height), interpolation=cv2.INTER_AREA)
         means *= np.float32(1.0 / self.px)
         return np.asarray(means).reshape(number, height, width)
+
+
+def _apart(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
+    """Boxes (left, top, right, bottom) of (left, top, width, height), those that overlap made one."""
+    apart: list[tuple[int, int, int, int]] = []
+    for left, top, width, height in boxes:
+        right, bottom = left + width, top + height
+        while near := [b for b in apart if left < b[2] and b[0] < right and top < b[3] and b[1] < bottom]:
+            apart.remove(near[0])
+            left, top = min(left, near[0][0]), min(top, near[0][1])
+            right, bottom = max(right, near[0][2]), max(bottom, near[0][3])
+        apart.append((left, top, right, bottom))
+    return apart

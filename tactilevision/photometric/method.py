@@ -111,7 +111,7 @@ class CalibratedMethod:
             changes, drift, valid = self.change.measure(rgb_rectified)
             parts = ((window, changes[:, window[0]]) for window in strips(whole))
         slopes: Planes = np.empty((2, height, width), np.float32)
-        steepest = self.read_into(slopes, parts)
+        steepest = self._read_into(slopes, parts)
         valid &= self.readable
         return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
 
@@ -126,11 +126,17 @@ class CalibratedMethod:
         px = int(self.card.get("calm_gel_px", 1))
         return CalmReader(self, px) if 1 < px <= calm_pixels(self) else None
 
-    def read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]]) -> float:
-        """Set the windows of `slopes` (2, H, W) whose changes (3, h, w) are given; their greatest |slope|."""
+    def read_window(self, window: Window) -> tuple[Planes, float]:
+        """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""
+        rows, columns = window
+        slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
+        return slopes, self._read_into(slopes, self.change.within(window), top=rows.start)
+
+    def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
+        """Set `slopes`, from the picture's row `top` on, by strips of changes (3, h, w); their greatest length."""
         steepest = 0.0
         for window, change in parts:
-            part = slopes[:, *window]
+            part = slopes[:, window[0].start - top : window[0].stop - top]
             self.evaluate.strip(change, window, part)
             part *= self.calm[window]
             part -= self.bias[:, *window]
