@@ -56,7 +56,7 @@ def _errors(error: Floats) -> str:
     kept = error[np.isfinite(error)]
     if not kept.size:
         return "nothing that can be compared"
-    low, high = f"{100 * kept.min():+.1f}", f"{100 * kept.max():+.1f}"
+    low, high = (f"{100 * end:+.1f}".replace("-0.0", "+0.0") for end in (kept.min(), kept.max()))
     return f"{low} %" if low == high else f"{low} to {high} %"
 
 

@@ -6,7 +6,7 @@ extrapolated: beyond the deepest equilibrium force and depth are NaN, and `ended
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -59,7 +59,7 @@ class PunchCurve:
 
 
 def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
-    """P(w) on first loading to `deepest_mm`, or as deep as the elements get.
+    """P(w) on first loading to `deepest_mm`, or as deep as the table or the elements get, whichever goes deeper.
 
     Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
     """
@@ -69,7 +69,8 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
     kept = tabulated_curve(contact, material, deepest_mm)
     if kept is not None and not kept.ended:
         return kept
-    return _solved(contact, material, deepest_mm)
+    solved = _solved(contact, material, deepest_mm)
+    return solved if kept is None or solved.depth_mm[-1] > kept.depth_mm[-1] else replace(kept, ended=solved.ended)
 
 
 def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve | None:

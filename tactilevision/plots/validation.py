@@ -61,7 +61,7 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
 def _against(axes: Axes, panel: Panel) -> None:
     every = np.concatenate([panel.measured, *(one.computed for one in panel.series)])
     top = float(every[np.isfinite(every)].max())
-    axes.plot([0, 1.05 * top], [0, 1.05 * top], color=style.GREY, lw=0.9, zorder=1)
+    axes.axline((0, 0), slope=1, color=style.GREY, lw=0.9, zorder=1)
     axes.annotate("equal", (0.82 * top, 0.82 * top), xytext=(6, -10), textcoords="offset points", color=style.GREY,
                   fontsize=8)  # fmt: skip
     order = np.argsort(panel.measured)
@@ -82,11 +82,12 @@ def _errors(axes: Axes, panel: Panel) -> None:
     if not reached.all():
         deepest = float(panel.depth_mm[reached].max(initial=0.0))
         axes.axvspan(deepest, axes.get_xlim()[1], color=style.INVALID, alpha=0.5, lw=0)
-        axes.text(0.98, 0.04, "beyond what the elements reach", transform=axes.transAxes, ha="right", fontsize=8,
-                  color=style.GREY)  # fmt: skip
+        axes.annotate("no elements\nso deep", (deepest, 1), xytext=(4, -4), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", va="top", fontsize=8, color=style.GREY)  # fmt: skip
 
 
 def _share_limits(row: Sequence[Axes]) -> None:
     low, high = min(axes.get_ylim()[0] for axes in row), max(axes.get_ylim()[1] for axes in row)
+    right = max(axes.get_xlim()[1] for axes in row)
     for axes in row:
-        axes.set_ylim(low, high)
+        axes.set(xlim=(0, right), ylim=(low, high))
