@@ -50,7 +50,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
     figure, (force, stiffness, rest) = style.new_figure(11.5, 3.8, columns=3)
     strain = cloud.depth_mm / cloud.thickness_mm
     secant = cloud.force_N / cloud.depth_mm
-    secant_std = secant * np.hypot(cloud.force_std_N / cloud.force_N, cloud.depth_std_mm / cloud.depth_mm)
+    secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / np.abs(cloud.depth_mm)
     depth_bar, force_bar = 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N
     scatter(force, cloud, cloud.depth_mm, cloud.force_N, bars=(depth_bar, force_bar))
     scatter(stiffness, cloud, strain, secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
