@@ -15,6 +15,7 @@ from calibration.fitting import Fit
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.repeats import noise_floor
 from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.round_sticking import stuck_shift
 from tactilevision.records import Estimate, Floats, Pair
 
 NUS = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), 0.4999)
@@ -27,8 +28,8 @@ def of_round(fitted: Fit) -> CalibrationResult:
     nu, modulus = fitted.estimate("poisson_ratio"), fitted.estimate("youngs_modulus_MPa")
     stated = fitted.data.gel.poisson_ratio is not None
     low_nu, high_nu = SILICONE_NU
-    lines = ["frictionless, small strain: what a gel that sticks to the body adds is not known here and not in E",
-             *common_assumptions(fitted)]  # fmt: skip
+    modulus, about = _if_stuck(fitted, modulus)
+    lines = [about, *common_assumptions(fitted)]
     if not stated:
         nu = Estimate(
             None, None, SILICONE_NU, "1", "a round body hardly feels nu: its force gives E at a known nu"
@@ -47,6 +48,21 @@ def of_round(fitted: Fit) -> CalibrationResult:
         presses_accepted=fitted.data.presses.label, assumptions=tuple(lines),
         warnings=(*fitted.warnings, *fitted.data.warnings),
     )  # fmt: skip
+
+
+def _if_stuck(fitted: Fit, modulus: Estimate) -> tuple[Estimate, str]:
+    """E with its interval wide enough for a gel that sticks to the body, unless the presses were lubricated."""
+    if np.all(fitted.data.presses.lubricated == 1):
+        return modulus, "frictionless: the presses were lubricated"
+    shift = stuck_shift(fitted)
+    assert modulus.interval95 is not None
+    low, high = modulus.interval95
+    wide = (min(low, low / (1 + shift)), max(high, high / (1 + shift)))
+    way = "higher" if shift < 0 else "lower"
+    return replace(modulus, interval95=wide), (
+        f"friction is unknown: the law is frictionless, and E may be {way} by up to {100 * abs(shift):.1f} % "
+        "where the gel sticks to the body; E's interval reaches that far"
+    )
 
 
 def _modulus_at(fitted: Fit, nu: float) -> float:

@@ -3,7 +3,7 @@
     P = E F(w; nu, body, h) (1 + beta w/h)
 
 F from the integral equation of mechanics/round_contact.py (Hertz and Sneddon in the limit of a thick gel).
-Frictionless, small strain, a layer far wider than the contact; nothing here knows what a gel that sticks adds.
+Frictionless, small strain, a layer far wider than the contact; what a gel that sticks adds: round_sticking.py.
 beta is held near 0 by BETA_STD. Several thicknesses at once (a wedge) are interpolated between NODES of them. No
 force where w <= 0. Range: contact radius up to ten thicknesses and, for a ball, .95 of its radius; InputError
 beyond. Source: see round_contact.py.

@@ -13,6 +13,7 @@ from made_recordings import points_of
 from calibration.calibrate import calibrate
 from calibration.data import Measured
 from calibration.laws.round_body import _force_over_E
+from calibration.round_sticking import stuck_surplus
 from tactilevision.errors import InputError
 from tactilevision.mechanics.round_contact import Ball, Cone, contact_force, half_space_force
 from tactilevision.records import Floats, Gel, Indenter
@@ -88,6 +89,36 @@ def test_a_cone_needs_its_angle() -> None:
 def test_a_ball_is_refused_where_a_flat_law_was_asked_for() -> None:
     with pytest.raises(InputError, match="flat_cylinder"):
         calibrate(measured("sphere", forces(BODIES["sphere"][0])), law="flat_punch")
+
+
+STUCK = {  # finite elements of balls: P_stick/P_free - 1 at w/h = .1 .15 .2, by R/h and nu
+    (1.0, 0.48): (0.0104, 0.0250, 0.0463),
+    (3.0, 0.48): (0.0272, 0.0595, 0.0993),
+    (2.0, 0.45): (0.0070, 0.0210, 0.0395),
+    (1.0, 0.4999): (0.0162, 0.0348, 0.0614),
+    (3.0, 0.4999): (0.0454, 0.0909, 0.1471),
+}
+
+
+@pytest.mark.parametrize("case", STUCK)
+def test_a_ball_that_sticks_pushes_back_as_elements_say(case: tuple[float, float]) -> None:
+    ratio, nu = case
+    np.testing.assert_allclose(stuck_surplus(nu, ratio, np.array([0.1, 0.15, 0.2])), STUCK[case], rtol=0.36)
+
+
+def test_a_gel_that_sticks_to_the_ball_lies_inside_the_interval() -> None:
+    """Elements of a ball of R = h, nu = .48, to w/h = .2: the value is low, the interval holds the truth."""
+    depth = np.array([0.09, 0.18, 0.3, 0.45, 0.6])
+    surplus = np.array([0.0021, 0.0042, *STUCK[1.0, 0.48]])
+    force = contact_force(Ball(3.0), depth, youngs_modulus_MPa=E_MPA, poisson_ratio=0.48, thickness_mm=3.0)
+    made = points_of(depth, force * (1 + surplus), gel=replace(KNOWN, poisson_ratio=0.48, poisson_ratio_std=1e-4))
+    names = {name: replace(BODIES["sphere"][1], name=name) for name in made.recording.indenters}
+    result = calibrate(replace(made, recording=replace(made.recording, indenters=names)))  # type: ignore[type-var]
+    low, high = result.youngs_modulus.interval95 or (0.0, 0.0)
+    assert result.youngs_modulus.value is not None
+    assert result.youngs_modulus.value < 0.992 * E_MPA
+    assert low < E_MPA < high
+    assert any("may be higher" in line for line in result.assumptions)
 
 
 def test_the_command_reads_a_ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
