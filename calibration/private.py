@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import keyword
 from pathlib import Path
 
 from calibration.effects import EFFECTS
@@ -31,7 +32,7 @@ def load_effect(path: Path | str) -> Effect:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as fault:  # anything may happen in somebody else's file
+    except (Exception, SystemExit) as fault:  # anything may happen in somebody else's file
         raise InputError(f"the effect's file fails: {type(fault).__name__}: {fault}", where=file) from fault
     own = [kind for _, kind in inspect.getmembers(module, inspect.isclass)
            if issubclass(kind, EffectBase) and kind.__module__ == module.__name__]  # fmt: skip
@@ -60,7 +61,13 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
 
 
 def new_effect(path: Path | str, key: str) -> None:
-    """Write a template of a private effect. Raises OutputError where the file exists already."""
+    """Write a template of a private effect.
+
+    Raises InputError for a key that is no name in Python or one of the catalogue, OutputError where the file exists.
+    """
+    if not key.isidentifier() or keyword.iskeyword(key) or key in EFFECTS:
+        raise InputError("an effect's key is one word that no effect of the catalogue has", where="--key", value=key,
+                         remedy="Use letters and underscores, as in my_effect.")  # fmt: skip
     file = Path(path)
     if file.exists():
         raise OutputError("the file exists already", where=file, remedy="Choose another name.")

@@ -69,7 +69,10 @@ class History:
 
 
 def load_history(path: Path | str) -> History:
-    """Read what `History.save` wrote. Raises InputError for a file that is not a history."""
+    """Read what `History.save` wrote. Raises InputError for a file that is missing or not a history."""
+    if not Path(path).is_file():
+        raise InputError("there is no history of an analysis here", where=path,
+                         remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.")  # fmt: skip
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         return History(tuple(content["recordings"]), *(

@@ -20,6 +20,8 @@ from tactilevision.errors import InputError, OutputError
     ("body", "why"),
     [
         ("raise RuntimeError('my own fault')", "my own fault"),
+        ("raise SystemExit(7)", "SystemExit: 7"),
+        ("return replace(state, force_N=state.force_N * 1j)", "real"),
         ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
         ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
     ],
@@ -36,9 +38,10 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
     assert why in found.not_testable["my_effect"]
     assert found.verdict in ("ADEQUATE", "IDENTIFIED", "AMBIGUOUS", "UNKNOWN")
-    compared = compare(taken, [effect, "depth_zero"], np.random.default_rng(0))
+    compared = compare(taken, [effect, "ageing", "depth_zero"], np.random.default_rng(0))
     assert [model.effects for model in compared.models] == [(), ("depth_zero",)]
     assert why in dict(compared.left_out)["my_effect"]
+    assert "several days" in dict(compared.left_out)["ageing"]
 
 
 @pytest.mark.parametrize("key", ["'tilt'", "7"])
@@ -48,6 +51,13 @@ def test_a_private_effect_has_a_name_of_its_own(tmp_path: Path, key: str) -> Non
     file.write_text(file.read_text().replace('"my_effect"', key))
     with pytest.raises(InputError, match="a name that no effect of the catalogue has"):
         load_effect(file)
+
+
+@pytest.mark.parametrize("key", ["two words", "tilt", "class", "9th", ""])
+def test_a_template_is_not_written_for_a_key_that_could_not_be_loaded(tmp_path: Path, key: str) -> None:
+    with pytest.raises(InputError, match="one word"):
+        new_effect(tmp_path / "mine.py", key)
+    assert not (tmp_path / "mine.py").exists()
 
 
 def test_the_template_is_an_effect_that_finds_its_planted_value(tmp_path: Path) -> None:
@@ -87,3 +97,5 @@ def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text("{}")
     with pytest.raises(InputError, match="no history"):
         load_history(tmp_path / "bad.json")
+    with pytest.raises(InputError, match="no history of an analysis here"):
+        load_history(tmp_path / "nowhere" / "history.json")
