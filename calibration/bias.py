@@ -41,9 +41,10 @@ def _change(fitted: Fit, effect: Effect) -> Floats | None:
     try:
         with np.errstate(all="ignore"):
             force = np.asarray(model.predict(values, fitted.data))
-    except Exception:  # an effect without its covariate may raise anything
+    except (Exception, SystemExit):  # an effect without its covariate may raise anything
         return None
-    usable = force.shape == fitted.force_N.shape and bool(np.isfinite(force).all())
+    real = not np.iscomplexobj(force) and bool(np.isfinite(force).all())
+    usable = real and force.shape == fitted.force_N.shape
     return force - fitted.force_N if usable else None
 
 

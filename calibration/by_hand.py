@@ -53,6 +53,7 @@ CHECKS: Mapping[str, Check] = {
     "recovery": Check("vary the waits from 3 s to 10 min", 25.0),
     "ageing": Check("repeat the presses in a month", 10.0),
 }
+LEAST_BIAS = 0.002  # of E: less is not worth a look
 SOURCES = {"backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision"}  # of the depth
 _OTHER_PUNCH = Check("press the same depths with a punch of another radius: does it follow depth or force?", 10.0)
 FOLLOW: Mapping[str, Check] = {
@@ -90,6 +91,6 @@ def of_left(covariates: Iterable[str]) -> list[NextMeasurement]:
 def of_hidden(bias: Mapping[str, float], source: str) -> list[NextMeasurement]:
     """Checks of effects that these data cannot show, what takes most off E's possible bias in a minute first."""
     worth = {CHECKS[key]: abs(share) for key, share in bias.items()
-             if key in CHECKS and SOURCES.get(key) in (None, source)}  # fmt: skip
+             if key in CHECKS and SOURCES.get(key) in (None, source) and abs(share) > LEAST_BIAS}  # fmt: skip
     ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
     return [NextMeasurement(check.action, check.minutes, NAN) for check in ranked]

@@ -71,7 +71,7 @@ class Compared:
 class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
-    `left_out` the effects that could not be fitted on top of those before, and why.
+    `left_out` the effects that could not be added to those before, and why.
     """
 
     models: tuple[Compared, ...]
@@ -85,8 +85,8 @@ class Comparison:
 def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
-    An effect that fails or finds no minimum is passed over, named in `left_out`, and the next one is added without
-    it.
+    An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
+    and the next one is added without it.
     Raises InputError for unusable data.
     """
     data = usable(data)
@@ -95,22 +95,18 @@ def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.
     left_out = []
     for added in effects:
         effect = get_effect(added) if isinstance(added, str) else added
+        if why := effect_directions(found[0].fitted, [effect])[1].get(effect.key):
+            left_out.append((effect.key, why))
+            continue
         larger = model + effect
         try:
             one = evaluate(larger, data, rng)
         except Exception as fault:  # a private effect may raise anything; the next one may still do
-            left_out.append((effect.key, _why(found[-1].fitted, effect, fault)))
+            left_out.append((effect.key, str(fault) or type(fault).__name__))
             continue
         found.append(replace(one, effects=(*found[-1].effects, effect.key)))
         model = larger
     return Comparison(tuple(found), tuple(left_out))
-
-
-def _why(fitted: Fit, effect: Effect, fault: Exception) -> str:
-    """What is wrong with an effect whose fit failed: what a single look at its forces says, else the fault."""
-    if isinstance(fault, (ConvergenceError, InputError)):
-        return str(fault)
-    return effect_directions(fitted, [effect])[1].get(effect.key) or f"{type(fault).__name__}: {fault}"
 
 
 def fit_alone(model: Model, data: Observations) -> Fit:

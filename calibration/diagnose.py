@@ -44,7 +44,6 @@ LEFT_LEVEL = 0.01  # of saying that something unknown is left
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
 SURE = 10.0  # std: one that brings more is no better for it
-WORTH_SAYING = 0.1  # of a misfit: an effect that explains less is not near it
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +252,7 @@ def _nearest(searched: Searched) -> tuple[str, float] | None:
     if not candidates or beyond <= 0:
         return None
     share = (start.chi2 - candidates[0].chi2) / beyond
-    return (candidates[0].effect.key, min(share, 1.0)) if share > WORTH_SAYING else None
+    return candidates[0].effect.key, float(np.clip(share, 0.0, 1.0))
 
 
 def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:

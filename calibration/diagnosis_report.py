@@ -13,9 +13,11 @@ from calibration.drawing import Card
 from calibration.effects import get_effect
 from calibration.outside import WouldHaveToBe
 from calibration.report import Picture
+from calibration.screen import FAILED
 from calibration.stages import EffectBase
 from tactilevision.errors import InputError
 
+NEAR = 0.1  # of a misfit: an effect that explains less is not near it
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -90,11 +92,12 @@ def _left(found: Diagnosis) -> str:
 
 
 def _nearest(found: Diagnosis) -> str:
-    """What came nearest, in a sentence; empty where nothing came near."""
-    if found.nearest is None:
-        return ""
-    key, share = found.nearest
-    return f" Nearest to it comes {in_words(key).replace('+', ' and ')}, which explains {100 * share:.0f} % of it."
+    """What came nearest, in a sentence."""
+    if found.nearest is None or found.nearest[1] < NEAR:
+        return " Nothing in the catalogue comes near it."
+    keys, share = found.nearest
+    named = " with ".join(in_words(key) for key in keys.split("+"))
+    return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
 
 
 def _said(name: str) -> str:
@@ -144,6 +147,7 @@ def summary(found: Diagnosis) -> list[str]:
         lines.append(f"E after:  {wording.estimate(after)}")
     if found.not_testable:
         lines.append("not testable with these data: " + ", ".join(in_words(key) for key in found.not_testable))
+    lines += [f"  {in_words(key)}: {why}" for key, why in found.not_testable.items() if why.startswith(FAILED)]
     return [*lines, *([next_sentence(found)] if found.measure_next else [])]
 
 

@@ -14,6 +14,7 @@ from calibration.effects import EFFECTS, get_effect
 from calibration.fitting import Fit
 from calibration.minimise import Box, differentiate
 from calibration.noise import Whitener
+from calibration.odd_presses import own_zero_mm
 from calibration.refit import CANNOT_FIT, Candidate, refit_with, separation
 from calibration.screen import Scored, seen_covariates
 from calibration.search import TOLD_APART
@@ -21,7 +22,7 @@ from calibration.sight import depth_ratio, sighted
 from calibration.stages import Effect
 from calibration.steadied import steadied
 from calibration.tolerances import CERTIFICATE, HEIGHTS
-from tactilevision.plots.diagnosis import Overlay, Panel, Sighting
+from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
@@ -93,6 +94,18 @@ def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> lis
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
     return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
             for s in scored[:most] if s.key in seen]  # fmt: skip
+
+
+def own_offsets(found: Diagnosis) -> Offsets | None:
+    """Each press's own offset where something about the presses is odd; None where nothing is."""
+    fitted = found.fitted
+    if not (found.odd or found.odd.scattered or found.change_point):
+        return None
+    order = np.argsort(fitted.data.presses.order, kind="stable")
+    own, labels = own_zero_mm(fitted), fitted.data.presses.label
+    named = tuple(labels[k] for k in order)
+    since = named.index(found.change_point) if found.change_point in named else None
+    return Offsets(named, 1e3 * (own - np.median(own))[order], tuple(n in found.odd.presses for n in named), since)
 
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:

@@ -28,7 +28,7 @@ def depth_at(data: Observations, later_s: float) -> Floats:
     for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
         one = slice(start, end)
         time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
-        if branch[start] == LOAD and np.isfinite(speed):
+        if branch[start] == LOAD and end - start > 1 and np.isfinite(speed):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
         parts.append(np.interp(data.time_s[start:end] + later_s, time, depth))
     return np.concatenate(parts)

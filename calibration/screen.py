@@ -28,6 +28,7 @@ from tactilevision.records import Floats
 DRAWS = 399
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
+FAILED = "it failed"
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS, OTHER_BINS = 16, 6
 
@@ -122,8 +123,8 @@ def effect_directions(fitted: Fit, effects: Sequence[Effect]) -> tuple[dict[str,
             why = effect.missing(data)
             if not why:
                 tables[effect.key] = _directions(fitted, effect, base)
-        except Exception as fault:  # a private effect may raise anything; the rest of the analysis goes on
-            why = f"it failed: {type(fault).__name__}: {fault}"
+        except (Exception, SystemExit) as fault:  # of a private effect, anything; the rest of the analysis goes on
+            why = f"{FAILED}: {type(fault).__name__}: {fault}"
         if why:
             missing[effect.key] = why
     return tables, missing
@@ -141,6 +142,8 @@ def _directions(fitted: Fit, effect: Effect, base: Floats) -> Floats:
         force = np.asarray(model.predict(values, fitted.data))
         if force.shape != base.shape:
             raise InputError("an effect returns one force a sample", where=effect.key, value=force.shape)
+        if np.iscomplexobj(force):
+            raise InputError("an effect returns real forces", where=effect.key, value=start.tolist())
         if not np.isfinite(force).all():
             raise InputError("an effect returns finite forces", where=effect.key, value=start.tolist())
         columns.append(force - base)
@@ -243,7 +246,8 @@ def _ranked(
         return ()
     tails = {k: _Tail(null[:, k]) for k in kept}
     smallest = np.min([[tails[k](float(x)) for x in null[:, k]] for k in kept], axis=0)
-    looks = max(float(np.log(0.95) / np.log1p(-np.quantile(smallest, 0.05))), 1.0)
+    typical = min(float(np.quantile(smallest, 0.05)), 1 - 1e-12)
+    looks = max(float(np.log(0.95) / np.log1p(-typical)), 1.0)
     scored = []
     for k in kept:
         p = tails[k](real[k])

@@ -26,6 +26,7 @@ HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # Hencky, sticking
 LOWEST = 0.10  # neo-Hooke, frictionless
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
 STRAINS = 20  # depths at which the bend is taken
+LEAST_STRAIN = 1e-3  # over less there is no bend to speak of
 
 
 def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
@@ -61,20 +62,20 @@ def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepes
     table = shipped_table()
     nu, ratio, depth = table.axes.poisson_ratios, table.axes.a_over_h, table.axes.depths
     place = (float(np.clip(poisson_ratio, nu[0], nu[-1])), float(np.clip(a_over_h, ratio[0], ratio[-1])))
-    strain = np.linspace(1 / STRAINS, 1, STRAINS) * min(deepest, float(depth[-1]))
+    strain = np.linspace(1 / STRAINS, 1, STRAINS) * np.clip(deepest, LEAST_STRAIN, float(depth[-1]))
     bends = [bend for block in table.blocks
              for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)]  # fmt: skip
     stated = table.card["errors"]
     sharper = edge_over_h < min(block.edge_over_h for block in table.blocks) * (1 - 1e-9)
     off = stated["interpolation_force"] + (stated["sharp_limit_at_first_touch"] if sharper else 0.0)
     error = 4 * float(off) / strain[-1] ** 2  # one that is largest half way is a parabola of this gamma
-    return min(0.0, *bends) - error, max(0.0, *bends) + error
+    return min([0.0, *bends]) - error, max([0.0, *bends]) + error
 
 
 def _bend(
     table: Table, kind: tuple[str, float], place: Pair, edge_over_h: float, strain: Floats
 ) -> tuple[float, ...]:
-    """gamma of one law and friction, weighed as forces are; none where the table holds fewer than four depths."""
+    """gamma of one law and friction, weighed as forces are; none where the table holds too few depths."""
     law, friction = kind
     edges = [block.edge_over_h for block in table.blocks if block.law == law]
     lowest = 0.0 if len(set(edges)) > 1 else edges[0]
@@ -83,7 +84,7 @@ def _bend(
         secant, known = force_ratio(strain, contact, Material(1.0, place[0]), table=table)
     except InputError:
         return ()
-    if np.count_nonzero(known) < 4:
+    if np.count_nonzero(known) < 4 or np.ptp(strain[known]) < LEAST_STRAIN:
         return ()
     eps, weight = strain[known], strain[known]
     start, _, bend = np.polynomial.polynomial.polyfit(eps, secant[known], 2, w=weight)

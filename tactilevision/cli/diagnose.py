@@ -89,7 +89,7 @@ def compare(
 
     own = _private(private)
     found = method.compare(_data(take(recordings)), [*_known(known), *own], np.random.default_rng(seed))
-    left_out = [f"{key} could not be fitted and is left out: {why}" for key, why in found.left_out]
+    left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
     steps = [Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)

@@ -21,14 +21,27 @@ RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % i
 
 def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    from calibration.drawing import confusability, drawn_points, fitted_lines, residual_panels, sighting
+    from calibration.drawing import (
+        confusability,
+        drawn_points,
+        fitted_lines,
+        own_offsets,
+        residual_panels,
+        sighting,
+    )
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots.indentation import draw_fit
 
+    kept, offsets = [], own_offsets(found)
+    if offsets is not None:
+        words = (
+            "How far each press lies from the others, as an offset of its depth; red: it cannot be one of them."
+        )
+        kept.append(keep(draw.draw_offsets(offsets), folder / "presses.png", words))
     panels = draw.draw_residuals(residual_panels(found.base, found.covariates_before))
-    kept = [
+    kept.append(
         keep(panels, folder / "residuals.png", f"What the plain law leaves, the most telling first ({RED_IS}).")
-    ]
+    )
     names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
     if len(found.held_out) > 1:
         fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)

@@ -31,6 +31,18 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
+class Offsets:
+    """Each press's own depth zero in the order of pressing: its label, its offset in um, and whether it is odd;
+    `since` the place from which the presses are different, None where there is none.
+    """
+
+    labels: tuple[str, ...]
+    offset_um: Floats
+    odd: tuple[bool, ...]
+    since: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Overlay:
     """What is left against one covariate in bins (k,), with its error, and what a candidate would leave there."""
 
@@ -93,6 +105,29 @@ def _bins(values: Floats) -> list[tuple[float, float]]:
         return [(float(v), float(v)) for v in levels]
     edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
     return [(float(a), float(b)) for a, b in pairwise(edges)]
+
+
+@style.house_look
+def draw_offsets(shown: Offsets) -> Figure:
+    """Each press's own offset in order; what cannot belong to the others in red, with its name."""
+    figure, (axes,) = style.new_figure(8.0, 3.0)
+    odd, place = np.array(shown.odd), np.arange(len(shown.labels))
+    axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.RED, style.GREY), lw=1.2)
+    axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE)
+    axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED)
+    for k in place[odd]:
+        axes.annotate(shown.labels[k], (k, shown.offset_um[k]), xytext=(7, 0), textcoords="offset points",
+                      color=style.RED, weight="bold", va="center")  # fmt: skip
+    if shown.since is not None:
+        axes.axvline(shown.since - 0.5, color=style.RED, ls="--", lw=1.2)
+        axes.text(shown.since - 0.4, 0.97, f"since {shown.labels[shown.since]}", color=style.RED, va="top",
+                  transform=axes.get_xaxis_transform())  # fmt: skip
+    axes.axhline(0, color=style.GREY, lw=0.8)
+    step = -(-len(place) // 20)
+    axes.set_xticks(place[::step], shown.labels[::step], rotation=45, ha="right")
+    axes.margins(y=0.15)
+    axes.set(xlabel="press, in order", ylabel="own offset of depth (um)", title="Each press's own offset")
+    return figure
 
 
 @style.house_look

@@ -14,6 +14,7 @@ from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.depths import steady_depth
 from calibration.diagnose import diagnose
+from calibration.drawing import own_offsets
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fitting import fit
 from calibration.laws.flat_punch import CHORD, FlatPunch
@@ -112,6 +113,11 @@ def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
     assert found.verdict == "UNKNOWN"
     assert "presses_wander" in found.flags
     assert found.change_point == "p14"
+    shown = own_offsets(found)
+    assert shown is not None
+    assert shown.labels[shown.since or 0] == "p14"
+    assert np.mean(shown.offset_um[14:]) - np.mean(shown.offset_um[:14]) == pytest.approx(25, abs=5)
+    assert found.measure_next[0].action.startswith("repeat the first press")
 
 
 def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:
