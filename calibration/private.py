@@ -63,11 +63,12 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
 def new_effect(path: Path | str, key: str) -> None:
     """Write a template of a private effect.
 
-    Raises InputError for a key that is no name in Python or one of the catalogue, OutputError where the file exists.
+    Raises InputError for a key that is no name in Python or one of the catalogue's, OutputError where the file
+    exists.
     """
     if not key.isidentifier() or keyword.iskeyword(key) or key in EFFECTS:
-        raise InputError("an effect's key is one word that no effect of the catalogue has", where="--key", value=key,
-                         remedy="Use letters and underscores, as in my_effect.")  # fmt: skip
+        raise InputError("an effect's key is one word that no effect of the catalogue has", where="--key",
+                         value=key, remedy="Use letters and underscores, as in my_effect.")  # fmt: skip
     file = Path(path)
     if file.exists():
         raise OutputError("the file exists already", where=file, remedy="Choose another name.")
