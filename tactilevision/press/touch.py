@@ -20,7 +20,9 @@ from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Indenter, Pair
 
 SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
-_SHARES = np.linspace(0.0, 1.0, 6)
+# An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
+# to .3 of its final growth; a camera or a compression that swallows the faintest dents shows less of it.
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
 # of fill_mm: blur and the gel beside the edge smear it by what is not known beforehand
 _FILLS = (0.25, 0.5, 1.0, 2.0)
 SHAPE = 0.1  # of fill_mm: what the family of shapes itself leaves open
@@ -120,7 +122,8 @@ def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onse
     count = sum(len(x) for x, _ in traces)
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
-    return [_mixture([trial[k] for trial in trials], weights, SHAPE * fill) for k in range(len(traces))]
+    return [_mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE * fill)
+            for k in range(len(traces))]  # fmt: skip
 
 
 def _alike(onsets: Sequence[Onset]) -> Pair | None:
@@ -137,14 +140,17 @@ def _alike(onsets: Sequence[Onset]) -> Pair | None:
     return middle, float(np.clip(beyond, _LIKE[0] * middle, _LIKE[1] * middle))
 
 
-def _mixture(onsets: Sequence[Onset | None], weights: Floats, shape_mm: float) -> Onset | None:
-    """One onset from its likes under several shapes; `shape_mm` is what no shape among them may say right."""
+def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, shape_mm: float) -> Onset | None:
+    """One onset from its likes under several shapes.
+
+    `scale` is the chi-square a degree of freedom that the best shape leaves, `shape_mm` what none may say right.
+    """
     kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
     if not kept or sum(weight for _, weight in kept) <= 0:
         return None
     share_out = np.array([weight for _, weight in kept])
     at = np.array([onset.at for onset, _ in kept])
-    variance = np.array([onset.std**2 for onset, _ in kept])
+    variance = scale * np.array([onset.std**2 for onset, _ in kept])
     mean = float(np.average(at, weights=share_out))
     best = kept[int(share_out.argmax())][0]
     shared = float(np.average((at - mean) ** 2, weights=share_out)) + shape_mm**2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -148,7 +149,7 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
     short = certify(read, drawn)
     monkeypatch.setattr(sys.modules["tactilevision.press.certify"], "_LONG", 20)
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
-        assert again.time_s == pytest.approx(once.time_s, abs=float(str(once.extra["touch_std_s"])))
+        assert again.time_s == pytest.approx(once.time_s, abs=2 * float(str(once.extra["touch_std_s"])))
         assert again.accepted
 
 
@@ -199,13 +200,14 @@ def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
 
 
 def test_stops_that_scatter_about_the_touch_leave_the_force_open(tmp_path: Path) -> None:
-    stds = []
-    for name, off_mm in (("sure", 0.0), ("shaky", 0.006)):
-        (tmp_path / name).mkdir()
-        stops = off_mm * np.array([1, -1, 1, -1, 1])
-        made = line_up([Made(0.35, dwell_s=0.6, stop_mm=float(stop)) for stop in stops])
-        points = certify(*recording(tmp_path / name, made, seed=4)).points
-        stds.append(np.median([point.fz_std_N for point in points if point.extra["force_dwell"] == 1]))
-        assert sum(point.extra["force_dwell"] == 1 for point in points) >= 4
-    assert stds[0] < 0.003
-    assert stds[1] > 0.005
+    stds: dict[float, list[float]] = {0.0: [], 0.006: []}
+    for off_mm, seed in product(stds, (1, 2, 3)):
+        folder = tmp_path / f"{off_mm}-{seed}"
+        folder.mkdir()
+        made = line_up([Made(0.35, dwell_s=0.6, stop_mm=off_mm * side) for side in (1, -1, 1, -1, 1)])
+        points = certify(*recording(folder, made, seed=seed)).points
+        stopped = [point.fz_std_N for point in points if point.extra["force_dwell"] == 1]
+        assert len(stopped) >= 4
+        stds[off_mm].append(float(np.median(stopped)))
+    assert np.median(stds[0.0]) < 0.003
+    assert np.median(stds[0.006]) > 0.005
