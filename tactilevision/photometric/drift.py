@@ -144,7 +144,8 @@ class DriftTracker:
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        return np.asarray(np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0])
+        each = zip(normal.reshape(3, 3, 3), right[:, :, None], strict=True)
+        return np.stack([cv2.solve(matrix, row, flags=cv2.DECOMP_CHOLESKY)[1][:, 0] for matrix, row in each])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         blocks = self._among_usable(blocks)

@@ -19,9 +19,16 @@ def places() -> tuple[Floats, Floats]:
 
 
 def picture(
-    p: Floats, q: Floats, rng: np.random.Generator, *, gain: float | Floats = 1.0, noise: float = 0.7
+    p: Floats,
+    q: Floats,
+    rng: np.random.Generator,
+    *,
+    gain: float | Floats = 1.0,
+    noise: float = 0.7,
+    stray_grey: float = 15.0,
+    bright: float = 1.0,
 ) -> Bytes:
-    """The frame (H, W, 3) of a gel of slopes p, q."""
+    """The frame (H, W, 3) of a gel of slopes p, q; of its light `stray_grey` does not come from the lamps."""
     x, y = places()
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
     light = np.zeros((*SHAPE, 3))
@@ -30,7 +37,7 @@ def picture(
         distance = np.sqrt((ray**2).sum(axis=0))
         shade = np.maximum((normal * ray).sum(axis=0), 0.0) / distance**3 * lz**2
         light += shade[..., None] * tint
-    grey = 15.0 + 150.0 * gain * light + rng.normal(0.0, noise, light.shape)
+    grey = stray_grey + 150.0 * bright * gain * light + rng.normal(0.0, noise, light.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
