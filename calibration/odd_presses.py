@@ -5,10 +5,10 @@ Each press has an own offset, its residual e projected on what a depth zero does
     z = sum s e/b^2 / sum s^2/b^2,    s = df/dw, b the samples' noise
 
 The error model takes any scatter of z for granted, however large, so two things are asked beside it. Is one z too
-far from those of presses like it (of one radius, three at least): Student's t over their robust spread,
-1.4826 times the median of |z|, Bonferroni over the presses. And does z jump or drift over the order or the date:
-the largest cumulative sum of z along it, held against the same z with like presses in another order, which is
-exact whatever z's distribution is.
+far from those of presses like it (of one radius, three at least), each over what its gain, zero and samples let
+expect: Student's t over their robust spread, 1.4826 times the median of |z|, Bonferroni over the presses. And does
+z jump or drift over the order or the date: the largest cumulative sum of z along it, held against the same z with
+like presses in another order, which is exact whatever z's distribution is.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ LEVEL = 0.005  # of either finding where nothing is there: beside the screen's o
 ROBUST = 1.4826
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
 LEAST_SPREAD_MM = 1e-3
+LEAST_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
 BEYOND_TYPICAL = 8.0  # times the usual gain and zero: two of the e-folds that the prior gives rigs (reml.SPREAD)
 OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
 
@@ -54,18 +55,30 @@ def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     if data.count < FEWEST:
         return Oddity(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
-    stands_out = tuple(
-        data.presses.label[k] for k in np.flatnonzero(_far(_beside_like(own, groups), np.unique(groups).size))
-    )
+    far = _far(_beside_like(own, groups) / _usual_mm(fitted), np.unique(groups).size)
+    stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(far))
     return Oddity(stands_out, tuple(_wanders(fitted, own - own.mean(), groups, rng)), scattered)
 
 
 def own_zero_mm(fitted: Fit) -> Floats:
     """z (M,)."""
+    return np.asarray(_along_slope(fitted, fitted.residual_N) / _stiff(fitted))
+
+
+def _usual_mm(fitted: Fit) -> Floats:
+    """How far z (M,) may be expected to scatter by a press's own gain and zero, and by its samples."""
+    noise, stiff = fitted.noise, _stiff(fitted)
+    of_gain = noise.gain * _along_slope(fitted, fitted.about.force_N) / stiff
+    return np.asarray(np.sqrt(noise.zero_mm**2 + of_gain**2 + noise.scale**2 / stiff + LEAST_SPREAD_MM**2))
+
+
+def _along_slope(fitted: Fit, values_N: Floats) -> Floats:
     weight = fitted.about.slope_N_per_mm / fitted.about.base_N**2
-    press = fitted.data.press
-    stiff = np.bincount(press, weight * fitted.about.slope_N_per_mm)
-    return np.asarray(np.bincount(press, weight * fitted.residual_N) / np.maximum(stiff, 1e-300))
+    return np.asarray(np.bincount(fitted.data.press, weight * values_N), dtype=float)
+
+
+def _stiff(fitted: Fit) -> Floats:
+    return np.maximum(_along_slope(fitted, fitted.about.slope_N_per_mm), 1e-300)
 
 
 def _beside_like(own: Floats, groups: Ints) -> Floats:
@@ -81,7 +94,7 @@ def _beside_like(own: Floats, groups: Ints) -> Floats:
 def _far(own: Floats, medians: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     from scipy.stats import t
 
-    spread = max(ROBUST * float(np.median(np.abs(own))), LEAST_SPREAD_MM)
+    spread = max(ROBUST * float(np.median(np.abs(own))), LEAST_SPREAD)
     limit = float(t.isf(LEVEL / 2 / own.size, max(DOF_SHARE * (own.size - medians), 2.0)))
     return np.asarray(np.abs(own) > limit * spread)
 

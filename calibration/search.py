@@ -27,7 +27,7 @@ from calibration.stages import Effect
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
-REFITTED, MOST = 5, 3
+REFITTED, MOST = 8, 3
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 
 
@@ -129,7 +129,7 @@ def _bent(current: Fit, turn: Round, level: float) -> Fit | None:
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
-    """Screen, then refit the best five and every effect that acts as a threshold."""
+    """Screen, then refit the best eight and every effect that acts as a threshold."""
     seen = screen(current, catalogue, rng)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}

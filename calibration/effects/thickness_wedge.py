@@ -32,8 +32,8 @@ class ThicknessWedge(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """sx and sy."""
         return (
-            Parameter("slope_x", "mm/mm", 0.0, (-0.08, 0.08), "thickness gained along x", 0.01),
-            Parameter("slope_y", "mm/mm", 0.0, (-0.08, 0.08), "thickness gained along y", 0.01),
+            Parameter("slope_x", "mm/mm", 0.0, (-0.2, 0.2), "thickness gained along x", 0.01),
+            Parameter("slope_y", "mm/mm", 0.0, (-0.2, 0.2), "thickness gained along y", 0.01),
         )
 
     def missing(self, data: Observations) -> str:
