@@ -1,10 +1,11 @@
 """Follows the light: how brightness has drifted since the reference was taken, seen on the untouched gel.
 
-    I = I_0 (1 + g_0 + g_x X + g_y Y)      per channel; X, Y from -1 to 1 over the picture
+    I = I_0 (1 + g_0 + g_x X + g_y Y) + b      per channel; X, Y from -1 to 1 over the picture
 
 fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
 pattern) and what lies close to it do not count. The gel's gentle slopes round a contact look much like an
-uneven drift; so the plane terms are held to a part of the constant one.
+uneven drift; so the plane terms are held to a part of the constant one until it is known which blocks count, and
+then `drift_kind.py` parts the two.
 Valid while less than about half of the picture is touched.
 """
 
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.middle import median
+from tactilevision.photometric.drift_kind import drift_of, slopes_beside
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats
 
@@ -32,14 +34,15 @@ USUAL = 1.5382  # median length of three standard normal numbers
 LEAST_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
 LEAST_UNEVEN = 2e-4
+LITTLE = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
-CORRELATED = 20.0  # blocks whose errors (gentle slopes of the gel) hang together
+CORRELATED = 20.0  # blocks whose errors, gentle slopes of the gel among them, hang together
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """`gains` (3 channels, 3): constant, x, y.
+    """`gains` (3 channels, 4): constant, x, y in parts of the brightness, and grey levels added to it.
 
     `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise.
     """
@@ -67,7 +70,7 @@ class DriftTracker:
         self.level = self._planes(reference.rgb)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown = np.empty((2, *self.level.shape))
-        self._leaning, self._normal = np.empty((3, *self.basis.T.shape)), np.empty((len(x.ravel()), 27))
+        self._terms, self._normal = np.empty((3, 4, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._settle()
 
     def follow(self, rgb: Bytes, share: float) -> None:
@@ -81,7 +84,7 @@ class DriftTracker:
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
-        gains = np.zeros((3, 3))
+        gains = np.zeros((3, 4))
         gains[:, 0] = median(self._among_usable(change / self._bright))
         change /= self.noise
         heavy = change * self._shown
@@ -100,6 +103,8 @@ class DriftTracker:
             before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
             if np.abs(gains - before).max() < SETTLED:
                 break
+        if np.abs(gains[:, 0]).max() > LITTLE:
+            gains = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
         squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
         return Drift(gains, (usable & (squares < 16.0 * scale)).reshape(shape), np.sqrt(squares).reshape(shape))
@@ -109,7 +114,9 @@ class DriftTracker:
         self.usual, self.clear = float(self._among_usable(self.level).mean()), CLEAR * float(self.noise.mean())
         np.maximum(self.level, 1.0, out=self._bright)
         np.divide(self.level, self.noise, out=self._shown)
-        np.multiply(self._shown[:, None, :], self.basis.T, out=self._leaning)
+        np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
+        self._terms[:, 3] = 1.0 / self.noise
+        self.grey = self._among_usable(self.level).mean(axis=1)
         squares = self._normal.reshape(-1, 3, 9).transpose(1, 0, 2)
         np.multiply(np.square(self._shown)[:, :, None], self.squares, out=squares)
 
@@ -124,6 +131,16 @@ class DriftTracker:
         solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
         return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
+    def _parted(self, change: Floats, weights: Floats, constant: Floats, touched: Bools) -> Floats:
+        """The drift (3, 4) without the gel's own slopes beside what is `touched` (blocks,), lone blocks aside."""
+        picture = touched.reshape(self.size[1], self.size[0]).view(np.uint8)
+        solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, SOLID) > 0
+        terms = self._terms
+        if solid.any():
+            beside = self._shown[:, None, :] * slopes_beside(solid)
+            terms = np.concatenate([terms, beside], axis=1)
+        return drift_of(change, weights, terms, constant=constant, level=self.grey)
+
     def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
         """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
         few = (self.size[0] * self.inside, self.size[1] * self.inside)
@@ -133,7 +150,7 @@ class DriftTracker:
 
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
-        left = change - np.matmul(gains[:, None, :], self._leaning)[:, 0]
+        left = change - np.matmul(gains[:, None, :], self._terms)[:, 0]
         left *= left
         return np.asarray(left.sum(axis=0))
 
@@ -144,8 +161,9 @@ class DriftTracker:
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        each = zip(normal.reshape(3, 3, 3), right[:, :, None], strict=True)
-        return np.stack([cv2.solve(matrix, row, flags=cv2.DECOMP_CHOLESKY)[1][:, 0] for matrix, row in each])
+        gains = np.zeros((3, 4))
+        gains[:, :3] = np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0]
+        return gains
 
     def _check(self, blocks: Floats, change: Floats) -> None:
         blocks = self._among_usable(blocks)
