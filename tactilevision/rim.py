@@ -16,6 +16,7 @@ LEAST_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
 BIN_PX = 0.5
+SETTLED = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 INNER_PX, OUTER = 12.0, 0.6  # the profile reaches this far inside the rim, and this part of the radius outside
 HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
 
@@ -38,14 +39,19 @@ class Rim:
 
 def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
     """Sharp round rims about regions that are anywhere steeper than `limit`."""
-    if max(cv2.norm(s, cv2.NORM_INF) for s in (slopes.dz_dx, slopes.dz_dy)) < limit / np.sqrt(2.0):
-        return []
-    p, q = slopes.dz_dx[::2, ::2], slopes.dz_dy[::2, ::2]  # a rim is long, and a frame has little time
-    squared = np.asarray(p * p + q * q, np.float32)
+    # every second pixel: a rim is long, and a frame has little time
+    p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
+    p *= p
+    q *= q
+    squared = cv2.add(p, q, dst=p)
     beyond = squared > limit**2
     if 4 * np.count_nonzero(beyond) < LEAST_STEEP:
         return []
     gentle = np.asarray(squared > 0.25 * limit**2, np.uint8)
+    left, top, width, height = cv2.boundingRect(gentle)
+    left, top = max(0, left - 2), max(0, top - 2)
+    inside = slice(top, top + height + 4), slice(left, left + width + 4)
+    squared, beyond, gentle = squared[inside], beyond[inside], gentle[inside]
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
         cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     )
@@ -56,7 +62,7 @@ def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
         if label == 0:
             continue
         rows, columns = np.nonzero(labels == label)
-        x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
+        x, y = (columns + left) * (2.0 * mm_per_px[0]), (rows + top) * (2.0 * mm_per_px[1])
         rim = _measure(
             slopes, mm_per_px, _circle(np.asarray(x), np.asarray(y), squared[rows, columns].astype(np.float64))
         )
@@ -104,7 +110,7 @@ class _Ring:
             np.arange(max(0, int((c - bounds_mm[1]) / step)), min(n, int((c + bounds_mm[1]) / step) + 2))
             for c, step, n in zip(centre_mm, mm_per_px, (width, height), strict=True)
         )
-        x, y = columns * mm_per_px[0], rows * mm_per_px[1]
+        x, y = (np.asarray(n * step, np.float32) for n, step in zip((columns, rows), mm_per_px, strict=True))
         squared = (x[None, :] - centre_mm[0]) ** 2 + (y[:, None] - centre_mm[1]) ** 2
         take = (squared < bounds_mm[1] ** 2) & (squared > max(bounds_mm[0], 1e-9) ** 2)
         window = (
@@ -114,11 +120,11 @@ class _Ring:
             take &= slopes.valid[window]
         at = np.nonzero(take)
         self.x, self.y = x[at[1]], y[at[0]]
-        self.p, self.q = slopes.dz_dx[window][at], slopes.dz_dy[window][at]
+        self.p, self.q = (np.asarray(s[window][at], np.float32) for s in (slopes.dz_dx, slopes.dz_dy))
 
     def profiles(self, centre_mm: Pair, radius: float, px: float) -> tuple[Floats, Floats, Floats] | None:
         """Distances (J,), slopes towards the centre (K, J) in K sectors, NaN where unseen, the sectors' angles."""
-        dx, dy = self.x - centre_mm[0], self.y - centre_mm[1]
+        dx, dy = self.x - np.float32(centre_mm[0]), self.y - np.float32(centre_mm[1])
         r = np.sqrt(dx * dx + dy * dy)  # np.hypot, safe for any size, takes seven times as long
         sectors = int(np.clip(0.8 * radius / px, 8, 32))
         inner = max(0.4 * radius, radius - INNER_PX * px)
@@ -184,11 +190,14 @@ def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float, float]:
     """
     terms = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=1)
     off = places - median(places)
+    solution = np.zeros(3)
     for _ in range(6):
         weights = 1.0 / (1.0 + (off / (2.0 * _scale(off))) ** 2) ** 2
         heavy = terms * weights[:, None]
-        solution = np.linalg.solve(heavy.T @ terms + 1e-9 * np.eye(3), heavy.T @ places)
+        before, solution = solution, np.linalg.solve(heavy.T @ terms + 1e-9 * np.eye(3), heavy.T @ places)
         off = places - terms @ solution
+        if np.abs(solution - before).max() < SETTLED * _scale(off):
+            break
     return np.asarray(solution), _scale(off), float(np.sqrt(np.mean(off**2)))
 
 

@@ -26,6 +26,7 @@ from tactilevision.records import Pair, SlopeMap
 from tactilevision.surface import divergence, gradient, integrate
 
 Picture = npt.NDArray[np.float32]
+Ends = tuple[bool, bool]  # whether the first and the last of a line are free (no flow) or fixed (0 a step beyond)
 
 
 class TwoGrids:
@@ -38,6 +39,7 @@ class TwoGrids:
         self.shape, self.px, self.mm_per_px = shape, px, mm_per_px
         self.size = shape[0] // px, shape[1] // px
         self.coarse_mm = px * mm_per_px[0], px * mm_per_px[1]
+        self.solver = transform_solver(self.size, self.coarse_mm, "f")
 
     def coarse(self, slopes: Planes, windows: Sequence[Window], fine: Sequence[Planes]) -> Picture:
         """Depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
@@ -49,8 +51,8 @@ class TwoGrids:
             for plane, part in zip(slopes, inside, strict=True):
                 cut = part[: size[1] * self.px, : size[0] * self.px]
                 plane[top:down, left:across] = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
-        solver = transform_solver(self.size, self.coarse_mm, "f")
-        return np.asarray(solver.solve(solver.divergence(slopes[0], slopes[1])), np.float32)
+        right = np.asarray(self.solver.divergence(slopes[0], slopes[1]), np.float32)
+        return _solved(right, self.coarse_mm, ((True, True), (True, True)))
 
     def whole(
         self, coarse: Picture, windows: Sequence[Window], fine: Sequence[Planes], *, tilt: Pair = (0.0, 0.0)
@@ -76,13 +78,24 @@ class TwoGrids:
         along_x, along_y = gradient(z, self.mm_per_px)
         left = divergence(0.5 * (p[:, 1:] + p[:, :-1]) - along_x, 0.5 * (q[1:] + q[:-1]) - along_y, self.mm_per_px)
         rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in free)
-        left = left[rows, columns]
-        (down, bend_y), (across, bend_x) = (
-            _modes(count, *sides) for count, sides in zip(left.shape, free, strict=True)
-        )
-        bend = (bend_y / self.mm_per_px[1] ** 2)[:, None] + (bend_x / self.mm_per_px[0] ** 2)[None, :]
-        modes = (down.T @ left @ across) / -bend
-        z[rows, columns] += down @ modes @ across.T
+        z[rows, columns] += _solved(left[rows, columns], self.mm_per_px, (free[0], free[1]))
+
+
+def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
+    """The surface (h, w) whose 5-point Laplacian is `right`, with ends along y and x as `free`; else mean 0."""
+    down, across, inverse = _bases(right.shape, step_mm, free)
+    modes = down.T @ right @ across
+    modes *= inverse
+    return np.asarray(down @ modes @ across.T)
+
+
+@lru_cache(maxsize=32)
+def _bases(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> tuple[Picture, Picture, Picture]:
+    """Eigenvectors along y and x, and one over the eigenvalues (h, w) of the Laplacian, 0 for that which is 0."""
+    (down, bend_y), (across, bend_x) = (_modes(count, ends) for count, ends in zip(shape, free, strict=True))
+    bend = (bend_y / step_mm[1] ** 2)[:, None] + (bend_x / step_mm[0] ** 2)[None, :]
+    inverse = -1.0 / np.where(bend > 0.0, bend, np.inf)
+    return down, across, np.asarray(inverse, np.float32)
 
 
 def _straight_on(lines: Picture, known: int, clamped: int) -> None:
@@ -94,16 +107,13 @@ def _straight_on(lines: Picture, known: int, clamped: int) -> None:
         lines[i] = 2.0 * lines[i - 1] - lines[i - 2]
 
 
-@lru_cache(maxsize=128)
-def _modes(count: int, low_free: bool, high_free: bool) -> tuple[Picture, Picture]:
-    """Eigenvectors (count, count), in columns, and eigenvalues (count,) of minus the second difference on a line.
-
-    An end is free (no flow) or fixed (0 one step beyond it).
-    """
+@lru_cache(maxsize=32)
+def _modes(count: int, free: Ends) -> tuple[Picture, Picture]:
+    """Eigenvectors (count, count), in columns, and eigenvalues (count,) of minus the second difference."""
     i, k = np.arange(count)[:, None], np.arange(count)[None, :]
-    fixed = 0.5 * ((not low_free) + (not high_free))
+    fixed = 1.0 - 0.5 * sum(free)
     angle = np.pi * (k + fixed) / (count + fixed)
-    waves = np.cos(angle * (i + 0.5)) if low_free else np.sin(angle * (i + 1))
+    waves = np.cos(angle * (i + 0.5)) if free[0] else np.sin(angle * (i + 1))
     lengths = np.sqrt(np.sum(waves**2, axis=0))
     values = 2.0 - 2.0 * np.cos(angle[0])
     return np.asarray(waves / lengths, np.float32, order="C"), np.asarray(values, np.float32)

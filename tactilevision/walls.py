@@ -130,14 +130,14 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
 
     found, covariance = _least_squares(misfit, usual, loose)
     reach = float(s[steep].max() + px)
-    rate = np.array([(law.fall(found + d, reach) - law.fall(found - d, reach)) / (2 * d.sum())
-                     for d in np.diag(1e-3 * loose)])  # fmt: skip
+    aside = np.diag(1e-3 * loose)
+    rate = (law.falls_at(found + aside, reach) - law.falls_at(found - aside, reach)) / (2e-3 * loose)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
     band = (s > inner + found[0]) & (s < reach)
     read = float(np.nansum(np.where(band, mean, 0.0)) * (s[1] - s[0]))
     places = np.arange(inner, reach - found[0] + 2 * px, FINE * px)
-    fall = law.fall(found, reach)
+    fall = float(law.falls_at(found[None], reach)[0])
     beyond = float(np.nansum(np.where(s >= reach, mean, 0.0)) * (s[1] - s[0]))
     return Wall(rim.centre_mm, rim.radius_mm + float(found[0]), reach - float(found[0]), places,
                 law.table(found, places), fall + beyond, fall - read,
@@ -167,8 +167,10 @@ class _Law:
         blurred = {log: _blur(self.falls, np.exp(log) / self.step) for log in dict.fromkeys(unknowns[:, 1])}
         return np.stack([unknown[3:] @ blurred[unknown[1]] for unknown in unknowns])
 
-    def fall(self, unknown: Floats, s: float) -> float:
-        return float(np.interp(s - unknown[0], self.grid, self._blurred_falls(unknown[None])[0]))
+    def falls_at(self, unknowns: Floats, s: float) -> Floats:
+        """Falls (K,) at `s` for unknowns (K, 6)."""
+        rows = self._blurred_falls(unknowns)
+        return np.array([np.interp(s - row[0], self.grid, line) for row, line in zip(unknowns, rows, strict=True)])
 
     def table(self, unknown: Floats, s: Floats) -> Floats:
         return np.asarray(np.interp(s, self.grid, self._blurred_falls(unknown[None])[0]))
@@ -215,6 +217,6 @@ def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Flo
             break
         gained = left @ left - after @ after
         unknown, left, damping = trial, after, 0.1 * damping
-        if gained < 1e-3:
+        if gained < 1e-2:
             break
     return unknown, np.linalg.inv(normal)

@@ -135,10 +135,13 @@ def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
     stiffening = 1.0 + 1e-9 * np.eye(len(terms))
     for _ in range(ROUNDS):
         normal = (heavy @ terms.T) * stiffening
-        before, solution = solution, np.linalg.solve(normal, heavy @ depth)
+        before, solution = (
+            solution,
+            cv2.solve(normal, (heavy @ depth)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0],
+        )
         left = np.abs(depth - solution @ terms)
         scale = 1.4826 * float(median(left)) + 1e-12
-        if np.abs(solution - before).max() < SETTLED * scale:
+        if np.abs(solution - before)[:3].max() < SETTLED * scale:
             break
         left *= 1.0 / (3.0 * scale)
         left *= left

@@ -113,6 +113,24 @@ def test_what_a_law_says_of_noisy_pixels_on_the_mean_it_says_of_their_mean(name:
     assert np.sqrt(np.mean((of_means - of_pixels) ** 2)) < 0.04 * np.sqrt(np.mean(of_pixels**2))
 
 
+def test_windows_hold_all_that_is_loud_and_none_overlaps_another() -> None:
+    reader, rng = calibrated().calm_reader, np.random.default_rng(9)
+    assert reader is not None
+    counts = []
+    for _ in range(40):
+        loud = np.zeros(reader.loud.shape, np.bool_)
+        for top, left in rng.integers(0, np.array(loud.shape) - 4, (5, 2)):
+            loud[top : top + rng.integers(3, 20), left : left + rng.integers(3, 20)] = True
+        windows = reader.windows(np.stack([2.0 * reader.loud * loud, 0.0 * reader.loud]))
+        covered = np.zeros(SHAPE, int)
+        for window in windows:
+            covered[window] += 1
+        counts.append(len(windows))
+        assert covered.max() == 1
+        assert covered[:: reader.px, :: reader.px][: loud.shape[0], : loud.shape[1]][loud].min() == 1
+    assert max(counts) > 1
+
+
 def test_what_noise_makes_of_dark_gel_is_no_depth() -> None:
     method, rng = calibrated(), np.random.default_rng(7)
     maps = [depth(method, flat(rng), whole=False) for _ in range(8)]
