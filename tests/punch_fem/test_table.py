@@ -42,7 +42,7 @@ def stated(fresh: dict[str, Any]) -> dict[str, float]:
     own = [row for row in errors["held_out_by_block"] if all(row[key] == fresh[key] for key in name)]
     if own:
         return {key: max(own[0][key], floor) for key, floor in USUAL.items()}
-    tabulated = {row["friction"] for row in errors["held_out_by_block"]}
+    tabulated = {row["friction"] for row in errors["held_out_by_block"] if row["law"] == fresh["law"]}
     where = "between edges" if fresh["edge_over_h"] > 1 / 60 else "sharper"
     where = where if fresh["friction"] in tabulated else "between frictions"
     return next(row for row in errors["held_out_between_and_beyond"] if row["where"] == where)

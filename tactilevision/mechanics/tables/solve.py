@@ -27,6 +27,7 @@ from tactilevision.records import Floats, Material
 LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
 COARSER = 2.0  # edge elements of the second mesh over those of the first
 SAME_GROWTH = 0.003
+BRINK = 1.02  # a depth this near to where the elements break down is not kept
 HANGS = "the surface folds, and the force hangs on its mesh"
 
 
@@ -83,6 +84,8 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
         ended = steps[-1].failure
+        last = max((step.target for step in steps if not step.failure), default=0.0)
+        states = [state for state in states if state.depth_mm * BRINK <= last]
     force = np.array([state.force_N / state.depth_mm for state in states])
     surface = np.array([_beside(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
     folded = [state.folded for state in states]

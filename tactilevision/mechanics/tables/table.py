@@ -55,7 +55,10 @@ class Table:
         mine = {(block.edge_over_h, block.friction): block for block in self.blocks if block.law == law}
         if not mine:
             raise _absent("law", law, sorted({block.law for block in self.blocks}))
-        edges = sorted({edge for edge, _ in mine})
+        frictions = {edge: sorted(mu for other, mu in mine if other == edge) for edge, _ in mine}
+        edges = sorted(edge for edge, there in frictions.items() if there[0] <= friction <= there[-1])
+        if not edges:
+            raise _absent("friction", friction, sorted({mu for _, mu in mine}))
         alone = len(edges) == 1  # Hayes' stiffness of the flat part still follows the edge that is asked for
         near = (
             abs(edge_over_h / edges[0] - 1) <= EDGE_TOLERANCE if alone else edge_over_h <= edges[-1] * (1 + 1e-9)
@@ -64,11 +67,8 @@ class Table:
             raise _absent("edge radius over thickness", edge_over_h, edges)
         found: list[tuple[float, Block]] = []
         for edge, weight in straight(edges, edges, edge_over_h):
-            frictions = sorted(friction for other, friction in mine if other == edge)
-            if not frictions[0] <= friction <= frictions[-1]:
-                raise _absent("friction", friction, frictions)
-            places = [_friction_place(mu) for mu in frictions]
-            for mu, share in straight(frictions, places, _friction_place(friction)):
+            places = [_friction_place(mu) for mu in frictions[edge]]
+            for mu, share in straight(frictions[edge], places, _friction_place(friction)):
                 found.append((weight * share, mine[edge, mu]))
         return tuple(found)
 
