@@ -61,7 +61,8 @@ class Adhesion(EffectBase):
         if values[0] <= 0:
             return state
         pulled = drawn_off(data) & (state.depth_mm < 0)
-        limit = np.sqrt(4 * np.pi * state.radius_mm * values[0] / _growth(state, data))
+        growth = np.maximum(_growth(state, data), 1e-12)  # a search may pass where the gel has no stiffness left
+        limit = np.sqrt(4 * np.pi * state.radius_mm * values[0] / growth)
         tension = state.stiffness_N_per_mm * np.minimum(state.depth_mm, 0)
         read = data.normal_N
         held = np.where(read < tension / 2, 1.0, np.where(read == 0, 0.0, -1.0))  # 0 N sharp: nothing was read
