@@ -39,6 +39,9 @@ def force(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
+    from dataclasses import replace
+
+    from tactilevision.force.anchor import face_anchor, read_certified
     from tactilevision.force.beside import write_beside
     from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
     from tactilevision.force.folder import force_folder, force_job
@@ -51,13 +54,17 @@ def force(
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    job = force_job(recording, reconstructor, material, out, form=form.value)
+    anchor = face_anchor(recording, reconstructor, read_certified(calibration))
+    if anchor is not None:
+        console.say("  depths of the faces are held by the certificate beside the calibration")
+    job = replace(force_job(recording, reconstructor, material, out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say(*(f"  {row.frame}: {row.why}" for row in rows if not row.read))
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
+    content |= {"faces_certified": anchor is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
     beside = write_beside(recording, rows, out / "beside")

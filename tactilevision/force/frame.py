@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.force.anchor import FaceAnchor
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
@@ -76,7 +77,8 @@ class Solved:
 class ForceJob:
     """Frames into forces (streaming.Job). Not thread-safe, as the reconstructor is not.
 
-    `untouched` None: no reference, so that fx and fy stay unknown. Frames in which nothing touches cost no shear.
+    `untouched` None: no reference, so that fx and fy stay unknown. `anchor` puts certified faces where they were.
+    Frames in which nothing touches cost no shear.
     """
 
     field: ForceField
@@ -84,6 +86,7 @@ class ForceJob:
     untouched: Untouched | None
     store: TractionStore
     columns: int = 16
+    anchor: FaceAnchor | None = None
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
         """Keep the tractions; the row holds the resultant, or why there is none."""
@@ -103,6 +106,8 @@ class ForceJob:
         height = self.reconstructor.height_map(frame)
         if not self.field.touched(height):
             return self._without_shear(height, "")
+        if self.anchor is not None:
+            height = self.anchor(height)
         if self.untouched is None or not self.untouched.shows:
             return self._without_shear(height, NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW)
         shear = self.untouched.shear(self.reconstructor.rectified(frame))
