@@ -27,7 +27,7 @@ from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 PLACE_ORDER = {1: 2, 2: 1, 3: 1, 4: 0}
-RIDGES = (1e-3, 1e-2, 1e-1)  # of the direct fit
+RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
 UNEVEN, SHARES = (1e-4, 1e-3), (0.1, 0.5)
 BENT = 1e-2
 TERMS = np.array(

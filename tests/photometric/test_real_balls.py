@@ -1,7 +1,8 @@
 """Real ball presses of GelSlim 3.0 and GelSight Mini: how far the direction of slope is off, balls held out.
 
 The balls' sizes are not recorded, so depth has no truth here; the direction of slope hardly depends on them.
-Figures as measured on 2026-11-21, with a little room.
+Figures as measured on 2026-11-22 over all presses of each set, with a little room; with every second press alone
+they are a tenth to a quarter larger.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from tactilevision.photometric import (
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.samples import inside_ball
+from tactilevision.photometric.through_light import EitherWay
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
@@ -43,11 +45,11 @@ def read(path: Path) -> Bytes:
 
 @lru_cache
 def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
-    """The rectified reference and every second ball press (to spare time) of a set."""
+    """The rectified reference and the ball presses of a set."""
     where = REAL / folder
     with np.load(where.parent / "abe_corr.npz", allow_pickle=False) as table:
         sensor = get_sensor("gelslim3", rectification=maps_from_lookup(table["x"], table["y"]))
-    names = sorted(where.glob("sample_*.jpg"))[::2]
+    names = sorted(where.glob("sample_*.jpg"))
     shots = tuple(BallPicture(rectify(sensor, read(name)), 3.8, name=name.name) for name in names)
     return rectify(sensor, read(where / "ref.jpg")), shots
 
@@ -61,15 +63,22 @@ def calibrated(folder: str, marks: bool) -> Calibration:
 @pytest.mark.parametrize(
     ("folder", "marks", "least", "most"),
     [
-        ("gelslim3_mcubelab/markerless", True, 3.0, 4.3),
-        ("gelslim3_mcubelab/markers", True, 3.5, 4.9),
-        ("gelslim_heightmap/dots1", True, 4.0, 7.0),
+        ("gelslim3_mcubelab/markerless", True, 3.0, 3.9),
+        ("gelslim3_mcubelab/markers", True, 3.5, 4.5),
+        ("gelslim_heightmap/dots1", True, 4.0, 5.3),
     ],
 )
 def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, least: float, most: float) -> None:
     found = calibrated(folder, marks)
     assert all(ball is not None for ball in found.balls)
     assert least < found.direction_error_deg < most
+
+
+@pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
+def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
+    flat, shots = gelslim(folder)
+    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=EitherWay())
+    assert chosen.direction_error_deg < calibrated(folder, True).direction_error_deg + 0.1
 
 
 def test_filled_marks_make_better_slopes() -> None:
@@ -114,7 +123,7 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
 def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
     calibration = calibrated("gelslim3_mcubelab/markers", True)
     reconstructor = Reconstructor(get_sensor("gelslim3_markers"), calibration.method)
-    for number in (3, 10):
+    for number in (6, 20):
         ball = calibration.balls[number]
         assert ball is not None
         depth = reconstructor.height_map(Frame(gelslim("gelslim3_mcubelab/markers")[1][number].rgb)).depth_mm
@@ -129,7 +138,7 @@ def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
 def test_gelsight_mini_at_640_by_480() -> None:
     where = REAL / "taxim_gelsight_mini"
     with (where / "labels.csv").open(encoding="utf-8") as table:
-        rows = list(csv.DictReader(table))[::2]
+        rows = list(csv.DictReader(table))
     shots = [
         BallPicture(read(where / row["img"]), 2.0, (float(row["cx"]), float(row["cy"])), name=row["img"])
         for row in rows
@@ -137,5 +146,5 @@ def test_gelsight_mini_at_640_by_480() -> None:
     reference: Reference = make_reference([read(where / "f0.png")], may_have_marks=False)
     found = calibrate_from_balls(reference, shots, (0.0317, 0.0317), fit=fit_polynomial)
     assert all(ball is not None for ball in found.balls)
-    assert found.direction_error_deg < 4.0
+    assert found.direction_error_deg < 2.7
     assert any("of the picture only" in warning for warning in found.warnings), "all balls lie near the middle"
