@@ -40,7 +40,7 @@ def tabulate(
     """Solve the flat punch over nu, a/h, depth, friction, law and edge radius; writes OUT/punch.npz and its card.
 
     Each solved case is a file of its own in OUT/cases: a run that is stopped, or killed, goes on where it was.
-    What is left out of the options is as in the shipped table: some 700 cases of a few seconds each.
+    What is left out of the options spans what the shipped table does: some 1000 cases of a few seconds each.
     """
     from tactilevision.mechanics.tables.merge import merge
     from tactilevision.mechanics.tables.tabulate import tabulate as solve

@@ -53,7 +53,7 @@ class Grid:
     """A rectangular grid of cases, one block (law, friction, edge, pad) after the other in the order given."""
 
     laws: tuple[str, ...] = ("neo-hooke", "hencky")
-    frictions: tuple[float, ...] = (0.3, math.inf, 0.0, 0.15, 0.6)
+    frictions: tuple[float, ...] = (0.3, math.inf, 0.0, 0.15, 0.6, 0.22, 0.1)
     edges_over_h: tuple[float, ...] = (1 / 60, 1 / 30)
     pads_over_h: tuple[float, ...] = (5.0,)
     poisson_ratios: tuple[float, ...] = (0.3, 0.37, 0.43, 0.465, 0.487, 0.4999)
