@@ -10,8 +10,9 @@ integrated, slow waves of it come to several times as much, most of all in dark 
 gain^2: how far the depth scale of balls scattered that are in the calibration, which no map escapes, and
 the geometric mean of that and of balls held out of it (a calibration that knew less); < > over a thickness of gel,
 as errors of slope spread to the gel beside, where they have nothing to fall off with: SPREAD is what balls and
-steps of five simulated lights show, most of them with the light five grey levels off (shares within one deviation:
-66, 60 % under and beside balls, 84, 56 % under and beside steps; 27 to 100 % from light to light);
+steps of five simulated lights showed, most of them with the light five grey levels off. Shares within one
+deviation on four lights that had no part in it: 78, 61 % under and beside balls, 85, 75 % under and beside steps
+(`benchmarks/light_drift.py`);
 wall: how far the step of a restored wall may be off (`walls.py`), and where slopes steeper than any ball showed
 belong to no round face, as much again as such a slope drops over the wall's width; all behind it stands on that.
 Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
