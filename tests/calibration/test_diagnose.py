@@ -133,7 +133,8 @@ def test_an_effect_that_finds_no_minimum_leaves_the_comparison_and_the_next_one_
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
     found = compare(shifted, [Stubborn(), "depth_zero"], np.random.default_rng(0))
     assert [model.name for model in found.models] == ["flat_punch", "flat_punch + depth_zero"]
-    assert found.left_out == (("stubborn", "this one never settles"),)
+    ((key, why),) = found.left_out
+    assert (key, why) == ("stubborn", "it failed: ConvergenceError: this one never settles")
     with pytest.raises(InputError, match="never settles"):
         diagnose(shifted, np.random.default_rng(0), known=[Stubborn()])
 
