@@ -24,7 +24,6 @@ from tactilevision.photometric.reference import SATURATED, Reference
 from tactilevision.records import Bools, Bytes, Floats
 
 SOFTENING_GREY = 20.0
-LEAST_ADDED = 0.01  # grey levels: less is not followed from frame to frame
 STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
@@ -39,7 +38,6 @@ class ChangeMaps:
     def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
         self.mean, self.x, self.y = mean, x, y
         self.scale: Planes = np.empty_like(mean)
-        self.dark: Planes = np.empty_like(mean)  # change of a pixel that is black
         self.rest = np.full((3, 1, 1), SOFTENING_GREY, np.float32)  # s - b/(1 + drift)
         self.settle()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
@@ -49,33 +47,26 @@ class ChangeMaps:
         """To be called when `mean` has changed."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
-        self._darken()
-
-    def _darken(self) -> None:
-        np.multiply(self.scale, self.rest, out=self.dark)
-        self.dark -= np.float32(1.0)
 
     def light(self, gains: Floats) -> None:
         """Count from here on with the `gains` (3, 4) of a drift."""
         share = 1.0 / (1.0 + gains[:, 0, None])
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
-        rest = np.asarray(SOFTENING_GREY - gains[:, 3, None, None] * share[:, :, None], np.float32)
-        if np.abs(rest - self.rest).max() > LEAST_ADDED:
-            self.rest = rest
-            self._darken()
+        self.rest = np.asarray(SOFTENING_GREY - gains[:, 3, None, None] * share[:, :, None], np.float32)
 
     def changes(self, greys: npt.NDArray[Any], window: Window, out: Planes) -> Planes:
         """Changes (3, h, w) of a window of channels (3, H, W): ((I - b) gain + s) / (I0 + s) - 1, into `out`."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
-        out *= self.scale[:, rows, columns]
         if greys.dtype == np.float32:
             out *= greys[:, rows, columns]
         else:
             for grey, plane in zip(greys, out, strict=True):
                 cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
-        out += self.dark[:, rows, columns]
+        out += self.rest
+        out *= self.scale[:, rows, columns]
+        out -= np.float32(1.0)
         return out
 
 
