@@ -92,7 +92,7 @@ def test_the_stated_deviation_covers_the_error() -> None:
 def test_steep_walls_are_confessed() -> None:
     error = reconstructor().error
     assert error is not None
-    depth = np.zeros(SHAPE)
+    depth = np.zeros(SHAPE, np.float32)
     depth[60:120, 80:160] = 0.5
     gentle = SlopeMap(np.zeros(SHAPE), np.zeros(SHAPE))
     along_x, along_y = (np.asarray(np.gradient(depth, MM_PER_PX, axis=axis)) for axis in (1, 0))
