@@ -19,6 +19,7 @@ from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import write_text
 from tactilevision.height_files import masked, write_tiff
+from tactilevision.press.anchor import FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Frame, HeightMap
@@ -53,11 +54,15 @@ class FrameResult:
 
 @dataclass(frozen=True)
 class DepthJob:
-    """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each."""
+    """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each.
+
+    `anchor` puts the faces of certified presses where their certificate has them.
+    """
 
     reconstructor: Reconstructor
     maps: Path
     scratch: Path | None = None
+    anchor: FaceAnchor | None = None
     columns: int = len(COLUMNS)
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
@@ -67,6 +72,8 @@ class DepthJob:
         try:
             start = time.perf_counter()
             height = self.reconstructor.height_map(frame)
+            if self.anchor is not None:
+                height = self.anchor(height)
             spent = 1e3 * (time.perf_counter() - start)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
@@ -94,12 +101,14 @@ def reconstruct_folder(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
+    anchor: FaceAnchor | None = None,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
 
     `form` "tiff": depth/NAME.tiff; "zarr": depth.zarr with depth_mm (frames, rows, columns) and frame, the names.
     `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
+    `anchor` holds the faces of certified presses (press/anchor.py).
     """
     out, names = Path(out), recording.frame_names
     (out / MAPS if form == "tiff" else out).mkdir(parents=True, exist_ok=True)
@@ -109,9 +118,15 @@ def reconstruct_folder(
     clear_leftovers(out / MAPS)
     scratch = out / SCRATCH if form == "zarr" else None
     journal = Journal(
-        out / JOURNAL, fingerprint_of(recording, form, way_of_reading(recording, reconstructor.height_map))
+        out / JOURNAL,
+        fingerprint_of(
+            recording,
+            form,
+            way_of_reading(recording, reconstructor.height_map),
+            *(anchor.gauge,) if anchor else (),
+        ),
     )
-    job = DepthJob(reconstructor, out / MAPS, scratch)
+    job = DepthJob(reconstructor, out / MAPS, scratch, anchor)
     sensor = reconstructor.sensor
 
     def begin() -> None:

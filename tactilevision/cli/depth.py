@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
+from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
     from tactilevision.folder import FrameResult
+    from tactilevision.press.anchor import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
@@ -31,6 +33,10 @@ def depth(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: holds the faces."),
+    ] = None,
     form: Annotated[Form, typer.Option("--format", help="One TIFF a frame, or one Zarr store.")] = Form.TIFF,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
@@ -42,7 +48,11 @@ def depth(
 
     warned: list[str] = []
     light = _teller(method, warned)
+    anchor = None
     if source.is_tree(path):
+        if calibration is not None:
+            raise InputError("a calibration belongs to one recording, not to a tree of them", where=path,
+                             remedy="Name the recording, or leave --calibration out.")  # fmt: skip
         with console.progress_bar("frames") as progress:
             branches = reconstruct_tree(
                 path, out, read=lambda one: source.open_branch(one, sensor, reference), light=light,
@@ -58,16 +68,18 @@ def depth(
         console.warn(recording.warnings)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
+            anchor = source.open_anchor(recording, reconstructor, calibration)
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
-                recording, reconstructor, out, workers=workers, progress=progress, form=form.value
+                recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor
             )
         refused = {}
-        _draw(recording, reconstructor, rows, out / "figures", most=pictures)
+        _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
     _tell(rows, out, "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff")
     statuses = Counter(row.status.split(":")[0] for row in rows)
     bad = {row.frame: row.status for row in rows if row.status != "ok"}
     content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
+    content |= {"faces_certified": anchor is not None}
     console.hand_over(content | {"warnings": warned}, json)
 
 
@@ -101,7 +113,7 @@ def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
 
 
 def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameResult, ...], folder: Path, *,
-          most: int) -> None:  # fmt: skip
+          most: int, anchor: FaceAnchor | None) -> None:  # fmt: skip
     """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
     from tactilevision.cli import moments
     from tactilevision.plots import style
@@ -112,6 +124,8 @@ def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameR
     for number in moments.telling(recording, depth, most=most):
         frame = read_frame(recording, number)
         height = reconstructor.height_map(frame)
+        if anchor is not None:
+            height = anchor(height)
         figure = draw_height_and_frame(reconstructor.rectified(frame), height)
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_png(figure, path)

@@ -41,7 +41,6 @@ def force(
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     from dataclasses import replace
 
-    from tactilevision.force.anchor import face_anchor, read_certified
     from tactilevision.force.beside import write_beside
     from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
     from tactilevision.force.folder import force_folder, force_job
@@ -54,9 +53,7 @@ def force(
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    anchor = face_anchor(recording, reconstructor, read_certified(calibration))
-    if anchor is not None:
-        console.say("  depths of the faces are held by the certificate beside the calibration")
+    anchor = source.open_anchor(recording, reconstructor, calibration)
     job = replace(force_job(recording, reconstructor, material, out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)

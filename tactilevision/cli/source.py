@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tactilevision.cli import console
+
 if TYPE_CHECKING:
+    from tactilevision.press.anchor import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
@@ -61,3 +64,18 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     from tactilevision.reconstruct import build_reconstructor
 
     return build_reconstructor(recording, method or ("either" if recording.balls else None))
+
+
+def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> FaceAnchor | None:
+    """What holds the faces of presses that `calibration` certified; None, with a word, where it knows too few."""
+    from tactilevision.press.anchor import face_anchor, read_certified
+
+    if calibration is None:
+        return None
+    anchor = face_anchor(recording, reconstructor, read_certified(calibration))
+    if anchor is None:
+        points = calibration.parent / "points.csv"
+        console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
+    else:
+        console.say("faces are as deep as the certificate beside the calibration has them")
+    return anchor

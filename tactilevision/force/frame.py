@@ -8,10 +8,10 @@ from typing import Self
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.force.anchor import FaceAnchor
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
+from tactilevision.press.anchor import FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap

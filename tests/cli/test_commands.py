@@ -69,6 +69,7 @@ def test_the_page_needs_no_second_file(tmp_path: Path, monkeypatch: pytest.Monke
         (("calibrate", "nowhere"), "nowhere"),
         (("calibrate", PAPER, "--law", "magic"), "magic"),
         (("depth", PAPER), "frames"),
+        (("depth", PAPER, "--calibration", "none.json"), "none.json"),
         (("view", PAPER / "points.csv"), "points.csv"),
         (("no-such-command",), "no-such-command"),
     ],

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
-from tactilevision.force.anchor import Certified, face_anchor, read_certified
+from tactilevision.folder import DepthJob
+from tactilevision.height_files import read_tiff
+from tactilevision.press.anchor import Certified, face_anchor, read_certified
+from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
 
@@ -99,3 +103,14 @@ def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path)
     assert read_certified(calibration) == (Certified("1", 2.5, 0.3), Certified("5", 9.0, 0.5))
     (tmp_path / "points.csv").write_text("something,else\n1,2\n")
     assert read_certified(calibration) == ()
+
+
+def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
+    anchor = face_anchor(recorded(tmp_path), Short(), certified())
+    frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
+    peaks = []
+    for held in (None, anchor):
+        DepthJob(cast(Reconstructor, Short()), tmp_path, anchor=held)(frame, 0)
+        peaks.append(float(np.median(read_tiff(tmp_path / "20.tiff").depth_mm[50:70, 70:90])))
+    assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)
+    assert peaks[1] == pytest.approx(0.4, rel=0.01)
