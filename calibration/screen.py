@@ -257,9 +257,12 @@ def _ranked(
 
 
 class _Tail:
-    """p-values from draws: their own share up to the largest tenth, and beyond it an exponential of that tenth's
-    mean excess. A chi-squared falls off no slower, and where the noise is hardly known the draws fall off slower
-    than a chi-squared. Source: Pickands, Ann. Stat. 3 (1975) 119, shape 0.
+    """p-values from draws: their own share up to the largest tenth, and beyond it the slower of two tails: an
+    exponential of that tenth's mean excess, and the scaled chi-squared with the mean and variance of all draws.
+
+    A chi-squared of few degrees of freedom falls off more and more slowly, so that an exponential read at its
+    tenth understates p far out; where the noise is hardly known draws fall off more slowly than a chi-squared.
+    Source: Pickands, Ann. Stat. 3 (1975) 119, shape 0.
     """
 
     def __init__(self, draws: Floats) -> None:
@@ -267,10 +270,20 @@ class _Tail:
         self._from = float(np.quantile(draws, 1 - TAIL))
         beyond = draws[draws > self._from] - self._from
         self._excess = max(float(np.mean(beyond)) if beyond.size else 0.0, 1e-12)
+        mean, variance = float(np.mean(draws)), float(np.var(draws))
+        self._scale = max(variance / (2 * mean), 1e-12) if mean > 0 else 1.0
+        self._dof = max(mean / self._scale, 0.1)
+        self._share = max(self._chi_squared(self._from), 1e-300)
+
+    def _chi_squared(self, statistic: float) -> float:
+        from scipy.special import chdtrc
+
+        return float(chdtrc(self._dof, statistic / self._scale))
 
     def __call__(self, statistic: float) -> float:
         if statistic > self._from:
-            return TAIL * float(np.exp(-(statistic - self._from) / self._excess))
+            exponential = float(np.exp(-(statistic - self._from) / self._excess))
+            return TAIL * max(exponential, self._chi_squared(statistic) / self._share)
         below = np.searchsorted(self._draws, statistic) / self._draws.size
         return max(float(1 - below), TAIL)
 

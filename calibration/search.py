@@ -5,8 +5,8 @@
 An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
 at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
 N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
-it is let go and the search looks again. A second effect has to be beyond doubt, for no first one has exactly the
-form that it is given here.
+it is let go and the search looks again, at half the level, for this is its second look for a first effect. A
+second effect has to be beyond doubt, for no first one has exactly the form that it is given here.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 8, 3
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
+FEW = 49  # draws where the statistic alone is asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +89,10 @@ def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, 
     start = current = base
     rounds, steps = list[Round](), list[Step]()
     while len(steps) < MOST:
-        now = BEYOND_DOUBT if steps else level
+        now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn = _look(current, catalogue, rng, now)
         rounds.append(turn)
-        if (bent := _bent(current, turn, now)) is not None:
+        if (bent := _bent(current, turn, now)) is not None and _takes(current, bent, turn, rng):
             current = bent
             if steps:
                 steps[-1] = replace(steps[-1], fitted=bent)
@@ -126,6 +127,18 @@ def _bent(current: Fit, turn: Round, level: float) -> Fit | None:
         return replace(refit_with_pure_noise(found), warnings=current.warnings)
     except CANNOT_FIT:
         return None
+
+
+def _takes(current: Fit, bent: Fit, turn: Round, rng: np.random.Generator) -> bool:
+    """Whether the bend takes away what stands out, and not something else: an effect it has been held against; off
+    a covariate it has to take what its parameters cost.
+    """
+    best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
+    if not turn.screen.covariates or best <= turn.screen.lack_of_fit:
+        return True
+    before = turn.screen.covariates[0]
+    after = next((c for c in screen(bent, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    return before.statistic - after.statistic > 2 * (bent.values.size - current.values.size)
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:

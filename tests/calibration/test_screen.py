@@ -15,7 +15,7 @@ from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
 from calibration.products import Weighing
 from calibration.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
-from calibration.screen import screen
+from calibration.screen import _Tail, screen
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
@@ -136,6 +136,20 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     )
     assert found.effects[0].key == "depth_zero"
     assert found.effects[0].p_adjusted < 1e-3
+
+
+@pytest.mark.parametrize("dof", [1, 3])
+def test_p_values_far_beyond_the_draws_are_not_understated(dof: int) -> None:
+    """An exponential through the largest tenth alone gives a quarter of the truth and less at twice that depth."""
+    from scipy.stats import chi2
+
+    far = float(chi2.isf(1e-6, dof))
+    draws = [np.random.default_rng(seed).chisquare(dof, 399) for seed in range(20)]
+    typical = float(np.exp(np.mean([np.log(_Tail(one)(far)) for one in draws])))
+    assert 0.5e-6 < typical < 5e-6
+    tail = _Tail(draws[0])
+    p = [tail(x) for x in np.linspace(0, far, 200)]
+    assert (np.diff(p) <= 0).all()
 
 
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
