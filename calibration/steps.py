@@ -61,11 +61,12 @@ class History:
         """Write history.json."""
         write_json(path, self.as_json())
 
-    def script(self) -> str:
-        """A shell script that repeats the analysis with these effects."""
+    def script(self, out: Path | str) -> str:
+        """A shell script that repeats the analysis with these effects and writes into `out`."""
         options = " ".join(f"--effect {_quoted(s.path)}" if s.path else f"--with {s.key}" for s in self.steps)
         names = " ".join(_quoted(name) for name in self.recordings)
-        return f"#!/bin/sh\n# {len(self.steps)} steps\ntactilevision compare {names} {options}".rstrip() + "\n"
+        command = f"tactilevision compare {names} {options}".rstrip() + f" --out {_quoted(str(out))}"
+        return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
 
 
 def load_history(path: Path | str) -> History:

@@ -57,7 +57,7 @@ def diagnose(
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
         write_json(stage / "diagnosis.json", content)
-        _keep_history(recordings, steps, stage)
+        _keep_history(recordings, steps, stage, out)
         if apply:
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
@@ -96,7 +96,7 @@ def compare(
              for before, model in pairwise(found.models)]  # fmt: skip
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
-        _keep_history(recordings, steps, stage)
+        _keep_history(recordings, steps, stage, out)
         drawn = draw.draw_waterfall(names, [model.held_out_N for model in found.models], found.models[-1].floor_N)
         style.save_png(drawn, stage / "error.png")
     for name, model in zip(names, found.models, strict=True):
@@ -142,19 +142,26 @@ def _data(taken: Sequence[Taken]) -> Observations:
 
 def _path_of(key: str, own: Sequence[Effect], paths: Sequence[Path] | None) -> str:
     """The file of a private effect; empty for one of the catalogue."""
-    return next((str(path) for effect, path in zip(own, paths or (), strict=True) if effect.key == key), "")
+    return next(
+        (str(path.resolve()) for effect, path in zip(own, paths or (), strict=True) if effect.key == key), ""
+    )
 
 
-def _keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path) -> None:
-    """history.json, and the script that repeats these steps."""
+def _keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path, out: Path) -> None:
+    """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
     from calibration.steps import History
     from tactilevision.files import write_text
 
-    history = History(tuple(str(path) for path in recordings))
+    history = History(tuple(str(path.resolve()) for path in recordings))
     for step in steps:
         history = history.add(step)
     history.save(folder / "history.json")
-    write_text(folder / "repeat.sh", history.script())
+    write_text(folder / "repeat.sh", history.script(_again_in(out)))
+
+
+def _again_in(folder: Path) -> Path:
+    """Where a repeated analysis goes: beside what it repeats, which stays."""
+    return folder.resolve() / "repeated"
 
 
 def steps(
@@ -172,10 +179,14 @@ def steps(
     if redo:
         history = history.redo()
     history.save(folder / "history.json")
-    write_text(folder / "repeat.sh", history.script())
+    script = history.script(_again_in(folder))
+    write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
         console.say(f"{number}. + {step.key.replace('_', ' ')}: {1e3 * step.rms_before_N:.2f} -> "
                     f"{1e3 * step.rms_after_N:.2f} mN")  # fmt: skip
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
-    console.say(history.script().splitlines()[-1])
+    console.say(script.splitlines()[-1])
+    if (undo or redo) and (folder / "calibration.json").is_file():
+        console.say(f"{folder / 'calibration.json'} is as --apply wrote it: steps change no calibration. Diagnose "
+                    "again without --apply, or calibrate, for one without the effect.")  # fmt: skip

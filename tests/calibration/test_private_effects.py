@@ -91,7 +91,8 @@ def test_steps_are_kept_undone_redone_and_exported(tmp_path: Path) -> None:
     assert back.redo() == history
     history.save(tmp_path / "history.json")
     assert load_history(tmp_path / "history.json").steps[0] == history.steps[0]
-    assert "tactilevision compare 'a b.rec' --with depth_zero --effect 'my effect.py'" in history.script()
+    command = "tactilevision compare 'a b.rec' --with depth_zero --effect 'my effect.py' --out 'o u t'\n"
+    assert history.script("o u t").endswith(command)
     with pytest.raises(InputError, match="undo"):
         History(()).undo()
     (tmp_path / "bad.json").write_text("{}")

@@ -48,9 +48,14 @@ def test_a_step_is_taken_back_and_put_back_and_the_script_follows(
     assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path) == 0
     script = (tmp_path / "repeat.sh").read_text()
     assert "--with depth_zero" in script
+    assert str(PAPER.resolve()) in script
+    assert f"--out {tmp_path.resolve() / 'repeated'}" in script
+    (tmp_path / "calibration.json").write_text("{}")
     assert run(monkeypatch, "steps", tmp_path, "--undo") == 0
     assert "--with" not in (tmp_path / "repeat.sh").read_text()
-    assert "taken back: depth zero" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "taken back: depth zero" in said
+    assert "calibration.json is as --apply wrote it" in said.replace("\n", " ")
     assert run(monkeypatch, "steps", tmp_path, "--undo") == 2, "nothing is left to undo"
     assert run(monkeypatch, "steps", tmp_path, "--redo") == 0
     assert (tmp_path / "repeat.sh").read_text() == script
