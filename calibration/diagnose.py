@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration import by_hand
-from calibration.bias import possible_bias
+from calibration.bias import hidden
 from calibration.calibrate import conclude
 from calibration.change import change_point
 from calibration.checks import clear_of_touch, usable
@@ -134,16 +134,17 @@ def _conclude(
     missing, visible = _testable(both)
     errors = _errors(base, fitted)
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
-    bias = possible_bias(fitted, [effect for effect in catalogue if effect.key in missing])
+    unseen = hidden(fitted, [e for e in catalogue if e.key not in candidates], missing, visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
-        candidates=candidates, not_testable=missing, visible=visible, errors=errors, before=before,
+        candidates=candidates, not_testable=unseen.why, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
-        measure_next=_next(base, both, left, instead, bias),
+        measure_next=_next(base, both, left, instead, unseen.bias),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
-        tried=tuple(key for one in both for key in one.tried), possible_bias=bias, base=base, fitted=fitted,
+        tried=tuple(key for one in both for key in one.tried), possible_bias=unseen.bias,
+        below_visibility=unseen.below, base=base, fitted=fitted,
         sight=None if sight is None else sight.searched,
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
@@ -162,7 +163,8 @@ def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
 def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
-    visible = {key: size for screen in first for key, size in screen.visible.items()}
+    looks = [one.searched.rounds[k].screen for one in both for k in (0, -1)]  # a bend or an effect hides some more
+    visible = {key: size for screen in looks for key, size in screen.visible.items()}
     looked = {key for screen in first for key in screen.visible if key not in screen.not_testable}
     missing = {key: why for screen in first for key, why in screen.not_testable.items() if key not in looked}
     return missing, visible

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,8 +65,9 @@ class Diagnosis:
     testable effect's score on the base model; `visible` the amplitude of each that would have been seen;
     `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
     theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
-    bring at a typical size; `tried` what fitted best where the verdict is UNKNOWN; `base` and `fitted` the fits
-    before and after; `sight` the search on the
+    bring at a typical size, or at the end of its range where it shows only beyond; `below_visibility` the same of
+    the others at the smallest size that would have shown; `tried` what fitted best where the verdict is UNKNOWN;
+    `base` and `fitted` the fits before and after; `sight` the search on the
     picture's depth against the certified one, where there are both; `left` describes what nothing
     explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `nearest` the effect
     that came nearest to it, and the share that it explains; `held_out` the held-out
@@ -99,6 +100,7 @@ class Diagnosis:
     nearest: tuple[str, float] | None = None
     held_out: tuple[float, ...] = ()
     covariates_before: tuple[Scored, ...] = ()
+    below_visibility: Mapping[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -126,6 +128,7 @@ class Diagnosis:
                 "covariates": list(self.left.covariates),
             },
             "possible_bias_of_E": dict(self.possible_bias),
+            "bias_of_E_at_smallest_visible": dict(self.below_visibility),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],

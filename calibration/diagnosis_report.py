@@ -10,14 +10,16 @@ import numpy as np
 from calibration import page, wording
 from calibration.diagnosis import Added, Diagnosis
 from calibration.drawing import Card
-from calibration.effects import get_effect
+from calibration.effects import EFFECTS, get_effect
 from calibration.outside import WouldHaveToBe
+from calibration.parameters import Parameter
 from calibration.report import Picture
 from calibration.screen import FAILED
 from calibration.stages import EffectBase
 from tactilevision.errors import InputError
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
+SHARES = ("relative", "gain")  # parameters that are said in per cent
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -41,7 +43,7 @@ def verdict_sentence(found: Diagnosis) -> str:
         case "ADEQUATE":
             bent = " The curve bends as finite elements have it." if "bend_within_theory" in found.flags else ""
             said = "The model explains these data as well as they repeat: nothing is missing that they could show."
-            return said + bent
+            return said + bent + unseen_sentence(found)
         case "IDENTIFIED":
             return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
         case "AMBIGUOUS":
@@ -57,6 +59,30 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def unseen_sentence(found: Diagnosis) -> str:
+    """What would not have shown although it puts E off by more than its interval says; else empty."""
+    E = found.after.youngs_modulus
+    if E.value is None or E.interval95 is None:
+        return ""
+    reach = max(E.interval95[1] / E.value - 1, 1 - E.interval95[0] / E.value)
+    beyond = {key: abs(b) for key, b in found.below_visibility.items() if abs(b) > reach}
+    if not beyond:
+        return ""
+    key = max(beyond, key=lambda k: beyond[k])
+    others = [in_words(k) for k in beyond if k != key]
+    also = f" (so could {', '.join(others)})" if others else ""
+    size, off = _shown_size(key, found.visible[key]), 100 * beyond[key]
+    return (f" Yet {in_words(key)} of up to {size} would not have shown, and puts E off by up to {off:.0f} %, "
+            f"more than its interval says{also}.")  # fmt: skip
+
+
+def _amount(first: Parameter, size: float) -> str:
+    """A size of a parameter in words."""
+    if first.name in SHARES:
+        return f"{100 * size:.0f} %"
+    return f"{size:.2g}" + ("" if first.unit == "1" else f" {first.unit}")
 
 
 def _odd(found: Diagnosis) -> str:
@@ -137,7 +163,7 @@ def summary(found: Diagnosis) -> list[str]:
     for effect in found.effects:
         values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
         lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
-    lines += [f"  {w.key}: {w.parameter} would have to be {w.value:.3g} {w.unit} (R^2 {w.r_squared:.4f})"
+    lines += [f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
               for w in found.would_have_to_be]  # fmt: skip
     if found.change_point is not None:
         lines.append(f"  since press {found.change_point}")
@@ -170,6 +196,7 @@ def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture], car
         page.section("Where beta does not fit theory", _outside(found)),
         page.section("What to measure next", _next(found)),
         page.section("Not testable with these data", _untestable(found)),
+        page.section("Too small to show", _from_here_on(found)),
     )  # fmt: skip
 
 
@@ -198,10 +225,14 @@ def _material_moves(found: Diagnosis) -> list[str]:
 
 def _needed(one: WouldHaveToBe) -> str:
     """What one candidate would have to be."""
-    unit = "" if one.unit == "1" else f" {one.unit}"
-    size = f"{100 * one.value:+.0f} %" if one.parameter == "relative" else f"{one.value:.3g}{unit}"
-    what = f"{in_words(one.key).capitalize()}: {_parameter(one.parameter)} would have to be {size}"
+    what = f"{in_words(one.key).capitalize()}: {_parameter(one.parameter)} would have to be {_size(one)}"
     return f"{what}; the line would stay straight to R² = {one.r_squared:.4f}."
+
+
+def _size(one: WouldHaveToBe) -> str:
+    if one.parameter in SHARES:
+        return f"{100 * one.value:+.0f} %"
+    return f"{one.value:.3g}" + ("" if one.unit == "1" else f" {one.unit}")
 
 
 def _in_plain_words(added: Added) -> str:
@@ -261,7 +292,7 @@ def _outside(found: Diagnosis) -> str:
     rows = [
         (
             in_words(w.key),
-            f"{w.parameter} = {w.value:.3g} {w.unit}",
+            f"{w.parameter} = {_size(w)}",
             f"{w.r_squared:.4f}",
             f"{1e3 * w.rms_error_N:.1f}",
         )
@@ -283,5 +314,16 @@ def _untestable(found: Diagnosis) -> str:
     return page.table(("effect", "why", "E could be off by"), rows, numbers=(2,))
 
 
+def _from_here_on(found: Diagnosis) -> str:
+    """What would have shown, from which size on, and what smaller could do to E."""
+    rows = [(in_words(key), _shown_size(key, found.visible[key]), _bias(share))
+            for key, share in found.below_visibility.items()]  # fmt: skip
+    return page.table(("effect", "shows from", "smaller, E could be off by up to"), rows, numbers=(2,))
+
+
+def _shown_size(key: str, size: float) -> str:
+    return _amount(get_effect(key).parameters[0], size) if key in EFFECTS else f"{size:.2g}"
+
+
 def _bias(share: float | None) -> str:
-    return "–" if share is None else f"{100 * abs(share):.1f} %"
+    return "unknown" if share is None else f"{100 * abs(share):.1f} %"

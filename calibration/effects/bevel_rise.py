@@ -19,6 +19,7 @@ from calibration.stages import EffectBase, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Floats
 
+USUAL_DISTANCE = 2.0  # of the punch's radius, from its axis
 TYPICAL_RISE = 0.1  # of the depth, beside a punch as wide as most: where the bevel stands is not known
 
 
@@ -65,6 +66,17 @@ def relative_rise(data: Observations) -> Floats:
     nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
     table = [_rise(nu, i.radius_mm, i.bevel_distance_mm, data.gel.thickness_mm) for i in data.indenters]
     return np.array(table)
+
+
+def supposed(data: Observations) -> Observations:
+    """The same with bevels where most have them, for indenters whose bevel certified depths at a distance that is
+    not stated; depths from elsewhere have nothing to do with a bevel.
+    """
+    if data.depth_source != "gauge":
+        return replace(data, indenters=tuple(replace(i, bevel_distance_mm=None) for i in data.indenters))
+    return replace(data, indenters=tuple(
+        i if i.bevel_distance_mm is not None else replace(i, bevel_distance_mm=USUAL_DISTANCE * i.radius_mm)
+        for i in data.indenters))  # fmt: skip
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,63 @@
+"""What E could be off by: effects that cannot be seen, and those below the size from which they show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+from test_screen import MODEL, TRUTH, measured, presses, pure
+
+from calibration.bias import hidden, possible_bias
+from calibration.data import DepthSource, Observations
+from calibration.effects.bevel_rise import BevelRise
+from calibration.effects.depth_zero import DepthZero
+from calibration.effects.force_gain import ForceGain
+from calibration.effects.viscoelasticity import Viscoelasticity
+from calibration.fitting import Fit, fit
+from calibration.ranges import largest
+from calibration.stages import Effect
+
+
+def points(source: DepthSource = "gauge") -> Observations:
+    depths = [np.array([depth]) for depth in np.repeat([0.2, 0.3, 0.45, 0.6], 3)]
+    return replace(observations(depths, [indenter()] * len(depths)), depth_source=source)
+
+
+def fitted(data: Observations) -> Fit:
+    return fit(MODEL, measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(0)))
+
+
+def test_a_bevel_at_an_unknown_distance_is_worth_what_one_at_five_millimetres_is() -> None:
+    """The rise of .10 w at 5 mm beside a punch of 2.5 mm makes E 9.5 % low."""
+    data = points()
+    stated = replace(data, indenters=(replace(data.indenters[0], bevel_distance_mm=5.0),))
+    unknown, known = (possible_bias(fitted(d), [BevelRise()])["bevel_rise"] for d in (data, stated))
+    assert unknown == pytest.approx(known)
+    assert -0.13 < unknown < -0.08
+    assert "bevel_rise" not in possible_bias(fitted(points("vision")), [BevelRise()])
+
+
+def test_an_effect_without_data_to_act_on_is_unknown_and_not_nothing() -> None:
+    assert possible_bias(fitted(points()), [Viscoelasticity()]) == {}
+
+
+def test_an_effect_that_shows_only_beyond_its_range_is_not_testable() -> None:
+    fit_ = pure(presses_with_noise())
+    effects: list[Effect] = [DepthZero(), ForceGain()]
+    end = largest(DepthZero())
+    seen = hidden(fit_, effects, {"force_gain": "it is E"}, {"depth_zero": end / 2})
+    assert set(seen.why) == {"force_gain"}
+    assert set(seen.below) == {"depth_zero"}
+    beyond = hidden(fit_, effects, {}, {"depth_zero": 1.3 * end, "force_gain": np.inf})
+    assert set(beyond.why) == {"depth_zero", "force_gain"}
+    assert "from 0.065 mm on" in beyond.why["depth_zero"]
+    assert "takes all of it" in beyond.why["force_gain"]
+    assert beyond.below == {}
+    assert abs(beyond.bias["depth_zero"]) > 1.5 * abs(seen.below["depth_zero"]), "at the end of its range"
+
+
+def presses_with_noise() -> Observations:
+    data = presses(8)
+    return measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(3))
