@@ -132,6 +132,7 @@ def _conclude(
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
     missing, visible = _testable(both)
+    missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
     unseen = hidden(fitted, [e for e in catalogue if e.key not in candidates], missing, visible)
