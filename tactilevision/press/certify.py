@@ -18,6 +18,7 @@ from tactilevision.press.conclude import conclude
 from tactilevision.press.copies import allow_for_copies, copied, noting
 from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
+from tactilevision.press.tare import levelled
 from tactilevision.press.timed import Chain
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch, watch
@@ -47,7 +48,8 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     touches = find_all(watches, windows, offset.value or 0.0)
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
-        offset = estimate_offset(_seen(watches, windows, touches), forces, start_s=offset.value)
+        level = levelled(forces, (window.tare for window in windows.values() if window is not None))
+        offset = estimate_offset(_seen(watches, windows, touches), level, start_s=offset.value)
         windows = _windows(recording, forces, watches, offset.value or 0.0)
         touches = find_all(watches, windows, offset.value or 0.0, before=touches)
     offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
@@ -137,8 +139,7 @@ def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow
         if touched is not None and window is not None:
             level = float("inf")
             if touched.onset is not None and touched.onset.gain > SURE:
-                zero = float(np.median(window.tare.at(window.time_s)[:, 2]))
-                level = float(touched.law.force(touched.onset.at)) + zero
+                level = float(touched.law.force(touched.onset.at))
         found.append(Seen(seen.time_s, seen.depth_mm, seen.indenter.radius_mm, level))
     return found
 

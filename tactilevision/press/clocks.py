@@ -30,7 +30,8 @@ class Seen:
     """Depths (N,) of one press at times (N,) on the camera's clock.
 
     `kind` names presses that share their reading of depth: those of one punch radius. `touch_N` is the normal
-    force (as recorded) at the bevel's touch, inf where there is none, NaN where that is not known yet.
+    force at the bevel's touch, in the zero of the readings it goes with, inf where there is none, NaN where that
+    is not known yet.
     """
 
     time_s: Floats

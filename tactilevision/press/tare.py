@@ -7,7 +7,8 @@ Times on the F/T sensor's clock, forces in N.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +67,25 @@ def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
     if first is not None and last is not None:  # half of what it has moved is not known to be linear in time
         std = np.hypot(std, np.abs(last - first) / np.sqrt(12))
     return Tare(first, first_s, last, last_s, np.asarray(std))
+
+
+def levelled(forces: ForceSeries, tares: Iterable[Tare]) -> ForceSeries:
+    """The readings less the zeros that these tares found, linear in time between them; as they are without any.
+
+    A zero that drifts by a few millinewtons while a press lasts makes its unloading look milliseconds late.
+    """
+    knots = [
+        (time, zero)
+        for tare in tares
+        for time, zero in ((tare.before_s, tare.before_N), (tare.after_s, tare.after_N))
+        if zero is not None
+    ]
+    if not knots:
+        return forces
+    knots.sort(key=lambda knot: knot[0])
+    times, zeros = np.array([time for time, _ in knots]), np.array([zero for _, zero in knots])
+    level = np.stack([np.interp(forces.time_s, times, axis) for axis in zeros.T], axis=1)
+    return replace(forces, force_N=forces.force_N - level)
 
 
 def _mean(forces: ForceSeries, where: Bools) -> tuple[Floats | None, float, Floats | None]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
+from tactilevision.press.tare import Tare, find_tare, levelled
 from tactilevision.records import Floats, ForceSeries
 
 TOPS = (0.2, 0.35, 0.4, 0.5, 0.65)
@@ -89,3 +92,26 @@ def test_no_ramp_no_offset() -> None:
     found = estimate_offset(free, forces, start_s=0.0)
     assert found.value is None
     assert found.why
+
+
+def test_a_zero_that_drifts_is_no_lag() -> None:
+    raw: list[float] = []
+    level: list[float] = []
+    for seed in range(4):
+        seen, forces = presses(0.05, np.random.default_rng(seed), rate_Hz=30.0)
+        drifting = replace(forces, force_N=forces.force_N + 0.01 * forces.time_s[:, None])
+        spans = [(2.05 + 7 * k, 2.05 + top / 0.25 + 0.5 + top + 7 * k) for k, top in enumerate(TOPS)]
+        tares = [
+            find_tare(drifting, (first - 0.1, last + 0.1), free_s=(first - 2, last + 2)) for first, last in spans
+        ]
+        for found, force in ((raw, drifting), (level, levelled(drifting, tares))):
+            value = estimate_offset(seen, force, start_s=0.06).value
+            assert value is not None
+            found.append(value - 0.05)
+    assert abs(np.mean(level)) < 0.001
+    assert abs(np.mean(raw)) > 0.003
+
+
+def test_forces_without_a_known_zero_stay_as_they_are() -> None:
+    _, forces = presses(0.0, np.random.default_rng(0))
+    assert levelled(forces, [Tare(None, np.nan, None, np.nan, np.full(3, np.nan))]) is forces
