@@ -88,7 +88,7 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, mixture: tables.Mixtur
     """
     from scipy.interpolate import CubicSpline
 
-    axes = mixture[0][1].axes
+    axes = mixture[0][1].blocks[0].axes
     place = axes.places(np.array(case.poisson_ratio), np.array(case.a_over_h), np.array([case.w_over_h]))
     excess, known = tables.surface_excess(mixture, place)
     beyond = (r_over_a - 1) * case.a_over_h

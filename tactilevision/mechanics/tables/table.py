@@ -2,9 +2,9 @@
 
     P/(E w h) = S(nu, a/h, w/h; law, mu, edge) x Hayes' for the flat part of the face
 
-S is a spline in nu, a/h and depth, straight in mu/(mu + 3) from one friction to the next, and straight in the edge
-radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not solved is not
-known. Friction's effect grows in proportion to mu and stops at some mu of .1 to .3, hence no smoother rule.
+S is a spline in nu, a/h and depth, a monotone cubic from one friction to the next (friction.py), and straight in
+the edge radius, from two tabulated radii on to the sharp limit. What lies in a cell of the grid that was not
+solved is not known.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import hashlib
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -25,14 +25,13 @@ from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.mechanics.tables.blocks import Block
 from tactilevision.mechanics.tables.build import on_one_grid
+from tactilevision.mechanics.tables.friction import ROUNDING, Neighbours, neighbours
 from tactilevision.mechanics.tables.grid import Axes, HoledSpline, fit_grid
 from tactilevision.records import Bools, Floats
 
 SHIPPED = Path(__file__).with_name("punch.npz")
-HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly straight in mu, yet finite for no slip
 EDGE_TOLERANCE = 0.1  # a table of one edge radius serves others as near as this
-ROUNDING = 1e-9  # a weight as small is a node that is met but for rounding, and must not lend its reach
-Mixture = tuple[tuple[float, Block], ...]  # weights that add up to 1, and their blocks
+Mixture = tuple[tuple[float, Neighbours], ...]  # weights of edges, that add up to 1, and their blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,27 +64,25 @@ class Table:
         )
         if not (near and edge_over_h >= 0):
             raise _absent("edge radius over thickness", edge_over_h, edges)
-        found: list[tuple[float, Block]] = []
-        for edge, weight in straight(edges, edges, edge_over_h):
-            places = [_friction_place(mu) for mu in frictions[edge]]
-            for mu, share in straight(frictions[edge], places, _friction_place(friction)):
-                found.append((weight * share, mine[edge, mu]))
-        return tuple(found)
+        rows = {edge: [block for (other, _), block in mine.items() if other == edge] for edge in edges}
+        return tuple(
+            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, edges, edge_over_h)
+        )
 
 
 def stiffness_ratio(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
     """S (N,) at stretched places (N, 3) of the grid, and where it is known."""
-    return _mixed(mixture, [_stiffness(block) for _, block in mixture], places)
+    return _mixed(mixture, _stiffness, places)
 
 
 def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
     """Rise and u_r over w (N, 2, places beside the punch) beyond linear theory's, and where it is known (N,)."""
-    return _mixed(mixture, [_surface(block) for _, block in mixture], places)
+    return _mixed(mixture, _surface, places)
 
 
 def reach(mixture: Mixture, poisson_ratio: float, a_over_h: float) -> float:
     """The greatest w/h that all blocks know here; 0 off the grid."""
-    return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, block in mixture)
+    return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about)
 
 
 @lru_cache(maxsize=1)
@@ -133,9 +130,9 @@ def _surface(block: Block) -> HoledSpline:
     return fit_grid(block.axes, block.surface)
 
 
-def _mixed(mixture: Mixture, splines: Sequence[HoledSpline], places: Floats) -> tuple[Floats, Bools]:
-    values = sum(weight * spline(places) for (weight, _), spline in zip(mixture, splines, strict=True))
-    known = np.all([spline.inside(places) for spline in splines], axis=0)
+def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Floats) -> tuple[Floats, Bools]:
+    values = sum(weight * near.blend([spline(block)(places) for block in near.blocks]) for weight, near in mixture)
+    known = np.all([spline(block).inside(places) for _, near in mixture for block in near.about], axis=0)
     return np.asarray(values), np.asarray(known)
 
 
@@ -147,11 +144,6 @@ def straight(names: Sequence[float], places: Sequence[float], at: float) -> list
     share = (at - places[low]) / (places[low + 1] - places[low])
     pair = (names[low], 1 - share), (names[low + 1], share)
     return [(name, weight) for name, weight in pair if abs(weight) > ROUNDING]
-
-
-def _friction_place(friction: float) -> float:
-    """mu -> [0, 1), no slip -> 1: what friction does is smooth in this."""
-    return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)
 
 
 def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
