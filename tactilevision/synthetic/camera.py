@@ -16,6 +16,7 @@ import numpy as np
 from tactilevision.records import Bytes, Floats
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
+from tactilevision.synthetic.sight import SOUND, Sight
 
 _FINER = 3
 _STEPS = 16383
@@ -27,7 +28,8 @@ class Camera:
 
     `ink` (H, W) is the ink's brightness on the resting gel; `stray` (H, W, 3) light that reaches the chip
     without the gel; `vignette` (H, W); `to_raw` (x, y): where in the rectified frame each raw pixel looks, or
-    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels.
+    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels, `sight`
+    is how steep the gel looks to the light.
     """
 
     grid: Grid
@@ -42,15 +44,13 @@ class Camera:
     full_well: float
     read_noise: float
     drift: tuple[Floats, float]
+    sight: Sight = SOUND
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
-        gains = self._gains(time_s)
-        light = reflect(
-            _shines(self.lights, self.grid, self.grid), gains, _slopes(surface, self.grid), self.finish
-        )
+        light = self._reflected(surface, self.grid, time_s)
         for area in surface.steep:
-            self._draw_finely(light, surface, area, gains)
+            self._draw_finely(light, surface, area, time_s)
         light *= (_carried(self.ink, surface, self.grid) * self.vignette)[..., None]
         light += self.stray
         if self.to_raw is not None:
@@ -80,12 +80,16 @@ class Camera:
         phases = np.arange(amplitudes.size) * 2.1
         return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
 
-    def _draw_finely(self, light: Singles, surface: Surface, area: Area, gains: Floats) -> None:
+    def _reflected(self, surface: Surface, grid: Grid, time_s: float) -> Singles:
+        slopes = self.sight.shown(_slopes(surface, grid), time_s)
+        return reflect(_shines(self.lights, grid, self.grid), self._gains(time_s), slopes, self.finish)
+
+    def _draw_finely(self, light: Singles, surface: Surface, area: Area, time_s: float) -> None:
         part, fine = _window(self.grid, area)
         inner = light[part]
         if min(inner.shape[:2]) < 5:
             return
-        drawn = reflect(_shines(self.lights, fine, self.grid), gains, _slopes(surface, fine), self.finish)
+        drawn = self._reflected(surface, fine, time_s)
         small = cv2.resize(drawn, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
         inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the window's rim keeps the coarse slopes
 

@@ -10,6 +10,7 @@ from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
+from tactilevision.synthetic.sight import SOUND, Sight
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 
@@ -73,6 +74,7 @@ class RigOptions:
 class SimulationOptions:
     """A whole recording: `presses` good ones with each indenter and one press for each of `faults`.
 
+    `sight` is what happened to the light since the reference pictures (its `end_s` is the recording's own).
     `frames`: the pictures' format, or "none" for a recording of curves only, or "points" for certified points
     only. `flats` and `balls` are the reference pictures; `state_balls` writes the balls' places into ball.csv.
     """
@@ -81,6 +83,7 @@ class SimulationOptions:
     date: str = "2026-11-21"
     gel: GelOptions = field(default_factory=GelOptions)
     camera: CameraOptions = field(default_factory=CameraOptions)
+    sight: Sight = SOUND
     indenters: IndenterOptions = field(default_factory=IndenterOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     presses: int = 3

@@ -106,13 +106,14 @@ def _pictured(record: Recording, story: Story, progress: Progress) -> Recording:
     """Write the pictures and give the record that lists them."""
     options, folder = story.options, record.path
     camera = build_camera(options.camera, stream(story.seed, 3))
+    worn = replace(camera, sight=replace(options.sight, end_s=story.presses[-1].end_s if story.presses else 1.0))
     rng = stream(story.seed, 4)
     plan, balls = frame_times(story), _balls(story)
     total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
     frames = writing.FrameWriter(folder, options)
     for press, times in plan:
         for time_s in times:
-            frames.add(camera.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
+            frames.add(worn.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
             progress(done := done + 1, total)
     if options.torn_frame:
         frames.tear(_unimportant(plan))

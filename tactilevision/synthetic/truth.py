@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from tactilevision.synthetic.plan import PlannedPress, gel_under
+from tactilevision.synthetic.sight import Sight
 from tactilevision.synthetic.story import Story
 
 
@@ -28,7 +29,20 @@ def truth_of(story: Story) -> dict[str, Any]:
         "presses_accepted": [p.label for p in story.presses if not p.fault],
         "presses_rejected": [{"press": p.label, "reason": p.fault} for p in story.presses if p.fault],
         "press": [_press(story, p) for p in story.presses],
+        **_hidden(story.options.sight),
     }
+
+
+def _hidden(sight: Sight) -> dict[str, Any]:
+    """What the light suffered since the reference pictures; nothing where it did not."""
+    amounts = {
+        "photometric_gain": (sight.gain, "1"),
+        "photometric_drift": (sight.drift, "1"),
+        "slope_saturation": (0.0 if math.isinf(sight.steepest) else sight.steepest, "mm/mm"),
+    }
+    tables = {key: {"amount": amount, "unit": unit, "catalogued": True} for key, (amount, unit) in amounts.items()
+              if amount}  # fmt: skip
+    return {"hidden": tables} if tables else {}
 
 
 def _press(story: Story, press: PlannedPress) -> dict[str, Any]:
