@@ -29,8 +29,9 @@ import numpy.typing as npt
 
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
+from tactilevision.rim import window_of
 from tactilevision.surface import integrate
-from tactilevision.walls import Wall, window_of
+from tactilevision.walls import Wall
 from tactilevision.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 
 Picture = npt.NDArray[np.float32]

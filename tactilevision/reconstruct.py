@@ -30,7 +30,8 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.calm import CalmReader
+from tactilevision.photometric.calm import CalmReader, Look, within
+from tactilevision.photometric.change import Planes
 from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.samples import far_from, inside_ball
@@ -109,12 +110,7 @@ class Reconstructor:
     ) -> HeightMap:
         """As `rectified_map`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
-        fine, walls = look.fine, list[Wall]()
-        if self.readable is not None and look.steepest >= self.readable:
-            slopes = reader.whole(look)
-            walls = self._walls(slopes, look.steepest)
-            if walls:
-                fine = [np.stack([slopes.dz_dx[window], slopes.dz_dy[window]]) for window in look.windows]
+        fine, walls = self._restored(look, reader)
         coarse = grids.coarse(look.coarse, look.windows, fine)
         self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
         level(coarse, self.zero)
@@ -125,6 +121,22 @@ class Reconstructor:
             hidden = not walls and self.error.too_steep(look.steepest)
             std = self.error.std_mm(surface, reader.whole(look) if hidden else None, self.zero, walls)
         return HeightMap(surface, look.valid, self.sensor.mm_per_px, std)
+
+    def _restored(self, look: Look, reader: CalmReader) -> tuple[list[Planes], list[Wall]]:
+        """The fine slopes of a look with its walls restored, and these."""
+        if self.readable is None or look.steepest < self.readable or not look.windows:
+            return look.fine, []
+        around = reader.around(look.windows)
+        slopes = reader.part(look, around)
+        walls = self._walls(slopes, look.steepest)
+        if not walls:
+            return look.fine, []
+        places = [within(window, around) for window in look.windows]
+        top, left = (side.start * step for side, step in zip(around, self.sensor.mm_per_px[::-1], strict=True))
+        return (
+            [np.stack([slopes.dz_dx[place], slopes.dz_dy[place]]) for place in places],
+            [dataclasses.replace(w, centre_mm=(w.centre_mm[0] + left, w.centre_mm[1] + top)) for w in walls],
+        )
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[Wall]:
         """The walls in `slopes`, which are restored there, in place."""

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.rim import Rim, find_rims, part_of
+from tactilevision.rim import Rim, find_rims, part_of, window_of
 
 Picture = npt.NDArray[np.floating[Any]]
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
@@ -38,7 +38,8 @@ SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
 LEAST_READ = 8  # bins
 LEAST_FACE = 50  # pixels
 FINE = 0.2  # px: grid of the law
-ROUNDS = 8
+ROUNDS, DAMPING = 8, 1e-3
+SETTLED = 0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +80,10 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
         r = np.sqrt(x * x + y * y)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         inner = wall.radius_mm + wall.places_mm[0]
-        face = r < inner - min(mm_per_px)
-        known = np.count_nonzero(face) >= LEAST_FACE
-        tilt = (float(p[face].mean()), float(q[face].mean())) if known else (0.0, 0.0)
-        band = np.nonzero((r >= inner) & (r < outer))
+        face = np.asarray(r < inner - min(mm_per_px), np.uint8)
+        known = cv2.countNonZero(face) >= LEAST_FACE
+        tilt = (cv2.mean(p, face)[0], cv2.mean(q, face)[0]) if known else (0.0, 0.0)
+        band = np.divmod(np.flatnonzero((r >= inner) & (r < outer)), r.shape[1])
         at, half = r[band], 0.5 * min(mm_per_px)
         x, y = x[0, band[1]], y[band[0], 0]
         s = at - wall.radius_mm
@@ -90,29 +91,16 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
         leaning = 1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm
         steep = (above - below) / (2 * half) * leaning / at
         left = 1.0 - 0.5 * (above + below) / wall.depth_mm
-        p[band] = (steep * x + tilt[0] * left).astype(p.dtype)
-        q[band] = (steep * y + tilt[1] * left).astype(q.dtype)
-
-
-def window_of(
-    shape: tuple[int, ...], centre_mm: Pair, mm_per_px: Pair, outer_mm: float
-) -> tuple[tuple[slice, slice], Floats, Floats]:
-    """Rows and columns within `outer_mm` of a centre, and their places x (1, w), y (h, 1) from it in mm."""
-    (x0, x1), (y0, y1) = (
-        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
-        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
-    )
-    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
-    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
-    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
+        p[band] = steep * x + tilt[0] * left
+        q[band] = steep * y + tilt[1] * left
 
 
 def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     # the median: on a side away from all lights the slopes are read far too low
-    mean, highest = part_of(rim.slopes, 0.5), part_of(rim.slopes, 0.8)
+    mean, highest = part_of(rim.slopes, 0.5, 0.8)
     count = np.maximum(np.isfinite(rim.slopes).sum(axis=0), 1)
-    scatter = 1.86 * part_of(np.abs(rim.slopes - mean), 0.5) / np.sqrt(count)  # of a median of normal numbers
+    scatter = 1.86 * part_of(np.abs(rim.slopes - mean), 0.5)[0] / np.sqrt(count)  # of a median of normal numbers
     s = rim.places_mm - rim.radius_mm
     far = max(FAR * rim.radius_mm, 8 * px)
     steep = np.isfinite(mean) & ~(highest < limit)
@@ -131,14 +119,14 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     found, covariance = _least_squares(misfit, usual, loose)
     reach = float(s[steep].max() + px)
     aside = np.diag(1e-3 * loose)
-    rate = (law.falls_at(found + aside, reach) - law.falls_at(found - aside, reach)) / (2e-3 * loose)
+    falls = law.falls_at(np.concatenate([found[None], found + aside, found - aside]), reach)
+    rate = (falls[1:7] - falls[7:]) / (2e-3 * loose)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
     band = (s > inner + found[0]) & (s < reach)
-    read = float(np.nansum(np.where(band, mean, 0.0)) * (s[1] - s[0]))
+    read, beyond = (float(np.nansum(mean[part])) * (s[1] - s[0]) for part in (band, s >= reach))
     places = np.arange(inner, reach - found[0] + 2 * px, FINE * px)
-    fall = float(law.falls_at(found[None], reach)[0])
-    beyond = float(np.nansum(np.where(s >= reach, mean, 0.0)) * (s[1] - s[0]))
+    fall = float(falls[0])
     return Wall(rim.centre_mm, rim.radius_mm + float(found[0]), reach - float(found[0]), places,
                 law.table(found, places), fall + beyond, fall - read,
                 float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
@@ -156,6 +144,7 @@ class _Law:
         self.falls = np.stack(
             [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
         )
+        self.rates = np.diff(self.falls, axis=1) / self.step
 
     def usual(self, s: Floats, mean: Floats) -> Floats:
         """Unknowns to start from: usual blur, and the half-space's law through what lies outside."""
@@ -163,31 +152,32 @@ class _Law:
         return np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
                          float(rate @ mean / (rate @ rate)), 0.0, 0.0])  # fmt: skip
 
-    def _blurred_falls(self, unknowns: Floats) -> Floats:
-        blurred = {log: _blur(self.falls, np.exp(log) / self.step) for log in dict.fromkeys(unknowns[:, 1])}
-        return np.stack([unknown[3:] @ blurred[unknown[1]] for unknown in unknowns])
-
     def falls_at(self, unknowns: Floats, s: float) -> Floats:
         """Falls (K,) at `s` for unknowns (K, 6)."""
-        rows = self._blurred_falls(unknowns)
+        rows = self._blurred(self.falls, unknowns)
         return np.array([np.interp(s - row[0], self.grid, line) for row, line in zip(unknowns, rows, strict=True)])
 
     def table(self, unknown: Floats, s: Floats) -> Floats:
-        return np.asarray(np.interp(s, self.grid, self._blurred_falls(unknown[None])[0]))
+        return np.asarray(np.interp(s, self.grid, self._blurred(self.falls, unknown[None])[0]))
 
     def seen(self, unknowns: Floats, s: Floats) -> Floats:
-        """Slopes (K, n) that the picture shows at `s` (n,), for unknowns (K, 6); one blur at once."""
-        slope = np.diff(self._blurred_falls(unknowns), axis=1) / self.step
+        """Slopes (K, n) that the picture shows at `s` (n,), for unknowns (K, 6)."""
+        slope, count = self._blurred(self.rates, unknowns), len(unknowns)
         up = 1.0 / np.sqrt(1.0 + slope * slope)
-        read = np.empty_like(slope)
-        for log in dict.fromkeys(unknowns[:, 2]):
-            same = unknowns[:, 2] == log
-            along, upward = np.split(
-                _blur(np.concatenate([slope[same] * up[same], up[same]]), np.exp(log) / self.step), 2
-            )
-            read[same] = along / upward
+        light = np.concatenate([slope * up, up])
+        blurred = _blur(light, np.exp(unknowns[0, 2]) / self.step)
+        for i in np.flatnonzero(unknowns[:, 2] != unknowns[0, 2]):
+            blurred[i::count] = _blur(light[i::count], np.exp(unknowns[i, 2]) / self.step)
         places, shifts = self.grid[:-1] + 0.5 * self.step, unknowns[:, 0]
-        return np.stack([np.interp(s - shift, places, row) for shift, row in zip(shifts, read, strict=True)])
+        rows = zip(shifts, blurred[:count] / blurred[count:], strict=True)
+        return np.stack([np.interp(s - shift, places, row) for shift, row in rows])
+
+    def _blurred(self, lines: Floats, unknowns: Floats) -> Floats:
+        """Sums (K, n) of lines (3, n) blurred by the edge, for unknowns (K, 6), most with the first's blur."""
+        rows = unknowns[:, 3:] @ _blur(lines, np.exp(unknowns[0, 1]) / self.step)
+        for i in np.flatnonzero(unknowns[:, 1] != unknowns[0, 1]):
+            rows[i] = unknowns[i, 3:] @ _blur(lines, np.exp(unknowns[i, 1]) / self.step)
+        return np.asarray(rows)
 
 
 def _blur(rows: Floats, sigma: float) -> Floats:
@@ -202,21 +192,21 @@ def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Flo
 
     `misfit` gives what is left (K, n) for each of (K, m) unknowns.
     """
-    unknown, left, damping = start, misfit(start[None])[0], 1e-3
     steps = 1e-4 * scale
+    aside = np.concatenate([np.zeros((1, len(start))), np.diag(steps)])
+    unknown, left, damping = start, misfit(start + aside), DAMPING
     for _ in range(ROUNDS):
-        slope = ((misfit(unknown + np.diag(steps)) - left) / steps[:, None]).T
-        normal, downhill = slope.T @ slope, slope.T @ left
+        slope = (left[1:] - left[0]) / steps[:, None]
+        normal, uphill = slope @ slope.T, slope @ left[0]
+        if uphill @ np.linalg.solve(normal, uphill) < SETTLED:
+            break
         for _ in range(5):
-            trial = unknown - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), downhill)
-            after = misfit(trial[None])[0]
-            if after @ after < left @ left:
+            trial = unknown - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), uphill)
+            after = misfit(trial + aside)
+            if after[0] @ after[0] < left[0] @ left[0]:
                 break
-            damping *= 10.0
+            damping *= 30.0
         else:
             break
-        gained = left @ left - after @ after
-        unknown, left, damping = trial, after, 0.1 * damping
-        if gained < 1e-2:
-            break
+        unknown, left, damping = trial, after, max(0.1 * damping, DAMPING)
     return unknown, np.linalg.inv(normal)
