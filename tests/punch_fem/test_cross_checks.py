@@ -76,25 +76,39 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+# Where a row is not compared to its end, and why (w in mm):
+SHORTER = {
+    # glued nodes fold beside the sharp edge, sooner the softer the gel is in volume; other meshes, other folds
+    ("neo-hooke", "stick", 0.3): 0.3,
+    ("neo-hooke", "stick", 0.4): 0.4,
+    ("neo-hooke", "stick", 0.45): 0.5,
+    # Hencky's law loses its ellipticity there: the reference's mesh says one thing, ours another (1 to 3 % apart)
+    ("hencky", "stick", 0.3): 0.3,
+    ("hencky", "stick", 0.4): 0.4,
+    ("hencky", "stick", 0.45): 0.5,
+    ("hencky", "stick", 0.4797): 0.3,
+    ("hencky", "stick", 0.49): 0.3,
+    ("hencky", "stick", 0.495): 0.3,
+    # elements at the edge turn inside out at .53 mm
+    ("neo-hooke", "coulomb", 0.495): 0.5,
+    # CalculiX's own contact is .7 to 6 % stiffer than NGSolve's and ours, which agree to .1 % (above)
+    ("neo-hooke", "frictionless", 0.4797): 0.15,
+}
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not REFERENCE.exists(), reason="the reference curves are not at hand")
 @pytest.mark.parametrize(
     "row", rows(), ids=lambda row: f"{row['model']}-{row['contact']}-{row['nu']}-{row['solver'][:3]}"
 )
 def test_reference_curves_within_one_percent(row: dict[str, str]) -> None:
-    """Every row of others, where both exist; the frictionless one, which NGSolve refutes, to .15 mm."""
+    """Every row of others to .6 mm, or as deep as SHORTER says."""
     law: Law = Hencky() if row["model"] == "hencky" else NeoHooke()
     nu, glued = float(row["nu"]), row["contact"] == "stick"
-    # As deep as the surface does not fold here: glued to w/h = .1, to .05 where the gel is soft in volume.
-    if glued:
-        deepest = 0.3 if nu >= 0.45 else 0.15
-    elif row["contact"] == "frictionless":
-        deepest = 0.15
-    else:
-        deepest = 0.5 if nu < 0.495 else 0.4
+    deepest = SHORTER.get((row["model"], row["contact"], nu), 0.6)
     depths = [d for d in DEPTHS if d <= deepest]
     punch = GluedFace(2.5) if glued else RoundedPunch(2.5, 0.05, float(row["mu"]))
-    case = PunchProblem(Material(1.0, nu), punch, 3.0, 15.0, law=law)
+    case = PunchProblem(Material(1.0, nu), punch, 3.0, 15.0, law=law, may_fold=True)
     if glued:
         case = replace(case, mesh=MeshSettings(0.05, 0.4))
     solution = press_to_depths(case, depths)

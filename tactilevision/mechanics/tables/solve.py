@@ -1,9 +1,9 @@
 """How a case of the table is solved, also beyond the depth at which the surface folds at the punch's edge.
 
-Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25, while the force
-grows on as if nothing had been. So it is not the fold that ends a case, but that the force hangs on it: beyond, a
-depth is kept while a mesh twice as coarse at the edge says the same of how the force grows from the last depth
-without a fold, to SAME_GROWTH.
+Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25. A neo-Hookean gel's
+force grows on as if nothing had been; Hencky's law has lost its ellipticity there. So it is not the fold that ends
+a case, but that the force hangs on it: beyond, a depth is kept while a mesh twice as coarse at the edge says the
+same of how the force grows from the last depth without a fold, to SAME_GROWTH.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import numpy as np
 
 from tactilevision.errors import ConvergenceError
 from tactilevision.mechanics.punch_fem.contact import RoundedPunch
+from tactilevision.mechanics.punch_fem.ellipticity import least_acoustic
 from tactilevision.mechanics.punch_fem.hencky import Hencky
 from tactilevision.mechanics.punch_fem.laws import Law, NeoHooke
 from tactilevision.mechanics.punch_fem.march import StepRecord, march
 from tactilevision.mechanics.punch_fem.newton import State, equations
 from tactilevision.mechanics.punch_fem.problem import Model, PunchProblem, build, default_mesh
 from tactilevision.mechanics.punch_fem.results import surface_profile
+from tactilevision.mechanics.punch_fem.solid import deform
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCase
 from tactilevision.records import Floats, Material
 
@@ -29,17 +31,20 @@ COARSER = 2.0  # edge elements of the second mesh over those of the first
 SAME_GROWTH = 0.003
 BRINK = 1.02  # a depth this near to where the elements break down is not kept
 HANGS = "the surface folds, and the force hangs on its mesh"
+LOST = "the law loses ellipticity at the punch's edge, and the force hangs on its mesh"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Press:
     """One mesh's press: `force` (T,) P/(E w h) and `surface` (T, 2, B) u_r, u_z over w at the first T depths asked
-    for, the first `sound` of them without a fold; `ended` as in SolvedCase."""
+    for, the first `sound` of them without a fold; `ended` as in SolvedCase. `lost`: the law is elliptic no more at
+    the deepest of them."""
 
     force: Floats
     surface: Floats
     sound: int
     ended: str
+    lost: bool = False
 
 
 def problem_of(case: Case, coarser: float = 1.0) -> PunchProblem:
@@ -59,6 +64,7 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
     if 0 < press.sound < kept:
         kept = agreed(press, _press(case, depths, COARSER))
         ended = HANGS if kept < len(press.force) else ended
+    ended = LOST if ended and press.lost else ended
     depth = np.array(depths[:kept])
     sound = float(depth[press.sound - 1]) if press.sound else 0.0
     return SolvedCase(depth, press.force[:kept], press.surface[:kept, 0], press.surface[:kept, 1], sound, ended)
@@ -89,7 +95,13 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     force = np.array([state.force_N / state.depth_mm for state in states])
     surface = np.array([_beside(model, state, case) for state in states]).reshape(-1, 2, len(BESIDE))
     folded = [state.folded for state in states]
-    return Press(force, surface, folded.index(True) if True in folded else len(states), ended)
+    sound = folded.index(True) if True in folded else len(states)
+    return Press(force, surface, sound, ended, bool(states) and _lost(model, states[-1]))
+
+
+def _lost(model: Model, state: State) -> bool:
+    problem = model.problem
+    return bool((least_acoustic(problem.law, problem.material, deform(model.mesh, state.u)) < 0).any())
 
 
 def _beside(model: Model, state: State, case: Case) -> Floats:
