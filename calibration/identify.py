@@ -15,11 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fitting import Fit, fit
-from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch, unit_stiffness
 from calibration.model import Model
 from calibration.plausible import GEL_MODULUS_MPA
 from calibration.sticking import sticking_surplus
-from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 
@@ -114,7 +113,7 @@ def _poisson(fitted: Fit, assumptions: list[str]) -> tuple[Estimate, str]:
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
-        found = fitted.estimate("poisson_ratio")
+        found = _from_radii(fitted) if several else fitted.estimate("poisson_ratio")
         prior_std = parameter.prior.std if parameter.prior else np.inf
         sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
         return found, "radii" if sharpened else "prior"
@@ -214,7 +213,8 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
         nodes = centre + np.sqrt(nu_variance) * ndtri((np.arange(NODES) + 0.5) / NODES)
         nodes = nodes[(nodes > 0) & (nodes <= 0.4999)] if centre < 0.4999 else np.array([centre])
     if np.unique(fitted.data.presses.radius_mm).size == 1 or nu.value is None:
-        modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
+        modulus = value / np.array([unit_stiffness(fitted.data, float(n), radius) for n in nodes])
+        modulus *= unit_stiffness(fitted.data, centre, radius)
     else:
         modulus = value * np.exp(cross / nu_variance / value * (nodes - centre)) if nu_variance > 0 else (
             np.full(nodes.size, value))  # fmt: skip
@@ -223,11 +223,6 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
     at_nu[k] = -cross / nu_variance if nu_variance > 0 else 0.0  # E less what nu brings
     reach = fitted.reach(at_nu)
     return _Spread(nodes, np.full(nodes.size, 1 / nodes.size), modulus, relative, reach)
-
-
-def _unit(fitted: Fit, nu: float, radius: float) -> float:
-    thickness = np.array([fitted.data.gel.thickness_mm])
-    return float(punch_stiffness(1.0, float(nu), np.array([radius]), thickness)[0])
 
 
 def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
@@ -250,7 +245,7 @@ def _curve(fitted: Fit, c: Estimate, radius: float) -> tuple[Pair, ...]:
     """(nu, E) at the fitted c."""
     assert c.value is not None
     table = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
-    return tuple((float(nu), float(c.value / _unit(fitted, float(nu), radius))) for nu in table)
+    return tuple((float(nu), float(c.value / unit_stiffness(fitted.data, float(nu), radius))) for nu in table)
 
 
 def _covariance(fitted: Fit, radius: float) -> Floats:

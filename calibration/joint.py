@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.data import Observations
 from calibration.identify import main_radius, sticking_range
-from calibration.laws.flat_punch import SILICONE_NU
+from calibration.laws.flat_punch import SILICONE_NU, unit_stiffness
 from calibration.result import CalibrationResult
-from calibration.stiffness import punch_stiffness
 from tactilevision.records import Floats, Pair
 
 TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
@@ -47,23 +47,23 @@ class JointPicture:
 
 def joint_picture(result: CalibrationResult) -> JointPicture:
     """The joint region of a fit of the default law, with what each route to nu says."""
-    radius, thickness = main_radius(result.fitted), result.fitted.data.gel.thickness_mm
+    radius, data = main_radius(result.fitted), result.fitted.data
     surplus = sticking_range(result.fitted, result.poisson_ratio, radius, [])
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
     grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
     c = result.c.value or np.nan
-    curve = np.column_stack([grid, c / _unit(grid, radius, thickness)])
+    curve = np.column_stack([grid, c / _unit(data, grid, radius)])
     relative = _relative_std(result)
     if nu is None or modulus is None:
         across = np.linspace(*SILICONE_NU, STEPS)
-        centre, half = c / _unit(across, radius, thickness), np.full(STEPS, ONE_UNKNOWN * relative)
+        centre, half = c / _unit(data, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
     else:
         t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
         across = nu + TWO_UNKNOWNS * (result.poisson_ratio.std or 0.0) * t
         keep = (across > 0) & (across < 0.5)
         t, across = t[keep], across[keep]
-        centre = modulus * _unit(np.array([nu]), radius, thickness)[0] / _unit(across, radius, thickness)
+        centre = modulus * _unit(data, np.array([nu]), radius)[0] / _unit(data, across, radius)
         half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
     upper, lower = centre * (1 + half), centre * (1 - half) / (1 + surplus)
     region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
@@ -72,10 +72,9 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
     return JointPicture(curve, region, None if nu is None or modulus is None else (nu, modulus), bands)
 
 
-def _unit(nu: Floats, radius_mm: float, thickness_mm: float) -> Floats:
+def _unit(data: Observations, nu: Floats, radius_mm: float) -> Floats:
     """Stiffness (n,) for E = 1 MPa."""
-    place = np.array([radius_mm]), np.array([thickness_mm])
-    return np.array([float(punch_stiffness(1.0, float(one), *place)[0]) for one in np.minimum(nu, 0.4999)])
+    return np.array([unit_stiffness(data, float(one), radius_mm) for one in nu])
 
 
 def _relative_std(result: CalibrationResult) -> float:

@@ -2,9 +2,10 @@
 
     P = c w (1 + beta w/h),    c = 2 a E kappa(nu, a/h) / (1 - nu^2)
 
-P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
-small strain, frictionless, sharp edge, layer far wider than the punch. beta holds what large strain, friction and
-the edge add; theory gives it no single value, so it is free, and as it changes with a/h each radius has its own.
+P force (N), w depth (mm), a radius of the face's flat part (the punch's less its stated edge radius: as w -> 0
+nothing else touches), h thickness, E (MPa). kappa from the integral equation at the true a/h: small strain,
+frictionless, layer far wider than the punch. beta holds what large strain, friction and the growth over the edge
+add; theory gives it no single value, so it is free, and as it changes with a/h each radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
 Med. Eng. Phys. 19 (1997) 57.
 
@@ -59,7 +60,8 @@ class FlatPunch(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
-        stiffness = state.factor * punch_stiffness(values[0], values[1], state.radius_mm, state.thickness_mm)
+        flat = state.radius_mm - stated_edges(data)[radius_number(data)]
+        stiffness = state.factor * punch_stiffness(values[0], values[1], flat, state.thickness_mm)
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
             surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
@@ -85,15 +87,26 @@ def bends(data: Observations) -> tuple[Parameter, ...]:
     """One gamma a radius, between what theory allows there; a straight bracket is what is usual."""
     gel, table = data.gel, []
     nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
-    for radius in np.unique(data.presses.radius_mm):
+    for radius, edge in zip(np.unique(data.presses.radius_mm), stated_edges(data), strict=True):
         mine = data.radius_mm == radius
-        edge = max(i.edge_radius_mm or 0.0 for i in data.indenters if i.radius_mm == radius)
         deepest = float(np.max(data.depth_mm[mine])) / gel.thickness_mm
         low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3),
-                               round(edge / gel.thickness_mm, 4), round(deepest, 3))  # fmt: skip
+                               round(float(edge) / gel.thickness_mm, 4), round(deepest, 3))  # fmt: skip
         table.append(Parameter(f"bend[{radius:g}]", "1", 0.0, (low, high), "bend of P/w against w/h", 1.0,
                                Prior(0.0, (high - low) / 2, "finite elements")))  # fmt: skip
     return tuple(table)
+
+
+def stated_edges(data: Observations) -> Floats:
+    """Radius of the rounded edge (K,), mm, of the punches of each radius in rising order; 0: none stated."""
+    radii = np.unique(data.presses.radius_mm)
+    return np.array([max(i.edge_radius_mm or 0.0 for i in data.indenters if i.radius_mm == r) for r in radii])
+
+
+def unit_stiffness(data: Observations, poisson_ratio: float, radius_mm: float) -> float:
+    """c of the punches of one radius where E is 1 MPa, N/mm."""
+    edge = stated_edges(data)[np.unique(data.presses.radius_mm) == radius_mm]
+    return float(punch_stiffness(1.0, poisson_ratio, radius_mm - edge, np.array([data.gel.thickness_mm]))[0])
 
 
 def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp]]:

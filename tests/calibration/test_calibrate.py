@@ -16,7 +16,9 @@ from calibration.data import Measured
 from calibration.history import history
 from calibration.sticking import exact_surplus, sticking_surplus
 from tactilevision.errors import InputError, NothingCertified
-from tactilevision.records import Curve, Gel, Indenter, Press, Sensor
+from tactilevision.mechanics.flat_contact import FlatContact
+from tactilevision.mechanics.tables.punch import punch_force
+from tactilevision.records import Curve, Gel, Indenter, Material, Press, Sensor
 
 PAPER = Path(__file__).parents[3] / "shared" / "reference" / "paper_points.csv"
 LUBRICATED = {"lubricated": 1.0}
@@ -142,6 +144,20 @@ def test_several_radii_fix_nu() -> None:
     low, high = result.poisson_ratio.interval95 or (0, 0)
     assert low <= 0.47 <= high
     assert high - low < 0.03
+
+
+def test_a_stated_edge_is_part_of_the_stiffness() -> None:
+    """Finite elements of a sliding punch with a rounded edge; taken as sharp, E comes out 7 % lower."""
+    gel = Gel(3.0, shape="disc", radius_mm=30.0, poisson_ratio=0.48, poisson_ratio_std=0.0)
+    depth = np.linspace(0.03, 0.3, 10)
+    force = punch_force(depth, FlatContact(2.5, 0.1, 3.0, 0.0), Material(0.2, 0.48))
+    measured = points_of(depth, force, gel=gel)
+    blunt = {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.1)}
+    stated = replace(measured, recording=replace(measured.recording, indenters=blunt))  # type: ignore[type-var]
+    result = calibrate(stated)
+    assert result.youngs_modulus.value == pytest.approx(0.2, rel=0.025)
+    assert dict(result.youngs_modulus_of_nu)[0.48] == pytest.approx(result.youngs_modulus.value, rel=1e-6)
+    assert (calibrate(measured).youngs_modulus.value or 0) < 0.94 * (result.youngs_modulus.value or 0)
 
 
 def test_too_few_points_answer_wide_and_say_so() -> None:
