@@ -48,13 +48,23 @@ def identify(fitted: Fit) -> Identified:
     """The material from a fit of the FlatPunch law, whatever effects stand beside it."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
-    nu, source = _poisson(fitted, assumptions)
+    try:
+        stuck = _stuck(fitted)
+        of_stuck = None if stuck is None else stuck.estimate("poisson_ratio").interval95
+    except ConvergenceError:  # what sticking would make of nu is then unknown
+        stuck, of_stuck = None, SILICONE_NU
+    nu, source = _poisson(fitted, of_stuck, assumptions)
     c = stiffness_of(fitted, radius)
     beta = fitted.estimate(beta_name(fitted, radius))
     spread = _spread(fitted, nu, radius)
     surplus = sticking_range(fitted, nu, radius, assumptions)
     modulus = _modulus(spread, nu, surplus, "MPa")
     reduced = _modulus(spread.reduced(), nu, surplus, "MPa")
+    if stuck is not None and nu.value is not None:
+        other = stuck.estimate("poisson_ratio")
+        spread = _spread(stuck, other, radius)
+        modulus = _with(modulus, _modulus(spread, other, 0.0, "MPa").interval95)
+        reduced = _with(reduced, _modulus(spread.reduced(), other, 0.0, "MPa").interval95)
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=beta, source=source,
         covariance=_covariance(fitted, radius), modulus_of_nu=_curve(fitted, c, radius),
@@ -101,8 +111,8 @@ class _Spread:
         return float(brentq(excess, low, high, xtol=1e-9 * high))
 
 
-def _poisson(fitted: Fit, assumptions: list[str]) -> tuple[Estimate, str]:
-    """nu and where it comes from; no value where nothing fixes it."""
+def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tuple[Estimate, str]:
+    """nu and where it comes from; no value where nothing fixes it. `of_stuck`: its interval if the gel sticks."""
     k = fitted.index("poisson_ratio")
     parameter = fitted.parameters[k]
     several = np.unique(fitted.data.presses.radius_mm).size > 1
@@ -113,12 +123,12 @@ def _poisson(fitted: Fit, assumptions: list[str]) -> tuple[Estimate, str]:
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
-        found = _from_radii(fitted) if several else fitted.estimate("poisson_ratio")
+        found = _with(fitted.estimate("poisson_ratio"), of_stuck)
         prior_std = parameter.prior.std if parameter.prior else np.inf
         sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
-        found = _from_radii(fitted)
+        found = _with(fitted.estimate("poisson_ratio"), of_stuck)
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
     low, high = SILICONE_NU
@@ -128,22 +138,24 @@ def _poisson(fitted: Fit, assumptions: list[str]) -> tuple[Estimate, str]:
     return Estimate(None, None, SILICONE_NU, "1", why), "prior"
 
 
-def _from_radii(fitted: Fit) -> Estimate:
-    """nu with an interval that holds for a sliding and for a sticking face alike, unless lubricated."""
-    found = fitted.estimate("poisson_ratio")
-    if found.interval95 is None or _lubricated(fitted):
-        return found
+def _stuck(fitted: Fit) -> Fit | None:
+    """The fit of a gel that sticks, where radii may fix nu: friction then moves nu, and E with it; else None."""
+    several = np.unique(fitted.data.presses.radius_mm).size > 1
+    fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     law = fitted.model.law
-    assert isinstance(law, FlatPunch)
-    law = replace(law, free_poisson_ratio=True, sticking=1.0)
-    try:
-        stuck = fit(Model(law, fitted.model.effects), fitted.data, noise=fitted.noise, starts=fitted.values[None],
-                    tolerances=False)  # fmt: skip
-    except ConvergenceError:  # what sticking would make of nu is then unknown
-        return Estimate(found.value, found.std, SILICONE_NU, "1")
-    other = stuck.estimate("poisson_ratio").interval95 or found.interval95
-    low, high = min(found.interval95[0], other[0]), max(found.interval95[1], other[1])
-    return Estimate(found.value, found.std, (low, high), "1")
+    if fixed or not several or _lubricated(fitted) or "friction" in fitted.model.keys:
+        return None
+    if not isinstance(law, FlatPunch) or law.sticking == 1:
+        return None
+    return fit(Model(replace(law, sticking=1.0), fitted.model.effects), fitted.data, noise=fitted.noise,
+               starts=fitted.values[None], tolerances=False)  # fmt: skip
+
+
+def _with(one: Estimate, other: Pair | None) -> Estimate:
+    """The estimate with an interval that holds another one as well."""
+    if one.interval95 is None or other is None:
+        return one
+    return replace(one, interval95=(min(one.interval95[0], other[0]), max(one.interval95[1], other[1])))
 
 
 def _lubricated(fitted: Fit) -> bool:

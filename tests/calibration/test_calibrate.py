@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +144,26 @@ def test_several_radii_fix_nu() -> None:
     low, high = result.poisson_ratio.interval95 or (0, 0)
     assert low <= 0.47 <= high
     assert high - low < 0.03
+
+
+@dataclass(frozen=True)
+class Sticking(Truth):
+    """A gel that sticks: how much that adds depends on the radius, which looks like another nu."""
+
+    def stiffness(self, radius_mm: float, thickness_mm: float = 3.0) -> float:
+        surplus = sticking_surplus(self.poisson_ratio, radius_mm / thickness_mm)
+        return super().stiffness(radius_mm, thickness_mm) * (1 + surplus)
+
+
+def test_several_radii_that_fix_nu_leave_E_room_for_friction() -> None:
+    truth = Sticking(radii_mm=(1.5, 2.5, 3.5), states_poisson=False, height_std_mm=0.0003, depth_std_mm=0.0005,
+                     radius_std_mm=0.0, thickness_std_mm=0.0, poisson_ratio=0.474)  # fmt: skip
+    for seed in range(4):
+        result = calibrate(draw(truth, np.random.default_rng(seed)))
+        assert result.poisson_ratio_source == "radii"
+        for found, true in ((result.poisson_ratio, 0.474), (result.youngs_modulus, 0.2)):
+            low, high = found.interval95 or (0, 0)
+            assert low <= true <= high
 
 
 def test_a_stated_edge_is_part_of_the_stiffness() -> None:
