@@ -21,7 +21,7 @@ from tactilevision.synthetic.punch import PunchPress
 
 DEPTHS_MM = (*[0.0] * 40, 0.05, 0.1, 0.2, 0.4, 0.3, 0.05)  # one touch in half a second
 WARM = 200  # frames until all buffers are made
-REPORTS = 20
+REPORTS = 26
 
 
 def main(frames: int = 1_300_000, width: int = 320) -> None:

@@ -48,26 +48,8 @@ class TransformSolver:
             self.beyond = (beyond, slice(None)) if self.axis == 0 else (slice(None), beyond)
 
     def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
-        """Divergence (H, W) of slopes averaged onto the edges: a central difference, halved at the borders."""
-        out: Array = np.empty(self.shape, dtype=self.dtype)
-        if (
-            dz_dx.flags.c_contiguous
-        ):  # as one long row, which is twice as fast; both ends of each row are set below
-            flat = dz_dx.reshape(-1)
-            np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
-        else:
-            np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
-        np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
-        # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
-        out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
-        if self.half[0] != self.half[1]:
-            dz_dy = dz_dy * (self.half[1] / self.half[0])
-        out[1:-1] += dz_dy[2:]
-        out[1:-1] -= dz_dy[:-2]
-        out[0] += dz_dy[0] + dz_dy[1]
-        out[-1] -= dz_dy[-1] + dz_dy[-2]
-        out *= self.half[0]
-        return out
+        """Divergence (H, W) of slopes averaged onto the edges, (H, W) each."""
+        return edge_divergence(dz_dx, dz_dy, self.half)
 
     def solve(self, right: Array) -> Array:
         """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
@@ -85,6 +67,30 @@ class TransformSolver:
         depth: Array = self.growing * modes[self.beyond].sum(axis=self.axis, keepdims=True)
         depth += modes[self.inside]
         return np.asarray(fft.idct(depth, axis=across, norm="ortho", overwrite_x=True))
+
+
+def edge_divergence(dz_dx: Array, dz_dy: Array, half: Array) -> Array:
+    """Divergence (H, W) of slopes (H, W) averaged onto the edges: a central difference, halved at the borders.
+
+    `half` (2,) is 1/2 over the step along x and y.
+    """
+    out: Array = np.empty(dz_dx.shape, dtype=half.dtype)
+    if dz_dx.flags.c_contiguous:  # as one long row, which is twice as fast; both ends of each row are set below
+        flat = dz_dx.reshape(-1)
+        np.subtract(flat[2:], flat[:-2], out=out.reshape(-1)[1:-1])
+    else:
+        np.subtract(dz_dx[:, 2:], dz_dx[:, :-2], out=out[:, 1:-1])
+    np.add(dz_dx[:, 0], dz_dx[:, 1], out=out[:, 0])
+    # not np.negative in place: numpy 2.4 spoils a column of doubles 64 bytes apart
+    out[:, -1] = -(dz_dx[:, -1] + dz_dx[:, -2])
+    if half[0] != half[1]:
+        dz_dy = dz_dy * (half[1] / half[0])
+    out[1:-1] += dz_dy[2:]
+    out[1:-1] -= dz_dy[:-2]
+    out[0] += dz_dy[0] + dz_dy[1]
+    out[-1] -= dz_dy[-1] + dz_dy[-2]
+    out *= half[0]
+    return out
 
 
 @lru_cache(maxsize=16)

@@ -49,15 +49,10 @@ def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
     if 4 * cv2.countNonZero(beyond) < LEAST_STEEP:
         return []
     gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    )
-    steep = 4 * np.bincount(labels[beyond > 0], minlength=count)
-    sizes = 2 * stats[:, (cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT)].min(axis=1)
+    _, labels = cv2.connectedComponents(cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
+    steep = 4 * np.bincount(labels[beyond > 0])
     found = []
-    for label in np.flatnonzero((steep >= LEAST_STEEP) & (sizes > LEAST_RADIUS_PX))[:8]:
-        if label == 0:
-            continue
+    for label in np.flatnonzero(steep >= LEAST_STEEP)[:8]:
         at = np.flatnonzero(labels == label)
         at = at[:: max(1, len(at) // ENOUGH)]
         rows, columns = np.divmod(at, labels.shape[1])

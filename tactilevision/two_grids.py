@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.cosine import transform_solver
+from tactilevision.cosine import edge_divergence
 from tactilevision.photometric.change import Planes, Window
 from tactilevision.records import Pair, SlopeMap
-from tactilevision.surface import divergence, gradient, integrate
+from tactilevision.surface import integrate
 
 Picture = npt.NDArray[np.float32]
 Ends = tuple[bool, bool]  # whether the first and the last of a line are free (no flow) or fixed (0 a step beyond)
@@ -39,7 +39,9 @@ class TwoGrids:
         self.shape, self.px, self.mm_per_px = shape, px, mm_per_px
         self.size = shape[0] // px, shape[1] // px
         self.coarse_mm = px * mm_per_px[0], px * mm_per_px[1]
-        self.solver = transform_solver(self.size, self.coarse_mm, "f")
+        along_x, along_y = (1.0 / step**2 for step in mm_per_px)
+        self.half = np.array([0.5 / step for step in mm_per_px], np.float32)
+        self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
 
     def coarse(self, slopes: Planes, windows: Sequence[Window], fine: Sequence[Planes]) -> Picture:
         """Depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
@@ -51,7 +53,7 @@ class TwoGrids:
             for plane, part in zip(slopes, inside, strict=True):
                 cut = part[: size[1] * self.px, : size[0] * self.px]
                 plane[top:down, left:across] = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
-        right = np.asarray(self.solver.divergence(slopes[0], slopes[1]), np.float32)
+        right = edge_divergence(slopes[0], slopes[1], self.half / np.float32(self.px))
         return _solved(right, self.coarse_mm, ((True, True), (True, True)))
 
     def whole(
@@ -75,8 +77,8 @@ class TwoGrids:
         if all(side for sides in free for side in sides):
             z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
             return
-        along_x, along_y = gradient(z, self.mm_per_px)
-        left = divergence(0.5 * (p[:, 1:] + p[:, :-1]) - along_x, 0.5 * (q[1:] + q[:-1]) - along_y, self.mm_per_px)
+        left = edge_divergence(p, q, self.half)
+        left -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
         rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in free)
         z[rows, columns] += _solved(left[rows, columns], self.mm_per_px, (free[0], free[1]))
 
@@ -101,10 +103,10 @@ def _bases(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> tu
 def _straight_on(lines: Picture, known: int, clamped: int) -> None:
     """Carry the lines (rows) on straight, in place, where the coarse grid ends: `clamped` at either end, and all
     beyond `known`."""
-    for i in range(clamped - 1, -1, -1):
-        lines[i] = 2.0 * lines[i + 1] - lines[i + 2]
-    for i in range(known - clamped, len(lines)):
-        lines[i] = 2.0 * lines[i - 1] - lines[i - 2]
+    away = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]
+    first, last = lines[clamped], lines[known - clamped - 1]
+    lines[:clamped] = first + away[:clamped][::-1] * (first - lines[clamped + 1])
+    lines[known - clamped :] = last + away * (last - lines[known - clamped - 2])
 
 
 @lru_cache(maxsize=32)

@@ -30,6 +30,7 @@ USUAL_THICKNESS_MM = 3.0
 LEAST_BLOCKS = 12
 ROUNDS = 4
 SETTLED = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
+STIFFENING = 1.0 + 1e-9 * np.eye(4)
 SAMPLED = 8  # places along each side of a block that stand for it
 
 
@@ -73,11 +74,14 @@ def find_zero_plane(
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
     """Take the plane off `depth` (H, W), in place."""
-    height, width = depth.shape
-    x = np.linspace(-1, 1, width) * zero.tilt_mm[0] + zero.offset_mm
-    y = np.linspace(-1, 1, height) * zero.tilt_mm[1]
-    depth -= x.astype(depth.dtype)[None, :]
-    depth -= y.astype(depth.dtype)[:, None]
+    y, x = (_places(count, depth.dtype.char) for count in depth.shape)
+    depth -= x * depth.dtype.type(zero.tilt_mm[0]) + depth.dtype.type(zero.offset_mm)
+    depth -= (y * depth.dtype.type(zero.tilt_mm[1]))[:, None]
+
+
+@lru_cache(maxsize=16)
+def _places(count: int, dtype: str) -> Depth:
+    return np.linspace(-1, 1, count).astype(dtype)
 
 
 def slope_of(zero: ZeroPlane, shape: tuple[int, ...], mm_per_px: Pair) -> Pair:
@@ -90,8 +94,9 @@ def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
     """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
     size = (blocks[1], blocks[0])
     few = (size[0] * SAMPLED, size[1] * SAMPLED)  # whole pixels to a block are averaged many times as quickly
-    sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(cv2.resize(sampled, size, interpolation=cv2.INTER_AREA), np.float64).ravel()
+    if picture.size > few[0] * few[1]:
+        picture = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float64).ravel()
 
 
 @lru_cache(maxsize=16)
@@ -132,9 +137,8 @@ def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
     """Reweighted least squares of terms (k, n); the coefficients, and the deviation of the plane at the centre."""
     heavy = terms
     solution: Depth = np.zeros(len(terms))
-    stiffening = 1.0 + 1e-9 * np.eye(len(terms))
     for _ in range(ROUNDS):
-        normal = (heavy @ terms.T) * stiffening
+        normal = (heavy @ terms.T) * STIFFENING[: len(terms), : len(terms)]
         before, solution = (
             solution,
             cv2.solve(normal, (heavy @ depth)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0],
@@ -151,4 +155,4 @@ def _robust(terms: Floats, depth: Floats) -> tuple[Floats, float]:
     # errors of integrated slopes hang together over about a tenth of the picture: count that few as independent
     independent = max(1.0, len(depth) / 50.0)
     inflation = len(depth) / independent
-    return np.asarray(solution, np.float64), float(scale * np.sqrt(inflation * np.linalg.inv(normal)[0, 0]))
+    return np.asarray(solution, np.float64), float(scale * np.sqrt(inflation * cv2.invert(normal)[1][0, 0]))
