@@ -44,7 +44,10 @@ def possible_bias(
     """
     found = {}
     for effect in effects:
-        change = _change(fitted, effect, sizes.get(effect.key, typical(effect)))
+        first = effect.parameters[0]
+        size = first.default + sizes.get(effect.key, typical(effect))
+        own = np.array([np.clip(size, *first.bounds), *(p.default for p in effect.parameters[1:])])
+        change = change_of_force(fitted, effect, own)
         acts = change is not None and np.abs(change).max() > NOTHING * np.abs(fitted.force_N).max()
         if change is not None and (acts or not effect.missing(fitted.data)):
             found[effect.key] = _into_modulus(fitted, change)
@@ -72,14 +75,15 @@ def _too_small(effect: Effect, size: float) -> str:
     return f"it would show from {size:.2g}{unit} on, and is hardly ever larger than {largest(effect):.2g}{unit}"
 
 
-def _change(fitted: Fit, effect: Effect, size: float) -> Floats | None:
+def change_of_force(fitted: Fit, effect: Effect, own: Floats) -> Floats | None:
+    """What an effect of these values adds to the fit's force (N,).
+
+    None where it is in the model already, or cannot be worked out on these data.
+    """
     if effect.key in fitted.model.keys:
         return None
     model = fitted.model + effect
     place = model.slices(fitted.data)[effect.key].start
-    own = np.array([p.default for p in effect.parameters])
-    first = effect.parameters[0]
-    own[0] = np.clip(first.default + size, *first.bounds)
     values = np.insert(fitted.values, [place] * own.size, own)
     try:
         with np.errstate(all="ignore"):

@@ -38,12 +38,15 @@ from calibration.result import CalibrationResult
 from calibration.search import MOST, TOLD_APART, Searched, Step, search
 from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
+from calibration.unseen import allow_for_unseen
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.01  # of saying that something unknown is left
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
 SURE = 10.0  # std: one that brings more is no better for it
+NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
+FEW = 0.1  # of the presses: what can be set aside as accidents
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +85,19 @@ def diagnose(
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
+    found = whole = _diagnosed(data, catalogue, known, rng)
+    aside, foreign = tuple[str, ...](), False
+    while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
+        aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
+        others = ~np.isin(np.array(data.presses.label), aside)
+        found = _diagnosed(data.take(others), catalogue, known, rng)
+    return _beside(whole, found, aside, foreign=foreign) if aside and not found.odd.presses else whole
+
+
+def _diagnosed(
+    data: Observations, catalogue: Sequence[Effect], known: Sequence[Effect], rng: np.random.Generator
+) -> Diagnosis:
+    """These presses, all of them."""
     model = base_model(data)
     for effect in known:
         model = model + effect
@@ -91,8 +107,18 @@ def diagnose(
     force = _outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng))
     sight = None
     if seen is not None:
-        sight = _outcome(search(seen, sighted(), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+        sight = _outcome(search(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
     return _conclude(force, sight, catalogue, rng)
+
+
+def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
+    """The diagnosis of the rest, with the presses that were set aside; what is in a foreign one is not known."""
+    odd = replace(rest.odd, presses=aside, foreign=foreign)
+    plans = {plan.action: plan for plan in (*_again(odd), *rest.measure_next)}
+    return replace(
+        rest, verdict="UNKNOWN" if foreign else rest.verdict, without=rest.verdict, set_aside=aside, odd=odd,
+        whole=whole.fitted, flags=("press_stands_out", *rest.flags), measure_next=tuple(plans.values()),
+    )  # fmt: skip
 
 
 def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Outcome:
@@ -123,6 +149,10 @@ def _conclude(
     outside = "beta_outside_theory" in flags
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    alone = after.youngs_modulus.interval95
+    modulus, unseen = allow_for_unseen(after.youngs_modulus, fitted, catalogue)
+    doubt = (NOT_TRUSTED,) if force.unknown else ()
+    after = replace(after, youngs_modulus=modulus, warnings=(*after.warnings, *doubt))
     after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)],
                      [modulus / base.values[0] for modulus in others])  # fmt: skip
     if sight is not None:
@@ -135,21 +165,22 @@ def _conclude(
     missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
-    unseen = hidden(fitted, [e for e in catalogue if e.key not in candidates], missing, visible)
+    small = hidden(fitted, [e for e in catalogue if e.key not in candidates], missing, visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
-        candidates=candidates, not_testable=unseen.why, visible=visible, errors=errors, before=before,
+        candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
-        measure_next=_next(base, both, left, instead, unseen.bias),
+        measure_next=_next(base, both, left, instead, small.bias),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
-        tried=tuple(key for one in both for key in one.tried), possible_bias=unseen.bias,
-        below_visibility=unseen.below, base=base, fitted=fitted,
+        tried=tuple(key for one in both for key in one.tried), possible_bias=small.bias,
+        below_visibility=small.below, base=base, fitted=fitted,
         sight=None if sight is None else sight.searched,
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
         left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
+        unseen=unseen, alone_MPa=alone,
     )  # fmt: skip
 
 

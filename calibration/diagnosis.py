@@ -17,7 +17,8 @@ from calibration.result import CalibrationResult
 from calibration.screen import Scored
 from calibration.search import Searched
 from calibration.sight import depth_ratio
-from tactilevision.records import Estimate
+from calibration.unseen import Unseen
+from tactilevision.records import Estimate, Pair
 
 NOTHING_ODD = Oddity()
 
@@ -72,7 +73,9 @@ class Diagnosis:
     explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `nearest` the effect
     that came nearest to it, and the share that it explains; `held_out` the held-out
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
-    on.
+    on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
+    `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
+    fit of all.
     """
 
     verdict: str
@@ -101,6 +104,11 @@ class Diagnosis:
     held_out: tuple[float, ...] = ()
     covariates_before: tuple[Scored, ...] = ()
     below_visibility: Mapping[str, float] = field(default_factory=dict)
+    unseen: tuple[Unseen, ...] = ()
+    alone_MPa: Pair | None = None
+    set_aside: tuple[str, ...] = ()
+    without: str = ""
+    whole: Fit | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -116,6 +124,7 @@ class Diagnosis:
             "change_point": self.change_point,
             "flags": list(self.flags),
             "odd_presses": list(self.odd.presses),
+            "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
             "lack_of_fit_p": self.lack_of_fit_p,
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
@@ -128,6 +137,10 @@ class Diagnosis:
                 "covariates": list(self.left.covariates),
             },
             "possible_bias_of_E": dict(self.possible_bias),
+            "unseen": {
+                "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
+                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
+            },
             "bias_of_E_at_smallest_visible": dict(self.below_visibility),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),

@@ -98,7 +98,7 @@ def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> lis
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
     """Each press's own offset where something about the presses is odd; None where nothing is."""
-    fitted = found.fitted
+    fitted = found.whole or found.fitted
     if not (found.odd or found.odd.scattered or found.change_point):
         return None
     order = np.argsort(fitted.data.presses.order, kind="stable")
@@ -166,7 +166,7 @@ def carded(found: Diagnosis) -> list[str]:
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """One card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    seen = {effect.key: effect for effect in sighted()}
+    seen = {effect.key: effect for effect in sighted(None if found.sight is None else found.sight.base.data)}
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
     made = []
     elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}

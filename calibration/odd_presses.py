@@ -6,7 +6,9 @@ Each press has an own offset, its residual e projected on what a depth zero does
 
 The error model takes any scatter of z for granted, however large, so two things are asked beside it. Is one z too
 far from those of presses like it (of one radius, three at least), each over what its gain, zero and samples let
-expect: Student's t over their robust spread, 1.4826 times the median of |z|, Bonferroni over the presses. And does
+expect: Student's t over their robust spread, 1.4826 times the median of |z|, Bonferroni over the presses. It is
+`foreign` if it is as far beyond what the tails of all the others let expect: some readings' noise is heavy-tailed,
+and then the likeliest t has few degrees of freedom. And does
 z jump or drift over the order or the date: the largest cumulative sum of z along it, held against the same z with
 like presses in another order, which is exact whatever z's distribution is.
 """
@@ -27,6 +29,7 @@ from tactilevision.records import Floats
 FEWEST, REPEATS, SHUFFLES = 8, 3, 999
 LEVEL = 0.005  # of either finding where nothing is there: beside the screen's own
 ROBUST = 1.4826
+TAILS = (2.0, 3.0, 4.0, 6.0, 10.0, 30.0, 1000.0)  # degrees of freedom
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
 LEAST_SPREAD_MM = 1e-3
 LEAST_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
@@ -37,10 +40,11 @@ OF_PRESSES = ("order", "recording date")  # for place, wait and temperature ther
 @dataclass(frozen=True, slots=True)
 class Oddity:
     """Labels of presses that stand out, covariates that the presses' zeros depend on with p for all looks, and
-    whether like presses scatter far more than any rig's.
+    whether like presses scatter far more than any rig's. `foreign` where the others' own tails reach none of them.
     """
 
     presses: tuple[str, ...] = ()
+    foreign: bool = False
     wanders: tuple[tuple[str, float], ...] = ()
     scattered: bool = False
 
@@ -55,9 +59,13 @@ def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     if data.count < FEWEST:
         return Oddity(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
-    far = _far(_beside_like(own, groups) / _usual_mm(fitted), np.unique(groups).size)
+    beside = np.abs(_beside_like(own, groups) / _usual_mm(fitted))
+    far = beside > _limit(beside, DOF_SHARE * (own.size - np.unique(groups).size), ROBUST)
+    dof = _tail_dof(beside[~far])
+    foreign = bool((beside[far] > _limit(beside, dof, _over_median(dof))).any())
     stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(far))
-    return Oddity(stands_out, tuple(_wanders(fitted, own - own.mean(), groups, rng)), scattered)
+    wanders = tuple(_wanders(fitted, own - own.mean(), groups, rng))
+    return Oddity(stands_out, foreign, wanders, scattered)
 
 
 def own_zero_mm(fitted: Fit) -> Floats:
@@ -91,12 +99,30 @@ def _beside_like(own: Floats, groups: Ints) -> Floats:
     return np.asarray(rest)
 
 
-def _far(own: Floats, medians: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _limit(beside: Floats, dof: float, over_median: float) -> float:
+    """How far |z| of the farthest of so many presses may lie, by t of these degrees of freedom."""
     from scipy.stats import t
 
-    spread = max(ROBUST * float(np.median(np.abs(own))), LEAST_SPREAD)
-    limit = float(t.isf(LEVEL / 2 / own.size, max(DOF_SHARE * (own.size - medians), 2.0)))
-    return np.asarray(np.abs(own) > limit * spread)
+    spread = max(over_median * float(np.median(beside)), LEAST_SPREAD)
+    return spread * float(t.isf(LEVEL / 2 / beside.size, max(dof, 2.0)))
+
+
+def _tail_dof(beside: Floats) -> float:
+    """The likeliest degrees of freedom of these |z|, as far as their median says how wide they are."""
+    from scipy.stats import t
+
+    def likelihood(dof: float) -> float:
+        spread = max(_over_median(dof) * float(np.median(beside)), LEAST_SPREAD)
+        return float(np.sum(t.logpdf(beside / spread, dof) - np.log(spread)))
+
+    return max(TAILS, key=likelihood)
+
+
+def _over_median(dof: float) -> float:
+    """t's scale over the median of its |z|."""
+    from scipy.stats import t
+
+    return 1 / float(t.isf(0.25, dof))
 
 
 def _wanders(fitted: Fit, own: Floats, groups: Ints, rng: np.random.Generator) -> Iterator[tuple[str, float]]:

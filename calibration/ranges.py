@@ -7,15 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from calibration.data import DepthSource, Observations
 from calibration.stages import Effect
 
 LARGEST: Mapping[str, float] = {
     "depth_zero": 0.05, "force_bias": 0.05, "force_gain": 0.02, "force_crosstalk": 0.02, "clock_offset": 0.1,
-    "tilt": 0.02, "edge_fillet": 0.5, "backing_compliance": 0.02, "thickness": 0.3, "friction": 1.0,
-    "adhesion": 0.002, "viscoelasticity": 0.3, "recovery": 0.1, "mullins": 0.15, "photometric_gain": 0.05,
-    "photometric_drift": 0.05,
+    "tilt": 0.02, "edge_fillet": 0.5, "backing_compliance": 0.02, "lateral_boundary": 0.3, "thickness": 0.3,
+    "friction": 1.0, "adhesion": 0.002, "viscoelasticity": 0.3, "recovery": 0.1, "mullins": 0.15,
+    "photometric_gain": 0.05, "photometric_drift": 0.05,
 }  # fmt: skip
 AS_COMPUTED: Mapping[str, float] = {"bevel_rise": 1.0}  # a multiple of what theory has
+
+OF_SOURCE: Mapping[str, DepthSource] = {
+    "backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision",
+    "photometric_drift": "vision", "slope_saturation": "vision",
+}  # fmt: skip
+
+
+def absent(effect: Effect, data: Observations) -> bool:
+    """Whether it cannot be in these data, for their depth comes from elsewhere."""
+    return data.depth_source != OF_SOURCE.get(effect.key, data.depth_source)
 
 
 def largest(effect: Effect) -> float:
