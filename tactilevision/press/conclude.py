@@ -123,6 +123,15 @@ def _look(chain: Chain, watch: Watch, timed: Timed | None, rise: Rise | None) ->
                 rest_s=chain.rest_s[name], offset_s=chain.offset_s)  # fmt: skip
 
 
+def _shared_touch(timed: Timed) -> float:
+    """What all depths are off by alike: the ruler's zero, or the shape of the growing dent; a stop is its own."""
+    assert timed.touch is not None
+    assert timed.event is not None
+    if timed.ruler is not None:
+        return timed.ruler.zero_std_mm
+    return 0.0 if timed.event.dwell else timed.touch.onset.shared_std
+
+
 def _point(
     chain: Chain, press: Press, timed: Timed | None, rise: Rise | None, look: Look | None
 ) -> CertifiedPoint:
@@ -142,7 +151,7 @@ def _point(
         force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
         extra |= {
             "touch_std_s": touch.std_s,
-            "touch_shared_std_mm": 0.0 if event.dwell or timed.ruler else touch.onset.shared_std,
+            "touch_shared_std_mm": _shared_touch(timed),
             "touch_channel": touch.channel,
             "touch_sigmas": touch.onset.gain**0.5,
             "force_readings": event.readings,

@@ -25,12 +25,18 @@ _FEWEST, _TURNS = 4, 6
 _SIGMAS = 4.0  # of chi-square: the noise it is held against is itself known to some per cent only
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FirstContact:
-    """The force's zero and its std, F/T clock."""
+    """The force's zero and its std, F/T clock; `law` (b1, b2) and the covariance (3, 3) of the zero and it.
+
+    `shared_s`: what the zeros of presses that share their law may be off by together.
+    """
 
     time_s: float
     std_s: float
+    law: Floats
+    covariance: Floats
+    shared_s: float = 0.0
 
 
 def first_contact(window: ForceWindow, touch_s: float) -> FirstContact | None:
@@ -72,8 +78,8 @@ def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float)
     reduced = float((residual**2).sum()) / dof / std_N**2
     if not np.isfinite(reduced) or reduced > 1 + _SIGMAS * np.sqrt(2 / dof) or not answer[1] > 0:
         return None
-    variance = np.linalg.pinv(jacobian.T @ jacobian)[0, 0] * std_N**2 * max(reduced, 1.0)
-    return FirstContact(float(answer[0]), float(np.sqrt(variance)))
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * std_N**2 * max(reduced, 1.0)
+    return FirstContact(float(answer[0]), float(np.sqrt(covariance[0, 0])), answer[1:], covariance)
 
 
 def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:

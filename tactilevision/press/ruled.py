@@ -8,17 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.contact.bevel import SIDES
+from tactilevision.press.alike import share_law
 from tactilevision.press.checks import face_tilt
 from tactilevision.press.event import event_force
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
+from tactilevision.press.ramp import FirstContact
 from tactilevision.press.rise import Rise
 from tactilevision.press.ruler import Mark, Ruler, fit_ruler
 from tactilevision.press.timed import Chain, Timed
 from tactilevision.press.touch import SURE, fill_mm
-from tactilevision.press.travel import Travel, travel_of
+from tactilevision.press.travel import Travel, begin_of, travel_of
 from tactilevision.records import Indenter
 
+# A rounded edge bends the law's first 20 um: by finite elements, edges of .05 to .15 mm move its zero by .1 to .5.
+FORM_MM = 0.0003
 _AT_STOP = 3.0  # sigmas of a stop's travel within which the ruler puts a touch at it
 
 
@@ -36,7 +40,9 @@ def on_ruler(
         marks = {name: _mark(chain, timed[name], travel, rises[name]) for name, travel in group.items()}
         lean = float(np.median([mark.lean_mm for mark in marks.values()]))
         marks = {name: replace(mark, lean_mm=mark.lean_mm - lean) for name, mark in marks.items()}
-        ruler = fit_ruler(list(marks.values()), scale=1.0 if staged else None)
+        # their forces follow one law of the travel, as far as that was looked at: up to a stop
+        even = all(travel.shared_mm > 0 and not _stops(chain, name) for name, travel in group.items())
+        ruler = fit_ruler(list(marks.values()), scale=1.0 if staged else None, even=even)
         if ruler is None:
             continue
         for (name, mark), use in zip(marks.items(), ruler.used, strict=True):
@@ -49,8 +55,7 @@ def _groups(
     chain: Chain, timed: Mapping[str, Timed], sound: Sequence[str]
 ) -> dict[tuple[object, ...], dict[str, Travel]]:
     """The ways in of presses of one bevel and radius that came to a sure touch."""
-    groups: dict[tuple[object, ...], dict[str, Travel]] = {}
-    pace = _paces(chain, sound)
+    begun: dict[tuple[object, ...], dict[str, FirstContact]] = {}
     for name in sound:
         one, window = timed.get(name), chain.windows[name]
         if one is None or one.touch is None or one.event is None or one.crossed is None or window is None:
@@ -58,11 +63,42 @@ def _groups(
         indenter = one.touched.case.watch.indenter
         if one.touch.onset.gain <= SURE or one.touched.distance_mm is None or not indenter.height_mm:
             continue
-        travel = travel_of(window, one.crossed.time_s, stage=chain.recording.stage, pace_mm_s=pace[name])
-        if travel is not None and travel.at(one.crossed.time_s) > 0:
+        first = begin_of(window, one.crossed.time_s)
+        if first is not None:
             key = indenter.bevel, one.touched.distance_mm, indenter.radius_mm
-            groups.setdefault(key, {})[name] = travel
-    return groups
+            begun.setdefault(key, {})[name] = first
+    pace = _paces(chain, sound)
+    return {key: _travels(chain, timed, group, pace) for key, group in begun.items()}
+
+
+def _travels(
+    chain: Chain, timed: Mapping[str, Timed], begun: Mapping[str, FirstContact], pace_mm_s: Mapping[str, float]
+) -> dict[str, Travel]:
+    """The ways in, each since a first contact that knows the law of the others."""
+
+    def ways(since: Mapping[str, FirstContact]) -> dict[str, Travel]:
+        found = {}
+        for name, first in since.items():
+            window, crossed = chain.windows[name], timed[name].crossed
+            assert window is not None
+            assert crossed is not None
+            way = travel_of(window, first, stage=chain.recording.stage, pace_mm_s=pace_mm_s[name])
+            if way is not None and way.at(crossed.time_s) > 0:
+                found[name] = way
+        return found
+
+    alone = ways(begun)
+    return ways(
+        share_law({name: begun[name] for name in alone}, {name: way.pace_mm_s for name, way in alone.items()})
+    )
+
+
+def _stops(chain: Chain, name: str) -> bool:
+    """Whether the rig stopped on the way in."""
+    window = chain.windows[name]
+    assert window is not None
+    assert window.phases is not None
+    return any(first < window.phases.hold for first, _ in window.dwells)
 
 
 def _paces(chain: Chain, names: Sequence[str]) -> dict[str, float]:
@@ -85,16 +121,19 @@ def _mark(chain: Chain, one: Timed, travel: Travel, rise: Rise) -> Mark:
     scale = there / onset.at
     if one.event.dwell:  # the rig stopped about the touch: how far from it, the force tells
         there += scale * (onset.at - float(one.touched.law.depth(window.at(np.array([one.crossed.time_s])))[0]))
-    pace = travel.travel_mm[-1] / max(travel.time_s[-1] - travel.time_s[0], 1e-9)
     own = scale**2 * max(onset.std**2 - onset.shared_std**2, 0.0) + travel.std_mm**2
     # an edge that was found lies anywhere in its window: seen beyond it, the touch comes by the bevel's fall later
     shape = 0.0 if one.touched.distance_given else 0.5 * fill_mm(indenter)
-    shared = scale**2 * (onset.shared_std**2 + shape**2) + (pace * (chain.offset.std or 0.0)) ** 2
+    zero = float(np.hypot(travel.shared_mm, scale * FORM_MM))
+    shared = (
+        scale**2 * (onset.shared_std**2 + shape**2) + (travel.pace_mm_s * (chain.offset.std or 0.0)) ** 2 + zero**2
+    )
     lean = float(face_tilt(watch) @ np.array(SIDES[watch.side])) * one.touched.distance_mm
     return Mark(
         depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=there, own_std_mm=float(np.sqrt(own)),
         shared_std_mm=float(np.sqrt(shared)), force_N=float(one.event.force_N[2]), height=indenter.name,
         height_std_mm=indenter.height_std_mm / (1 + rise.ratio), lean_mm=lean / (1 + rise.ratio),
+        zero_std_mm=zero,
     )  # fmt: skip
 
 
@@ -114,11 +153,10 @@ def _moved(chain: Chain, one: Timed, ruler: Ruler, travel: Travel, mark: Mark) -
     target = ruler.travel_mm(mark.depth_mm, mark.force_N)
     beyond = target - travel.at(one.crossed.time_s)
     moving = max(travel.reached_s(target), float(travel.time_s[0]))
-    pace = travel.travel_mm[-1] / max(travel.time_s[-1] - travel.time_s[0], 1e-9)
     if one.event.dwell and beyond > -_AT_STOP * travel.std_mm:
         event = _beyond_stop(one, one.event, window, beyond / mark.travel_mm * one.touch.onset.at)
         return replace(one, event=event, ruler=ruler, stop_std_N=abs(_rate(one, window)) * travel.std_mm)
-    crossed = replace(one.crossed, time_s=moving, std_s=travel.std_mm / pace, dwell_s=None)
+    crossed = replace(one.crossed, time_s=moving, std_s=travel.std_mm / travel.pace_mm_s, dwell_s=None)
     found = event_force(window, chain.forces, crossed)
     if found is None:
         return one

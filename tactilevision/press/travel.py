@@ -11,18 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.ramp import first_contact, moving_s, top_s
+from tactilevision.press.ramp import FirstContact, first_contact, moving_s, top_s
 from tactilevision.recording import StageSeries
 from tactilevision.records import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Travel:
-    """`travel_mm` (T,) at `time_s` (T,) from first contact to the top, never falling; `std_mm` of its zero."""
+    """`travel_mm` (T,) at `time_s` (T,) from first contact to the top, never falling; `pace_mm_s` while it moves.
+
+    `std_mm` of its zero by itself, `shared_mm` of all zeros alike.
+    """
 
     time_s: Floats
     travel_mm: Floats
+    pace_mm_s: float
     std_mm: float
+    shared_mm: float = 0.0
 
     def at(self, time_s: float) -> float:
         """Travel at a time."""
@@ -37,20 +42,19 @@ class Travel:
                                self.time_s[place - 1 : place + 1]))  # fmt: skip
 
 
-def travel_of(
-    window: ForceWindow, touch_s: float, *, stage: StageSeries | None, pace_mm_s: float
-) -> Travel | None:
-    """The travel of one press; None where its first contact is not to be told, or neither stage nor pace is known.
-
-    First contact is looked for up to the rig's first stop, or to the touch at `touch_s`.
-    """
+def begin_of(window: ForceWindow, touch_s: float) -> FirstContact | None:
+    """First contact, looked for up to the rig's first stop, or to the touch at `touch_s`; None: not to be told."""
     if window.phases is None:
         return None
     onset = float(window.time_s[window.phases.onset])
     stops = [float(window.time_s[first]) for first, _ in window.dwells]
-    begun = first_contact(window, min([stop for stop in stops if stop > onset] + [touch_s]))
-    if begun is None:
-        return None
+    return first_contact(window, min([stop for stop in stops if stop > onset] + [touch_s]))
+
+
+def travel_of(
+    window: ForceWindow, begun: FirstContact, *, stage: StageSeries | None, pace_mm_s: float
+) -> Travel | None:
+    """The travel of one press since its first contact; None where neither stage nor pace is known."""
     end = top_s(window)
     inside = window.time_s[(window.time_s > begun.time_s) & (window.time_s < end)]
     times = np.concatenate([[begun.time_s], inside, [max(end, begun.time_s)]])
@@ -63,4 +67,6 @@ def travel_of(
         return None
     moved = moving_s(window, begun.time_s, times[-1:])[0]
     pace = float(travel[-1]) / max(float(moved), 1e-9)
-    return Travel(times, np.asarray(travel, dtype=np.float64), pace * begun.std_s) if pace > 0 else None
+    if not pace > 0:
+        return None
+    return Travel(times, np.asarray(travel, dtype=np.float64), pace, pace * begun.std_s, pace * begun.shared_s)

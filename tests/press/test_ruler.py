@@ -10,7 +10,7 @@ import pytest
 from tactilevision.press.force_window import force_window
 from tactilevision.press.ramp import first_contact, moving_s, top_s
 from tactilevision.press.ruler import Mark, fit_ruler
-from tactilevision.press.travel import travel_of
+from tactilevision.press.travel import begin_of, travel_of
 from tactilevision.recording import StageSeries
 from tactilevision.records import ForceSeries, Press
 
@@ -122,13 +122,28 @@ def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> 
     times = np.arange(0.0, 8.0, 0.01)
     place = 7.0 + np.interp(times, [0.0, 1.2345, stop_s, stop_s + 1.0, top_s_, 8.0],
                             [-0.1, 0.0, 0.3, 0.3, 0.5, 0.5])  # fmt: skip
+    begun = begin_of(window, top_s_ - 0.2)
+    assert begun is not None
     for stage, pace in ((StageSeries(times, place), float("nan")), (None, 0.25)):
-        travel = travel_of(window, top_s_ - 0.2, stage=stage, pace_mm_s=pace)
+        travel = travel_of(window, begun, stage=stage, pace_mm_s=pace)
         assert travel is not None
         assert travel.at(stop_s + 0.5) == pytest.approx(0.3, abs=0.012)
         assert travel.at(top_s_ - 0.2) == pytest.approx(0.45, abs=0.012)
         assert travel.reached_s(0.45) == pytest.approx(top_s_ - 0.2, abs=0.06)
-    assert travel_of(window, top_s_ - 0.2, stage=None, pace_mm_s=float("nan")) is None
+    assert travel_of(window, begun, stage=None, pace_mm_s=float("nan")) is None
+
+
+def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
+    errors, stds = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        leaning = [replace(mark, travel_mm=mark.travel_mm + 0.006 * rng.standard_normal())
+                   for mark in marks(rng, late=float(rng.normal(0, TOGETHER)))]  # fmt: skip
+        ruler = fit_ruler(leaning, even=True)
+        assert ruler is not None
+        errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
+        stds.append(ruler.relative_std(C))
+    assert 0.5 < np.std(errors) / np.mean(stds) < 1.3
 
 
 def test_no_ruler_without_a_common_pace_or_enough_heights() -> None:
