@@ -6,15 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.boundary import softening
-from tactilevision.mechanics.flat_contact import WIDE, FlatContact
+from tactilevision.mechanics.boundary import rim_share
+from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.profile import PunchCase, linear_profile
 from tactilevision.mechanics.tables import table as tables
 from tactilevision.mechanics.tables.blocks import hayes_stiffness
 from tactilevision.mechanics.tables.cases import BESIDE, REACH
 from tactilevision.records import Bools, Floats, Material
-
-SAME_PAD = 1e-9
 
 
 def punch_force(
@@ -23,8 +21,8 @@ def punch_force(
     """Force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
     P = E h w x Hayes' P/(E w h) of the flat part x the tabulated ratio x (1 - s). Below the first depth solved
-    (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py, linear theory: good
-    to 15 % of s); 0 for a pad of five thicknesses and more. Between tabulated frictions and edge radii the table
+    (.002 h) the force is proportional to depth. s is what a near rim takes off (boundary.py: good to 10 % of s);
+    0 for a pad of five thicknesses and more. Between tabulated frictions and edge radii the table
     interpolates; sharper than the smallest radius is its limit, with the error that the card states.
     Raises InputError beyond the table in any direction. Source: punch_fem; errors on the card.
     """
@@ -33,7 +31,7 @@ def punch_force(
     _demand(known, depth, contact, material, table)
     h, nu = contact.thickness_mm, material.poisson_ratio
     scale = material.youngs_modulus_MPa * h * hayes_stiffness(nu, contact.a_over_h, contact.edge_over_h)
-    return np.asarray(scale * (1 - _softening(contact, nu)) * depth * ratio.reshape(depth.shape))
+    return np.asarray(scale * (1 - rim_share(depth, contact, nu)) * depth * ratio.reshape(depth.shape))
 
 
 def force_ratio(
@@ -95,16 +93,6 @@ def surface_over_depth(r_over_a: Floats, case: PunchCase, mixture: tables.Mixtur
     line = CubicSpline(np.sqrt(BESIDE), excess[0], axis=1)(np.sqrt(np.clip(beyond, 0, REACH)))
     fading = np.exp(-np.maximum(beyond - REACH, 0))
     return np.stack(linear_profile(r_over_a, case)) + fading * line, bool(known[0])
-
-
-def _softening(contact: FlatContact, poisson_ratio: float) -> float:
-    rim = contact.pad_radius_mm
-    if rim >= WIDE * contact.thickness_mm * (1 - SAME_PAD):
-        return 0.0
-    return float(
-        softening(rim - contact.radius_mm, radius_mm=contact.radius_mm, thickness_mm=contact.thickness_mm,
-                  poisson_ratio=min(poisson_ratio, 0.499))
-    )  # fmt: skip
 
 
 def _demand(
