@@ -49,10 +49,10 @@ def identify(fitted: Fit) -> Identified:
     radius = main_radius(fitted)
     assumptions: list[str] = []
     try:
-        stuck = _stuck(fitted)
-        of_stuck = None if stuck is None else stuck.estimate("poisson_ratio").interval95
+        other = stuck(fitted) if _radii_fix_nu(fitted) else None
+        of_stuck = None if other is None else other.estimate("poisson_ratio").interval95
     except ConvergenceError:  # what sticking would make of nu is then unknown
-        stuck, of_stuck = None, SILICONE_NU
+        other, of_stuck = None, SILICONE_NU
     nu, source = _poisson(fitted, of_stuck, assumptions)
     c = stiffness_of(fitted, radius)
     beta = fitted.estimate(beta_name(fitted, radius))
@@ -60,11 +60,11 @@ def identify(fitted: Fit) -> Identified:
     surplus = sticking_range(fitted, nu, radius, assumptions)
     modulus = _modulus(spread, nu, surplus, "MPa")
     reduced = _modulus(spread.reduced(), nu, surplus, "MPa")
-    if stuck is not None and nu.value is not None:
-        other = stuck.estimate("poisson_ratio")
-        spread = _spread(stuck, other, radius)
-        modulus = _with(modulus, _modulus(spread, other, 0.0, "MPa").interval95)
-        reduced = _with(reduced, _modulus(spread.reduced(), other, 0.0, "MPa").interval95)
+    if other is not None and nu.value is not None:
+        its_nu = other.estimate("poisson_ratio")
+        spread = _spread(other, its_nu, radius)
+        modulus = _with(modulus, _modulus(spread, its_nu, 0.0, "MPa").interval95)
+        reduced = _with(reduced, _modulus(spread.reduced(), its_nu, 0.0, "MPa").interval95)
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=beta, source=source,
         covariance=_covariance(fitted, radius), modulus_of_nu=_curve(fitted, c, radius),
@@ -138,14 +138,19 @@ def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tupl
     return Estimate(None, None, SILICONE_NU, "1", why), "prior"
 
 
-def _stuck(fitted: Fit) -> Fit | None:
-    """The fit of a gel that sticks, where radii may fix nu: friction then moves nu, and E with it; else None."""
+def _radii_fix_nu(fitted: Fit) -> bool:
+    """Whether they may: friction then moves nu, and E with it."""
     several = np.unique(fitted.data.presses.radius_mm).size > 1
-    fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
+    return several and not fitted.parameters[fitted.index("poisson_ratio")].fixed
+
+
+def stuck(fitted: Fit) -> Fit | None:
+    """The same on a gel that sticks to the face; None where it does already, or slides.
+
+    Raises ConvergenceError where that cannot be fitted.
+    """
     law = fitted.model.law
-    if fixed or not several or _lubricated(fitted) or "friction" in fitted.model.keys:
-        return None
-    if not isinstance(law, FlatPunch) or law.sticking == 1:
+    if _lubricated(fitted) or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
     return fit(Model(replace(law, sticking=1.0), fitted.model.effects), fitted.data, noise=fitted.noise,
                starts=fitted.values[None], tolerances=False)  # fmt: skip

@@ -21,9 +21,8 @@ import numpy as np
 
 from calibration.bias import NOTHING, change_of_force
 from calibration.calibrate import conclude
-from calibration.fitting import Fit, fit, inverse_information
-from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.fitting import Fit, inverse_information
+from calibration.identify import stuck
 from calibration.noise import Whitener
 from calibration.ranges import absent, largest
 from calibration.refit import CANNOT_FIT
@@ -72,9 +71,8 @@ def allow_for_unseen(
     """
     if modulus.value is None or modulus.interval95 is None:
         return modulus, ()
-    laws = [(fitted, modulus), *((other, conclude(other).youngs_modulus) for other in _stuck(fitted))]
     looked = [e for e in effects if e.key not in (*fitted.model.keys, *A_LAW) and not absent(e, fitted.data)]
-    parts = [part for one, found in laws for part in _parts(one, found, looked, modulus.value)]
+    parts = [part for one, found in _laws(fitted, modulus) for part in _parts(one, found, looked, modulus.value)]
     if not parts:
         return modulus, ()
     log_weight, shift = (np.concatenate([getattr(p, name) for p in parts]) for name in ("log_weight", "shift"))
@@ -87,16 +85,13 @@ def allow_for_unseen(
     return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))
 
 
-def _stuck(fitted: Fit) -> list[Fit]:
-    """The same on a gel that sticks to the face; none where it does already, slides, or cannot be fitted."""
-    law, data = fitted.model.law, fitted.data
-    if not isinstance(law, FlatPunch) or law.sticking == 1 or np.all(data.presses.lubricated == 1):
-        return []
+def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
+    """The fit, and the same on a gel that sticks where that can be fitted, each with its E."""
     try:
-        return [fit(Model(replace(law, sticking=1.0), fitted.model.effects), data, noise=fitted.noise,
-                    starts=fitted.values[None], tolerances=False)]  # fmt: skip
+        other = stuck(fitted)
     except CANNOT_FIT:
-        return []
+        other = None
+    return [(fitted, modulus)] if other is None else [(fitted, modulus), (other, conclude(other).youngs_modulus)]
 
 
 def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: float) -> list[_Part]:
@@ -116,7 +111,8 @@ class _Space:
 
     def __init__(self, fitted: Fit) -> None:
         self._fitted = fitted
-        free = fitted.free & ~fitted.at_bound
+        modulus = fitted.index("youngs_modulus_MPa")
+        free = fitted.free & (~fitted.at_bound | (np.arange(fitted.free.size) == modulus))
         self._whitener = Whitener(fitted.data, fitted.noise, fitted.about)
         known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
         mean = np.array([0.0 if p.prior is None else p.prior.mean for p in fitted.parameters])
@@ -125,7 +121,7 @@ class _Space:
             self._whitener.apply(fitted.residual_N), (known * (mean - fitted.values))[free]
         ])  # fmt: skip
         self._inverse = inverse_information(self._jacobian)
-        self._modulus = int(np.flatnonzero(np.flatnonzero(free) == fitted.index("youngs_modulus_MPa"))[0])
+        self._modulus = int(np.flatnonzero(np.flatnonzero(free) == modulus)[0])
 
     def rivals(self, effect: Effect, chance: float) -> list[_Part]:
         """One for each start of the effect that does anything; they share its chance."""
@@ -157,7 +153,8 @@ def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
 
     stated = getattr(effect, "parameters_on", None)
     first = (effect.parameters if stated is None else stated(fitted.data))[0]
-    std = largest(effect) / 2 if first.prior is None else first.prior.std
+    end = largest(effect) if np.isfinite(largest(effect)) else first.scale
+    std = end / 2 if first.prior is None else first.prior.std
     start = abs(own[0] - first.default)
     one_sided = first.default in first.bounds
     share = (np.arange(NODES) + 0.5) / NODES
