@@ -23,7 +23,7 @@ from tactilevision.records import Indenter
 
 # A rounded edge bends the law's first 20 um: by finite elements, edges of .05 to .15 mm move its zero by .1 to .5.
 FORM_MM = 0.0003
-_AT_STOP = 3.0  # sigmas of a stop's travel within which the ruler puts a touch at it
+_AT_STOP = 3.0  # sigmas of travel and ruler within which a stop stands at the touch
 
 
 def on_ruler(
@@ -153,7 +153,9 @@ def _moved(chain: Chain, one: Timed, ruler: Ruler, travel: Travel, mark: Mark) -
     target = ruler.travel_mm(mark.depth_mm, mark.force_N)
     beyond = target - travel.at(one.crossed.time_s)
     moving = max(travel.reached_s(target), float(travel.time_s[0]))
-    if one.event.dwell and beyond > -_AT_STOP * travel.std_mm:
+    off = ruler.relative_std(one.touched.law.c_N_per_mm) * target
+    sure = float(np.linalg.norm([travel.std_mm, travel.shared_mm, off]))
+    if one.event.dwell and beyond > -_AT_STOP * sure:
         event = _beyond_stop(one, one.event, window, beyond / mark.travel_mm * one.touch.onset.at)
         return replace(one, event=event, ruler=ruler, stop_std_N=abs(_rate(one, window)) * travel.std_mm)
     crossed = replace(one.crossed, time_s=moving, std_s=travel.std_mm / travel.pace_mm_s, dwell_s=None)
