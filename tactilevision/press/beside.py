@@ -27,7 +27,7 @@ from tactilevision.mechanics.bulge import BulgeFit, BulgeSettings, fit_poisson_r
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.press.certificate import Certificate
-from tactilevision.press.rise import blur_place, combine, computed_ratio
+from tactilevision.press.rise import blur_place, combine, computed_ratio, depth_std
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
@@ -113,7 +113,9 @@ def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Est
         if indenter.bevel_distance_mm is None:
             rise = blur_place(rise, known, indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + rise.ratio)
-        std = float(np.hypot(indenter.height_std_mm, depth * rise.std) / (1 + rise.ratio))
+        ruler, lean = (point.extra.get(name) for name in ("ruler_std", "lean_std_mm"))
+        std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, lean_std_mm=float(lean or 0.0),
+                        ruler_std=None if ruler is None else float(ruler))  # fmt: skip
         scales[point.press] = depth / point.depth_mm
         extra = {**point.extra, "rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
         points.append(replace(point, depth_mm=depth, depth_std_mm=std, extra=extra))

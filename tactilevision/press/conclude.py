@@ -20,6 +20,7 @@ from tactilevision.press.rise import (
     blur_place,
     combine,
     computed_ratio,
+    depth_std,
     map_error,
     press_rise,
     seen_ratio,
@@ -28,7 +29,7 @@ from tactilevision.press.rise import (
 from tactilevision.press.ruled import on_ruler
 from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE
-from tactilevision.press.usual import usual_of
+from tactilevision.press.usual import lean_scatter, usual_of
 from tactilevision.press.watch import Watch
 from tactilevision.records import CertifiedPoint, Press
 
@@ -47,9 +48,11 @@ def conclude(chain: Chain) -> Certificate:
     timed = on_ruler(chain, timed, rises, sound)
     looks = _looks(chain, timed, rises)
     said = _said(chain, looks)
+    leans = lean_scatter([look for name, look in looks.items() if not said[name]], usual_of(looks))
     points = []
     for press in chain.recording.presses:
-        point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press))
+        point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press),
+                       leans_rad=leans)  # fmt: skip
         points.append(_judged(point, said.get(press.press, (_UNSEEN,))))
     gauge = find_gauge([(touch.depth_seen_mm, point.depth_mm) for point in points
                         if point.accepted and (touch := looks[point.press].touch) is not None])  # fmt: skip
@@ -133,14 +136,17 @@ def _shared_touch(timed: Timed) -> float:
 
 
 def _point(
-    chain: Chain, press: Press, timed: Timed | None, rise: Rise | None, look: Look | None
+    chain: Chain, press: Press, timed: Timed | None, rise: Rise | None, look: Look | None, *, leans_rad: float
 ) -> CertifiedPoint:
+    """The point of one press before its verdict; `leans_rad`: what faces lean by from press to press."""
     indenter = chain.recording.indenters[press.indenter]
     height = indenter.height_mm if indenter.height_mm is not None else float("nan")
     rise = rise or unknown_rise()
     depth = height / (1 + rise.ratio)
-    std = float(np.hypot(indenter.height_std_mm / (1 + rise.ratio), depth * rise.std / (1 + rise.ratio)))
-    extra: dict[str, object] = {"rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
+    distance = look.distance_mm if look is not None else None
+    lean_std = leans_rad * (distance or 0.0) / (1 + rise.ratio)
+    std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, lean_std_mm=lean_std)
+    extra: dict[str, object] = {"rise_ratio": rise.ratio, "rise_ratio_std": rise.std, "lean_std_mm": lean_std}
     force, force_std, time_s = np.full(3, np.nan), float("nan"), float("nan")
     if timed is not None and timed.touch is not None and timed.event is not None and timed.crossed is not None:
         event, touch = timed.event, timed.touch
@@ -161,7 +167,7 @@ def _point(
         }
         if timed.ruler is not None:
             ratio = timed.ruler.relative_std(timed.touched.law.c_N_per_mm)
-            std = depth * float(np.hypot(rise.std / (1 + rise.ratio), ratio))
+            std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, ruler_std=ratio)
             extra |= {"ruler_std": ratio, "touches_late_mm": timed.ruler.late_mm,
                       "touches_late_std_mm": timed.ruler.late_std_mm}  # fmt: skip
     if look is not None and look.watch.footprint is not None:

@@ -150,3 +150,15 @@ def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | No
     value = float(np.average([seen[0], computed[0]], weights=weights))
     apart = abs(seen[0] - computed[0]) / float(np.hypot(seen[1], computed[1]))
     return Rise(value, float(max(apart, 1.0) / np.sqrt(weights.sum())), seen, computed)
+
+
+def depth_std(
+    depth_mm: float, rise: Rise, *, height_std_mm: float, ruler_std: float | None = None, lean_std_mm: float = 0.0
+) -> float:
+    """Of a certified depth: by the machined height, the rise and the face's lean; on a ruler, its scale (relative)
+    in the place of height and lean.
+    """
+    of_rise = depth_mm * rise.std / (1 + rise.ratio)
+    if ruler_std is not None:
+        return float(np.hypot(of_rise, depth_mm * ruler_std))
+    return float(np.linalg.norm([height_std_mm / (1 + rise.ratio), of_rise, lean_std_mm]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tactilevision.press.checks import Look, Usual, face_tilt, interval_at
 from tactilevision.records import Floats
 
 _UNTRIED = 0.002  # rad: scatter of the tilts where too few presses show it
+_REPEATS = 2  # from which their scatter is taken
 _DOUBTFUL = 0.1  # a common radius error beyond this is no habit of the footprint: then the stated radius counts
 
 
@@ -65,3 +66,19 @@ def _equal(looks: Mapping[str, Look]) -> float:
         if len(free) > 20:
             shares += [float((np.abs(np.diff(free, axis=0)) < 1e-9).mean(axis=0).max())]
     return float(np.clip(np.median(shares), 0.05, 0.9)) if shares else 0.6
+
+
+def lean_scatter(looks: Sequence[Look], usual: Usual) -> float:
+    """What faces lean by towards the bevel from press to press, rad, by the repeats of each indenter.
+
+    Against all presses where none is repeated: a height map that misreads walls leans by what the depth is.
+    """
+    leans: dict[str, list[float]] = {}
+    for look in looks:
+        lean = float(face_tilt(look.watch) @ np.array(SIDES[look.watch.side]))
+        if look.watch.footprint is not None and np.isfinite(lean):
+            leans.setdefault(look.watch.indenter.name, []).append(lean)
+    freedom = sum(len(group) - 1 for group in leans.values())
+    if freedom < _REPEATS:
+        return usual.tilt_scatter
+    return float(np.sqrt(sum(np.var(group) * len(group) for group in leans.values()) / freedom))
