@@ -5,18 +5,19 @@ Times on the F/T sensor's clock, forces in N.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.press.phases import Phases, find_phases
+from tactilevision.press.phases import CLEAR, FAINT, Phases, find_phases, noise_of
 from tactilevision.press.tare import Tare, find_tare
-from tactilevision.records import Floats, ForceSeries, Pair, Press
+from tactilevision.records import Bools, Floats, ForceSeries, Pair, Press
 
 _RATE_S = 0.1
 _STILL = 0.2  # of the usual rate: slower than that is a pause, in which a gel may relax
 _DWELL_S = 0.15  # shorter pauses hold too few readings for a mean
 _SMOOTH = 9  # readings: 45 ms at 200 Hz, a tenth of the shortest ramp worth certifying
+_GAP = 3 * _SMOOTH  # readings beside contact that are not taken for free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,14 +50,17 @@ def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: f
     if inside.sum() < 10:
         return None
     time, raw = forces.time_s[inside], forces.force_N[inside]
-    rough = _smooth(raw[:, 2] - _floor(raw[:, 2]))
+    rough = _smooth(raw[:, 2])
+    rough = rough - _floor(time, rough)
     contact = find_phases(rough)
+    free = forces.force_N.copy()
     if contact is not None:
-        gap = 3 * _SMOOTH
-        span = (float(time[max(contact.onset - gap, 0)]), float(time[min(contact.end + gap, time.size - 1)]))
+        touching = _touching(rough, noise_of(raw[:, 2]) / np.sqrt(_SMOOTH), contact)
+        free[np.flatnonzero(inside)[touching]] = np.nan  # a first try is no zero
+        span = (float(time[max(contact.onset - _GAP, 0)]), float(time[min(contact.end + _GAP, time.size - 1)]))
     else:
         span = (press.start_s + offset_s, press.end_s + offset_s)
-    tare = find_tare(forces, span, free_s=(first, last))
+    tare = find_tare(replace(forces, force_N=free), span, free_s=(first, last))
     tared = raw - tare.at(time)
     smooth = _smooth(tared[:, 2])
     phases = find_phases(smooth)
@@ -93,10 +97,28 @@ def _undrained(force: Floats, dwells: tuple[tuple[int, int], ...]) -> Floats:
     return drive
 
 
-def _floor(force: Floats) -> float:
-    """Level of the free gel: the median of the lowest fifth."""
-    known = force[np.isfinite(force)]
-    return float(np.median(known[known <= np.quantile(known, 0.2)])) if known.size else 0.0
+def _floor(time: Floats, force: Floats) -> Floats:
+    """Level of the free gel (N,): a line through the medians of the lowest fifths before and after the top.
+
+    One level would let a zero that drifts by more than the noise make free readings look like contact. A side
+    whose lowest fifth climbs holds no free gel, and is left out.
+    """
+    top = int(np.nanargmax(force)) if np.isfinite(force).any() else 0
+    ends = []
+    for side in (slice(0, top + 1), slice(top, None)):
+        low = force[side] <= np.nanquantile(force[side], 0.2)
+        level = float(np.median(force[side][low]))
+        ends.append((float(np.std(force[side][low])) / max(float(force[top]) - level, 1e-9), level, side, low))
+    ends = [end for end in ends if end[0] <= FAINT] or [min(ends, key=lambda end: end[1])]
+    when = [float(np.median(time[side][low])) for _, _, side, low in ends]
+    return np.interp(time, when, [level for _, level, _, _ in ends])
+
+
+def _touching(force: Floats, noise: float, contact: Phases) -> Bools:
+    """Readings (N,) near one that stands out of the zero, beyond what `noise` of a smoothed one lets expect."""
+    top = float(np.median(force[contact.hold : contact.release + 1]))
+    out = (force > max(CLEAR * noise, FAINT * top)).astype(float)
+    return np.asarray(np.convolve(out, np.ones(2 * _GAP + 1), mode="same") > 0.5)
 
 
 def _smooth(force: Floats) -> Floats:

@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
 
+CLEAR, FAINT = 5.0, 0.03  # contact stands out by so many times the noise, and by this share of the top
+
 
 @dataclass(frozen=True, slots=True)
 class Phases:
@@ -44,7 +46,7 @@ def find_phases(reading: Floats) -> Phases | None:
     top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
     if not top > 10 * noise or top <= 0:
         return None
-    contact = known > max(5 * noise, 0.03 * top)
+    contact = known > max(CLEAR * noise, FAINT * top)
     firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
     if not firm.any():
         return None

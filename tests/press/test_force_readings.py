@@ -138,3 +138,28 @@ def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
     assert not fit.dwell
     assert fit.force_N[2] == pytest.approx(0.6, abs=0.012)
     assert crossing(window, 2.0, 0.005) is None
+
+
+def test_the_zero_is_read_on_both_sides_though_it_drifts_and_after_a_first_try() -> None:
+    """A zero that climbs by 20 mN/s stands out of its own floor; a first touch of .5 s is contact, not a zero."""
+    rng, time = np.random.default_rng(2), np.arange(0, 9, 0.005)
+    normal = np.interp(time, [2.0, 2.2, 2.5, 2.6, 3.2, 5.0, 5.5, 6.0], [0, 0.6, 0.6, 0, 0, 1, 1, 0])
+    drift = 0.3 + 0.02 * time
+    force = np.c_[0 * time, 0 * time, normal + drift] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    window = force_window(series, Press("1", "A1", 1.9, 6.1), free_s=(0.0, 9.0), offset_s=0.0)
+    assert window is not None
+    held = (time > 5.05) & (time < 5.45)
+    assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
+
+
+def test_a_press_that_is_recorded_from_its_ramp_on_is_tared_on_the_free_gel_after_it() -> None:
+    rng, time = np.random.default_rng(3), np.arange(0, 9, 0.005)
+    normal = np.interp(time, [3.2, 5.0, 5.5, 6.0], [0, 1, 1, 0]) + 0.3
+    force = np.c_[0 * time, 0 * time, normal] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    window = force_window(series, Press("1", "A1", 3.6, 6.1), free_s=(3.6, 9.0), offset_s=0.0)
+    assert window is not None
+    held = (window.time_s > 5.05) & (window.time_s < 5.45)
+    assert window.tare.before_N is None
+    assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
