@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.checks import check, of_shape
+from calibration.checks import at_one_depth, check, of_shape
 from calibration.data import Measured, Observations
 from calibration.fitting import Fit, fit
 from calibration.identify import identify, main_radius
@@ -30,6 +30,8 @@ from calibration.stages import Law
 from calibration.theory import beta_outside_theory
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
+
+ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
 
 
 def calibrate(
@@ -52,9 +54,12 @@ def calibrate(
     chosen = _chosen(law, seen)
     stated = _sized(of_shape(seen, shape_of(chosen)))
     data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
-    check(data, shape=shape_of(chosen))
-    model = Model(_free(chosen, data), effects.effects if effects else ())
+    single = isinstance(chosen, FlatPunch) and at_one_depth(data)
+    check(data, shape=shape_of(chosen), one_depth=single)
+    model = Model(_free(chosen, data, single=single), effects.effects if effects else ())
     result = conclude(allow_for_indenters(fit(model, data)))
+    if single:
+        result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
         result = _with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel)))
     rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
@@ -103,8 +108,25 @@ def conclude(fitted: Fit) -> CalibrationResult:
     return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
 
 
-def _free(law: Law, data: Observations) -> Law:
-    """The default law lets nu vary where several radii may fix it."""
+def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
+    """The result with what rests on theory said, and no value of beta."""
+    why = "the presses have one depth: stiffness and curvature cannot be told apart"
+    low, high = result.beta.interval95 or (float("nan"), float("nan"))
+    said = (
+        f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
+        "and E follow with what that leaves open"
+    )
+    return replace(
+        result, beta=replace(result.beta, value=None, std=None, why=why), flags=(*result.flags, ONE_DEPTH),
+        assumptions=(*result.assumptions, said),
+        warnings=(*result.warnings, f"{why}; press to two depths at least, one twice the other"),
+    )  # fmt: skip
+
+
+def _free(law: Law, data: Observations, *, single: bool) -> Law:
+    """The default law lets nu vary where several radii may fix it, and beta be theory's at a single depth."""
+    if single and isinstance(law, FlatPunch):
+        law = replace(law, one_depth=True)
     several = np.unique(data.presses.radius_mm).size > 1
     if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
         return replace(law, free_poisson_ratio=True)

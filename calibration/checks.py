@@ -17,18 +17,21 @@ TOUCH = 3.0  # std of a press zero
 SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
 
 
-def check(data: Observations, *, shape: str = "flat_cylinder") -> None:
-    """Raise InputError for the first fault found; return nothing where there is none."""
-    for fault in faults(data, shape=shape):
+def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool = False) -> None:
+    """Raise InputError for the first fault found; return nothing where there is none.
+
+    `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
+    """
+    for fault in faults(data, shape=shape, one_depth=one_depth):
         raise fault
 
 
-def faults(data: Observations, *, shape: str) -> Iterator[InputError]:
+def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
     """Every fault of these data, the plainest first."""
     yield from _gel(data)
     for indenter in (data.indenters[k] for k in np.unique(data.presses.indenter)):
         yield from _indenter(data, indenter, shape)
-    yield from _depths(data)
+    yield from _depths(data, one_depth=one_depth)
     yield from _forces(data)
 
 
@@ -73,7 +76,7 @@ def _half_width(data: Observations) -> float | None:
     return None
 
 
-def _depths(data: Observations) -> Iterator[InputError]:
+def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     touching = data.phase != "free"
     depth = data.depth_mm
     if not data.is_curves and (depth <= 0).any():
@@ -95,7 +98,7 @@ def _depths(data: Observations) -> Iterator[InputError]:
     if depth[k] < TYPICAL_ZERO_MM:
         yield InputError("the deepest press is no deeper than a depth's zero is known", where=_press(data, k),
                          value=float(depth[k]), remedy="Depths are in mm: are these in metres?")  # fmt: skip
-    for radius in np.unique(data.presses.radius_mm):
+    for radius in () if one_depth else np.unique(data.presses.radius_mm):
         mine = depth[touching & (data.radius_mm == radius)]
         if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
             yield _of_one_depth(radius, mine)
@@ -184,6 +187,13 @@ def lacks(data: Observations) -> Iterator[str]:
     if late.size:
         pair = " and ".join(data.presses.label[k] for k in (late[0], late[0] + 1))
         yield f"{late.size} presses begin before another ends ({pair}): the waits between them are not known"
+
+
+def at_one_depth(data: Observations) -> bool:
+    """True where several points of each radius have one depth: they tell a secant, and no more."""
+    radii = np.unique(data.presses.radius_mm)
+    repeated = all(np.count_nonzero(data.presses.radius_mm == radius) > 1 for radius in radii)
+    return not data.is_curves and repeated and all(_one_depth(data, float(radius)) for radius in radii)
 
 
 def _one_depth(data: Observations, radius_mm: float) -> bool:

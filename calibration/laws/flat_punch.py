@@ -25,7 +25,8 @@ from calibration.parameters import Parameter, Prior
 from calibration.stages import State
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
-from calibration.theory import bend_range
+from calibration.theory import bend_range, beta_range
+from tactilevision.errors import InputError
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)
@@ -39,12 +40,13 @@ class FlatPunch(Composable):
     """The default law. `free_poisson_ratio` lets nu vary where several radii may fix it.
 
     `sticking` from 0 (frictionless) to 1 (the gel sticks to the face) adds that share of the surplus stiffness;
-    `bent` adds one gamma a radius.
+    `bent` adds one gamma a radius; `one_depth` holds beta by theory, since such presses tell nothing of it.
     """
 
     free_poisson_ratio: bool = False
     sticking: float = 0.0
     bent: bool = False
+    one_depth: bool = False
 
     @property
     def key(self) -> str:
@@ -55,7 +57,8 @@ class FlatPunch(Composable):
         """E, nu, then beta for each radius in rising order, then gamma for each, if bent."""
         modulus = Parameter("youngs_modulus_MPa", "MPa", starting_modulus(data), (1e-5, 1e4),
                             "Young's modulus of the gel", starting_modulus(data))  # fmt: skip
-        known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *betas(data))
+        curvature = betas_of_theory(data) if self.one_depth else betas(data)
+        known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *curvature)
         return (*known, *bends(data)) if self.bent else known
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
@@ -81,6 +84,23 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
     radii = np.unique(data.presses.radius_mm)
     names = ["beta"] if radii.size == 1 else [f"beta[{radius:g}]" for radius in radii]
     return tuple(Parameter(n, "1", 0.85, (-3.0, 12.0), "curvature of P/w against w/h", 1.0) for n in names)
+
+
+def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
+    """The same, held by what laws from no friction and neo-Hooke to sticking and Hencky have there.
+
+    That range is taken for 95 %. Raises InputError where a/h is too far from the ratios that it is known for.
+    """
+    held = []
+    for plain, radius in zip(betas(data), np.unique(data.presses.radius_mm), strict=True):
+        known = beta_range(SILICONE_NU, float(radius) / data.gel.thickness_mm)
+        if known is None:
+            raise InputError("presses of one depth need theory's curvature, which is not known at this a/h",
+                             where=f"radius {radius:g} mm", value=float(radius) / data.gel.thickness_mm,
+                             remedy="Press to two depths at least, one twice the other.")  # fmt: skip
+        prior = Prior(0.5 * sum(known), (known[1] - known[0]) / 4, "finite elements")
+        held.append(replace(plain, default=prior.mean, prior=prior))
+    return tuple(held)
 
 
 def bends(data: Observations) -> tuple[Parameter, ...]:

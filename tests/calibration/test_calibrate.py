@@ -246,7 +246,6 @@ FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
     ("measured", "message"),
     [
         (points_of(DEPTHS[:1], FORCES[:1]), "one depth"),
-        (points_of(np.full(4, 0.3), np.full(4, 1.1)), "one depth"),
         (points_of(-DEPTHS, FORCES), "above 0 mm"),
         (points_of(DEPTHS, -FORCES), "above 0 N"),
         (points_of(DEPTHS, FORCES[::-1]), "falls as the depth grows"),
@@ -261,6 +260,24 @@ FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
     with pytest.raises(InputError, match=message):
         calibrate(measured)
+
+
+@pytest.mark.parametrize("beta", [0.15, 0.6, 0.87, 1.1])
+def test_one_depth_leaves_the_curvature_to_theory_and_says_so(beta: float) -> None:
+    depth, noise = np.full(5, 0.3), 0.003 * np.array([0.4, -1.2, 0.9, 0.3, -0.6])
+    gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
+    measured = points_of(depth, 3.5 * depth * (1 + beta * depth / 3) + noise, gel=gel)
+    result = calibrate(measured)
+    low, high = result.c.interval95 or (0, 0)
+    assert low < 3.5 < high
+    assert 0.03 < (high - low) / 3.5 < 0.2, "as wide as theory's curvature leaves it"
+    assert result.youngs_modulus.value is not None
+    assert result.beta.value is None
+    assert result.beta.why
+    assert result.beta.interval95 == pytest.approx((0.1, 1.23), abs=0.05)
+    assert "one_depth" in result.flags
+    with pytest.raises(InputError, match="one depth"):
+        calibrate(measured, law="paper")
 
 
 def test_presses_of_another_shape_are_left_out_and_named() -> None:
