@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from calibration.data import Ints, Observations
 from calibration.depths import BRANCHES, HOLD, SAME_MM, branches, clusters
+from calibration.effects.photometric_drift import running_share
 from tactilevision.records import Floats
 
 DEGREES = (4, 1, 3, 0)
@@ -21,7 +22,7 @@ DEGREES = (4, 1, 3, 0)
 
 @dataclass(frozen=True, slots=True)
 class Covariate:
-    """Something recorded: `values` (N,), NaN nowhere; `of_press` where it is one number a press."""
+    """Something recorded: `values` (N,), no NaN; `of_press` where it is one number a press, or acts as one."""
 
     name: str
     unit: str
@@ -52,6 +53,8 @@ def group_basis(data: Observations) -> Floats:
             columns += _polynomials(
                 along, mine, DEGREES[int(kind)] if kind < len(BRANCHES) else 0, SAME_MM if kind != HOLD else None
             )
+    if data.slopes is not None:  # a picture that drifts would pass for presses that scatter
+        columns.append(data.depth_mm * running_share(data))
     return np.column_stack(columns)
 
 
@@ -93,6 +96,9 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("T", "C", data.temperature_C, True),
         ("indenter", "", presses.indenter[press].astype(float), True),
     ]
+    if data.slopes is not None:  # what is wrong with them scales them
+        table += [("slope", "mm/mm", data.slopes.slope, True),
+                  ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True)]  # fmt: skip
     found = []
     for name, unit, values, of_press in table:
         filled = _filled(np.asarray(values, dtype=float))

@@ -84,6 +84,47 @@ class Shared:
 
 
 @dataclass(frozen=True, slots=True)
+class Fall:
+    """How far the gel falls away beside the face of one press as the picture reads it, at the certified depth.
+
+    `press` is its label in the recording of this number; `fall_mm` from `from_mm` to `to_mm` beside the edge, in
+    the quarter about `azimuth_deg` (0 right, 90 down); `gain_std` the relative std of a quarter's slopes,
+    `ball_slope` the steepest slope that the light was made from.
+    """
+
+    recording: int
+    press: str
+    azimuth_deg: float
+    from_mm: float
+    to_mm: float
+    fall_mm: float
+    gain_std: float
+    ball_slope: float
+
+
+@dataclass(frozen=True, slots=True)
+class Slopes:
+    """Of samples of a picture, (N,) each: the expected slope of one beside a face, the certified depth that it is
+    of (no zero of the map moves a slope), its azimuth, where it begins beside the edge, the relative std of a
+    quarter's slopes, the steepest slope that the light was made from, and the relative changes of what is expected
+    for a std of nu and without friction; NaN for a face itself, which stands behind walls.
+    """
+
+    slope: Floats
+    depth_mm: Floats
+    azimuth_deg: Floats
+    from_mm: Floats
+    gain_std: Floats
+    ball_slope: Floats
+    nu_change: Floats
+    friction_change: Floats
+
+    def take(self, rows: Ints) -> Slopes:
+        """Those of some samples."""
+        return Slopes(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+@dataclass(frozen=True, slots=True)
 class Observations:
     """All samples of all presses: `press` (N,) the press's index, the other arrays (N,), `force_N` (N, 3).
 
@@ -91,7 +132,7 @@ class Observations:
     together and grow in time. `phase`: "free", "load", "hold", "unload" or "". `depth_std_mm`, `force_std_N` (N,):
     one sample's own noise, NaN where nobody stated it; errors shared by all presses of an indenter are not in it
     but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
-    height map's own std of it.
+    height map's own std of it. `falls`: what it reads of the gel beside. `slopes`: where the samples are such.
     """
 
     gel: Gel
@@ -108,6 +149,8 @@ class Observations:
     depth_source: DepthSource = "vision"
     reconstructed_mm: Floats | None = None
     reconstructed_std_mm: Floats | None = None
+    falls: tuple[Fall, ...] = ()
+    slopes: Slopes | None = None
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())
@@ -152,6 +195,10 @@ class Observations:
         rows = rows[np.argsort(number[self.press[rows]], kind="stable")]
         return self._rows(rows, press=number[self.press[rows]], presses=self.presses.take(keep))
 
+    def at(self, press: Ints) -> Observations:
+        """Of points: a sample for each of these presses (N,), which may come again and grow."""
+        return self._rows(press, press=press, presses=self.presses)
+
     def samples(self, keep: Bools) -> Observations:
         """Only these samples; presses that lose all of theirs leave too."""
         rows = np.flatnonzero(keep)
@@ -172,6 +219,8 @@ class Observations:
         for name in ("reconstructed_mm", "reconstructed_std_mm"):
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)[rows]
+        if self.slopes is not None:
+            arrays["slopes"] = self.slopes.take(rows)
         return replace(self, press=press, presses=presses, **arrays)
 
 

@@ -107,7 +107,7 @@ def _diagnosed(
     force = _outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng))
     sight = None
     if seen is not None:
-        sight = _outcome(search(seen, sighted(), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+        sight = _outcome(search(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
     return _conclude(force, sight, catalogue, rng)
 
 

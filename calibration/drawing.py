@@ -166,7 +166,7 @@ def carded(found: Diagnosis) -> list[str]:
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """One card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    seen = {effect.key: effect for effect in sighted()}
+    seen = {effect.key: effect for effect in sighted(None if found.sight is None else found.sight.base.data)}
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
     made = []
     elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}

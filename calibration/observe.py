@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 
-from calibration.data import DAY_S, DepthSource, Measured, Observations, Presses, RecordingLike, Shared
+from calibration.data import DAY_S, DepthSource, Fall, Measured, Observations, Presses, RecordingLike, Shared
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
 
 NAN = float("nan")
+FALL = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,7 @@ class _Touch:
     force_std_N: Floats
     reconstructed_mm: Floats
     reconstructed_std_mm: Floats
+    falls: tuple[Fall, ...] = ()
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
@@ -79,7 +82,18 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
             reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
+            falls=tuple(_falls(point, number)),
         )  # fmt: skip
+
+
+def _falls(point: CertifiedPoint, number: int) -> Iterator[Fall]:
+    """What the columns fall_AZIMUTH_FROM_TO_mm say of one press."""
+    gain_std, ball_slope = (_number(point.extra, name) for name in ("slope_gain_std", "ball_slope"))
+    for name in point.extra if np.isfinite(gain_std) and ball_slope > 0 else ():
+        place, fall_mm = FALL.fullmatch(name), _number(point.extra, name)
+        if place is not None and np.isfinite(fall_mm):
+            azimuth, begin, end = (float(text) for text in place.groups())
+            yield Fall(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
 
 
 def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
@@ -133,6 +147,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         depth_source=cast(DepthSource, sets[0].recording.depth_source or "vision"),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
+        falls=tuple(fall for t in touches for fall in t.falls),
         recordings=tuple(m.recording.name for m in sets), shared=_shared(sets),
     )  # fmt: skip
 

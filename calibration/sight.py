@@ -4,7 +4,9 @@
 
 w the certified depth, z the zero of the height map, s its own std behind a punch's steep walls, which all presses
 of a depth share: u_0, u_1 ~ N(0, 1) let it be off by that much, alike or growing over the depths (x from -1 to
-1). Press by press the picture has a gain and a zero of its own, as a force sensor has: the same error model,
+1). Where slopes beside the faces were read (slopes.py), each is a depth of its own too: f(w) times 1 + what its
+quarter of directions, its ring, nu and the friction may be off by, each with its std. Press by press the picture
+has a gain and a zero of its own, as a force sensor has: the same error model,
 screen and search as for forces then work on lengths, with the seen depth in the force's place. What can be found:
 a wrong gain, a drift, slopes that saturate, a certified depth that forgot how far the gel rises.
 """
@@ -20,16 +22,22 @@ from calibration.data import Observations
 from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
 from calibration.effects.photometric_drift import PhotometricDrift
 from calibration.effects.photometric_gain import PhotometricGain
-from calibration.effects.slope_saturation import SlopeSaturation
+from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
 from calibration.fitting import Fit, fit
 from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
 from calibration.pure_noise import refit_with_pure_noise
 from calibration.refit import Candidate
+from calibration.slopes import with_slopes
 from calibration.stages import Effect, Stage, State
-from tactilevision.records import Floats
+from tactilevision.mechanics.bulge import SHARE_STD
+from tactilevision.mechanics.tables.profile import TABULATED
+from tactilevision.records import Bools, Floats
 
 FEWEST = 4  # samples: fewer leave nothing to hold against each other
+FLATTENING, LOST = "flattening", "lost_in_walls"
+LOST_STD = 0.5  # of what a second ceiling like the method's own would take off a face
+LEAST_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
 ZERO_STD_MM = 0.005  # of a height map's zero, where single depths cannot tell it from a gain
 
 
@@ -43,17 +51,25 @@ class Sight(Composable):
         return "reconstructed_depth"
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """z, then u_0 and u_1 where the height map states a std."""
-        prior = None if data.is_curves else Prior(0.0, ZERO_STD_MM, "a height map's zero")
+        """z, then u_0 and u_1 where the height map states a std, then what slopes beside may be off by."""
+        curves = data.is_curves and data.slopes is None
+        prior = None if curves else Prior(0.0, ZERO_STD_MM, "a height map's zero")
         table = [Parameter("zero_mm", "mm", 0.0, (-0.2, 0.2), "seen where nothing is pressed", 0.005, prior)]
         if _stated(data) is not None:
             table += [Parameter(f"walls_{k}", "1", 0.0, (-8.0, 8.0), "error of the face, in its own std", 1.0,
                                 Prior(0.0, 1.0, "the height map's own std")) for k in range(2)]  # fmt: skip
-        return tuple(table)
+        return (*table, *(_share(name, std) for name, std, _ in _open(data)))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """The seen depth in the force's place."""
-        seen, stated = state.depth_mm + values[0], _stated(data)
+        stated, beside = _stated(data), _open(data)
+        share = np.sum(
+            [v * change for v, (*_, change) in zip(values[-len(beside) :], beside, strict=False)], axis=0
+        )
+        depth = state.depth_mm
+        if data.slopes is not None:
+            depth = np.where(_beside(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
+        seen = depth * (1 + share) + values[0] * _of_face(data)
         if stated is not None:
             seen = seen + stated * (values[1] + values[2] * _across(data.depth_mm))
         return replace(state, force_N=seen, stiffness_N_per_mm=np.ones(data.size))
@@ -111,7 +127,7 @@ class Sighted:
         if self.key == "photometric_drift":
             if not np.isfinite(data.time_s).all() or np.ptp(data.time_s) <= 0 or data.count < 3:
                 return "needs times of several presses"
-        elif self.key == "slope_saturation" and _stated(data) is not None:
+        elif self.key == "slope_saturation" and _stated(data) is not None and data.slopes is None:
             return "behind a punch's walls the height map's own std covers it; balls would show it"
         return ""
 
@@ -122,11 +138,10 @@ class Sighted:
         return self.inner.starts(data)
 
 
-def sighted() -> tuple[Sighted, ...]:
-    """The effects that the picture's depth can show."""
-    return tuple(
-        Sighted(effect) for effect in (BevelRise(), PhotometricGain(), PhotometricDrift(), SlopeSaturation())
-    )
+def sighted(data: Observations | None = None) -> tuple[Sighted, ...]:
+    """The effects that the picture's depth can show; of slopes beside faces where these data have them."""
+    saturation = SlopeSaturation() if data is None or data.slopes is None else SlopeCeiling()
+    return tuple(Sighted(effect) for effect in (BevelRise(), PhotometricGain(), PhotometricDrift(), saturation))
 
 
 def sight_of(data: Observations) -> Observations | None:
@@ -140,9 +155,9 @@ def sight_of(data: Observations) -> Observations | None:
     assert both.reconstructed_mm is not None
     nothing = np.full(both.size, np.nan)
     presses = replace(both.presses, speed_mm_s=np.full(both.count, np.nan))  # a picture knows no rate
-    return replace(
-        both.with_force(both.reconstructed_mm), force_std_N=nothing, depth_std_mm=nothing, presses=presses
-    )
+    seen = np.column_stack([np.zeros((both.size, 2)), both.reconstructed_mm])  # nor a force aside
+    faces = replace(both, force_N=seen, force_std_N=nothing, depth_std_mm=nothing, presses=presses)
+    return with_slopes(faces) or faces
 
 
 def fit_sight(data: Observations) -> Fit | None:
@@ -165,14 +180,49 @@ def risen(candidate: Candidate, data: Observations) -> float:
 
 def _stated(data: Observations) -> Floats | None:
     """The height map's own std of the face (N,), where it is known throughout; smooth over the depth, since all
-    presses share it.
+    presses share it. 0 for the slopes beside.
     """
     std = data.reconstructed_std_mm
     if std is None or not (np.isfinite(std).all() and (std > 0).all()):
         return None
     degree = 1 if np.ptp(data.depth_mm) > 0.1 * np.max(data.depth_mm) else 0
     line = np.polynomial.Polynomial.fit(data.depth_mm, std / data.depth_mm, degree)
-    return np.asarray(data.depth_mm * np.maximum(line(data.depth_mm), 0.5 * np.min(std / data.depth_mm)))
+    stated = data.depth_mm * np.maximum(line(data.depth_mm), 0.5 * np.min(std / data.depth_mm))
+    return np.asarray(stated * _of_face(data))
+
+
+def _of_face(data: Observations) -> Floats:
+    """1 for the depth of a face (N,), 0 for a slope beside it."""
+    return np.ones(data.size) if data.slopes is None else np.isnan(data.slopes.slope).astype(float)
+
+
+def _open(data: Observations) -> list[tuple[str, float, Floats]]:
+    """What slopes beside a face may be off by besides: a name, its std, and what one of it changes (N,)."""
+    slopes = data.slopes
+    if slopes is None:
+        return []
+    azimuths, rise = np.unique(slopes.azimuth_deg[_beside(data)]), max(data.shared.rise, LEAST_RISE_STD)
+    quarter, flattened = float(np.nanmedian(slopes.gain_std)), (slopes.slope / slopes.ball_slope) ** 2 / 3
+    changes = [(f"quarter_{azimuth:.0f}", quarter, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
+    changes += [(f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
+                for begin in np.unique(slopes.from_mm[_beside(data)])]  # fmt: skip
+    walls = of_walls(1.0, WALLS_PER_MM[0] * data.depth_mm / np.nanmedian(slopes.ball_slope))
+    # the method's own: a ceiling at the steepest slope that the light was made from
+    changes += [(FLATTENING, 1.0, -np.nan_to_num(flattened)), (LOST, LOST_STD, _of_face(data) * (walls - 1)),
+                ("certificate", rise, np.ones(data.size)),
+                ("profile_nu", 1.0, np.nan_to_num(slopes.nu_change)),
+                ("profile_friction", SHARE_STD, np.nan_to_num(slopes.friction_change))]  # fmt: skip
+    return [(name, std, np.asarray(change, dtype=float)) for name, std, change in changes]
+
+
+def _beside(data: Observations) -> Bools:
+    return np.asarray(_of_face(data) == 0)
+
+
+def _share(name: str, std: float) -> Parameter:
+    least = 0.0 if name in (FLATTENING, LOST) else -8 * std  # no method reads steep slopes steeper than they are
+    return Parameter(name, "1", 0.0, (least, 8 * std), "what slopes beside the face may be off by", std,
+                     Prior(0.0, std, "the method's card and the tabulated surface"))  # fmt: skip
 
 
 def _across(depth_mm: Floats) -> Floats:

@@ -1,7 +1,10 @@
 """Steep slopes saturate the camera: what is read is s tanh(w/s), so the true depth is s artanh(w/s).
 
 Given by k = 1/s. A punch's wall steepens in proportion to its depth, so the slopes' law carries over to the
-depth. Vanishes at k = 0. Source: form by judgement (tanh is the simplest response with a ceiling).
+depth. Where slopes themselves were read beside the faces (SlopeCeiling), S tanh(s/S) is read of a slope s; walls
+that look as steep as m w lose what such a ceiling takes beyond the method's own, the steepest slope S_0 that the
+light was made from: T(m w hypot(1/S, 1/S_0))/T(m w/S_0), T(x) = tanh(x)/x. Vanishes at k = 0. Source: form by
+judgement (tanh is the simplest response with a ceiling).
 """
 
 from __future__ import annotations
@@ -11,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.parameters import Parameter
+from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+WALLS_PER_MM = 1.5, 0.5  # and std: a wall's height over two thirds of a millimetre
 NOT_VISION = "the depth does not come from the picture"
 
 
@@ -65,3 +69,44 @@ class SlopeSaturation(EffectBase):
         if k <= 0:
             return state
         return replace(state, depth_mm=np.arctanh(np.clip(k * state.depth_mm, -0.999, 0.999)) / k)
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeCeiling(SlopeSaturation):
+    """One ceiling of slopes, as its inverse, and how steep a face's walls look."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """1/S, m."""
+        ceiling, walls = "one over the largest slope that can be read", "slope of a face's walls over its depth"
+        usual = Prior(*WALLS_PER_MM, "what pixels and blur leave of a wall")
+        return (Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
+                Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual))  # fmt: skip
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[k, m] for k in (0.5, 1.5, 3.0) for m in (1.0, 2.0)])
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of true depths."""
+        k, m = values
+        if k <= 0:
+            return depth_mm
+        slopes = data.slopes
+        assert slopes is not None
+        own = 1 / np.nanmedian(slopes.ball_slope)
+        walls = of_walls(k / own, own * m * data.depth_mm)
+        return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, _read(k * slopes.slope)))
+
+
+def of_walls(ratio: float, steep: Floats) -> Floats:
+    """What walls as steep as `steep` (N,), over the method's own ceiling, leave of a depth where a second ceiling
+    acts, `ratio` times as low.
+    """
+    return np.asarray(_read(np.hypot(ratio, 1.0) * steep) / _read(steep))
+
+
+def _read(x: Floats) -> Floats:
+    """The share tanh(x)/x that is read of a slope x times the ceiling."""
+    x = np.maximum(x, 1e-9)
+    return np.asarray(np.tanh(x) / x)

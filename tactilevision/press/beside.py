@@ -66,7 +66,9 @@ def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: C
     if gel is None or not views:
         return None
     settings = BulgeSettings(
-        guard_mm=GUARD * gel.thickness_mm, gain_std=_gain_std(reconstructor), bowl_std_per_mm=BOWL_STD_PER_MM
+        guard_mm=GUARD * gel.thickness_mm,
+        gain_std=ring_gain_std(reconstructor.method),
+        bowl_std_per_mm=BOWL_STD_PER_MM,
     )
     try:
         return fit_poisson_ratio(
@@ -148,9 +150,8 @@ def surfaces_beside(
     return views
 
 
-def _gain_std(reconstructor: Reconstructor) -> float:
+def ring_gain_std(method: object) -> float:
     """Of the mean over a ring: what single balls scatter by, over the balls that such a ring averages."""
-    method = reconstructor.method
     if not isinstance(method, CalibratedMethod) or "balls" not in method.card:
         return UNKNOWN_GAIN
     single = float(method.card.get("held_out_gain_std", method.relative_error))

@@ -9,11 +9,13 @@ import numpy as np
 
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.depth_error import gain_std
-from tactilevision.press.certificate import Certificate, Finding
+from tactilevision.press.beside import ring_gain_std
+from tactilevision.press.certificate import Certificate, Finding, Touch
 from tactilevision.press.checks import Look, findings
 from tactilevision.press.curves import press_curve
 from tactilevision.press.event import crossing
 from tactilevision.press.evidence import evidence_of
+from tactilevision.press.falls import falls_beside
 from tactilevision.press.gauge import find_gauge
 from tactilevision.press.rise import (
     Rise,
@@ -34,6 +36,7 @@ from tactilevision.press.watch import Watch
 from tactilevision.records import CertifiedPoint, Press
 
 _NAMED = 5
+_GENTLE = 0.3  # a slope that most calibrations hold
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
 
 
@@ -164,6 +167,7 @@ def _point(
             "force_dwell": int(event.dwell),
             "reconstructed_depth_mm": touch.depth_seen_mm,
             "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
+            **_beside(chain, timed, touch),
         }
         if timed.ruler is not None:
             ratio = timed.ruler.relative_std(timed.touched.law.c_N_per_mm)
@@ -181,6 +185,17 @@ def _point(
         depth_uncorrected_mm=height, rest_s=chain.rest_s[press.press], speed_mm_s=press.speed_mm_s,
         x_mm=press.x_mm, y_mm=press.y_mm, extra=extra,
     )  # fmt: skip
+
+
+def _beside(chain: Chain, timed: Timed, touch: Touch) -> dict[str, float]:
+    """The falls of the gel beside the face, what a quarter's slopes may be off by (relative), and the steepest
+    slope that the light was made from; nothing where none is seen.
+    """
+    watch = timed.touched.case.watch
+    falls = falls_beside(watch, touch, bevel_distance_mm=timed.touched.distance_mm)
+    method = getattr(chain.reconstructor, "method", None)
+    steepest = float(getattr(method, "card", {}).get("steepest_slope", _GENTLE))
+    return {**falls, "slope_gain_std": ring_gain_std(method), "ball_slope": steepest} if falls else {}
 
 
 def _shared_std(chain: Chain, watch: Watch) -> float:

@@ -1,0 +1,106 @@
+"""Slopes beside the faces against certified depths: gain, drift and a ceiling are named; sound slopes are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+
+from calibration.conditions import covariates
+from calibration.data import Fall, Observations
+from calibration.search import search
+from calibration.sight import fit_sight, sighted
+from tactilevision.mechanics.profile import PunchCase, seen_profile
+from tactilevision.mechanics.tables.profile import profile_model
+from tactilevision.records import Floats
+
+DEPTHS = np.tile([0.18, 0.27, 0.36, 0.45], 3)
+EDGES = np.geomspace(0.4, 1.25, 5)
+FINE = 12  # steps of a ring over which a ceiling acts on the local slope
+
+
+def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> Observations:
+    """Twelve presses of a gel of friction .25: faces with walls read 2 % low, rings with 2 % noise of a press."""
+    rng = np.random.default_rng(seed)
+    size = DEPTHS.size
+    data = observations([np.array([d]) for d in DEPTHS], [indenter(f"A{k % 4}") for k in range(size)],
+                        time_s=[np.array([7.0 * k]) for k in range(size)])  # fmt: skip
+    factor = gain * (1 + 0.01 * rng.standard_normal(size))
+    falls = []
+    for k, depth in enumerate(DEPTHS):
+        for azimuth in (0, 90, 180, 270):
+            quarter = 1.03 if azimuth < 90 else 0.98
+            for begin, end in pairwise(EDGES):
+                fall = factor[k] * quarter * _fall(depth, (begin, end), ceiling)
+                falls.append(Fall(0, data.presses.label[k], azimuth, float(f"{begin:.2f}"), float(f"{end:.2f}"),
+                                  fall + 5e-4 * rng.standard_normal(), 0.05, 0.6))  # fmt: skip
+    walls = np.tanh(1.5 * DEPTHS / ceiling) / (1.5 * DEPTHS / ceiling) if np.isfinite(ceiling) else 1.0
+    face = DEPTHS * factor * walls * 0.98 + 0.002 * rng.standard_normal(size)
+    return replace(data, depth_source="gauge", reconstructed_mm=face, reconstructed_std_mm=0.05 * face,
+                   falls=tuple(falls))  # fmt: skip
+
+
+def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
+    """mm, of slopes no steeper than the light shows them."""
+    places = np.linspace(*ring, FINE + 1)
+    model = profile_model(0.48, 2.5 / 3, depth / 3)
+    rise = depth * seen_profile(1 + places / 2.5, PunchCase(0.48, 2.5 / 3, depth / 3, 0.25), source=model.source)
+    slope, step = np.diff(rise) / np.diff(places), np.diff(places)
+    return float(np.sum(step * (ceiling * np.tanh(slope / ceiling) if np.isfinite(ceiling) else slope)))
+
+
+@pytest.mark.parametrize(
+    ("key", "fault", "truth"),
+    [
+        ("photometric_gain", {"gain": 0.75}, -0.25),
+        ("photometric_drift", {"gain": 1 - 0.15 * np.arange(12) / 11}, -0.15),
+        ("slope_saturation", {"ceiling": 0.35}, 1 / 0.35),
+    ],
+)
+def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[str, Any], truth: float) -> None:
+    fitted = fit_sight(seen(3, **fault))
+    assert fitted is not None
+    found = search(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    assert [step.best.effect.key for step in found.steps] == [key]
+    first = found.steps[0].best.effect.parameters[0].name
+    low, high = found.current.estimate(f"{key}.{first}").interval95 or (0.0, 0.0)
+    assert low < truth < high
+    assert low > 0 or high < 0
+
+
+def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> None:
+    fitted = fit_sight(seen(4))
+    assert fitted is not None
+    assert {"slope", "azimuth beside the face", "order", "w"} <= {c.name for c in covariates(fitted.data)}
+    found = search(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    assert not found.steps
+    assert found.last.lack_of_fit > 0.005
+
+
+def test_three_presses_are_too_few_for_slopes() -> None:
+    data = seen(5).take(np.arange(3))
+    both = fit_sight(replace(data, reconstructed_mm=data.depth_mm))
+    assert both is None, "three faces alone are too few, too"
+    four = fit_sight(seen(5).take(np.arange(4)))
+    assert four is not None
+    assert four.data.slopes is not None
+    kept = {data.presses.label[0]}
+    one = replace(seen(5), falls=tuple(f for f in seen(5).falls if f.press in kept))
+    alone = fit_sight(one)
+    assert alone is not None
+    assert alone.data.slopes is None
+
+
+def test_a_zero_of_the_map_moves_no_slope() -> None:
+    fitted = fit_sight(seen(6))
+    assert fitted is not None
+    slopes = fitted.data.slopes
+    assert slopes is not None
+    moved = fitted.model.slope(fitted.values, fitted.data)
+    beside = np.isfinite(slopes.slope)
+    np.testing.assert_allclose(moved[beside], 0, atol=1e-9)
+    assert (np.abs(moved[~beside] - 1) < 0.2).all()
