@@ -2,7 +2,8 @@
 
 Where the surface hardly slopes its colours change slowly from pixel to pixel, and the mean of 2 by 2 to 4 by 4
 says as much of it as they do one by one: a small part of the work. So the whole picture is read in such means, and
-windows round all that stands out there by LOUD deviations of a single pixel's noise once more, pixel by pixel.
+once more pixel by pixel in windows round all that slopes by LOUD deviations of a single pixel's noise, or where
+neighbouring means differ by more than noise, as they do in a contact of their size.
 The coarse reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
 so only where frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a
 law is smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
@@ -18,6 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.middle import median
 from tactilevision.photometric.change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.quiet import rest_bias
@@ -27,8 +29,10 @@ if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
-COARSE = 95  # means along the shorter side of the picture, about
+ROUGH = 3.5  # deviations by which 3 by 3 means scatter, or as many times what most of a frame does
+COARSE = 60  # means along the shorter side of the picture, about
 FEWEST, MOST = 2, 4  # pixels along each side of a mean
+EVERY = 4  # means along each side, of which one tells what most do
 BLOCK = 8  # pixels, about: grid on which windows are cut
 SHARE = 0.5  # of the picture in windows; above that all of it is read in full
 LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
@@ -84,7 +88,9 @@ class CalmReader:
         self.calm = self._means(method.calm[None])[0]
         rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - self._means(np.stack(method.rest))
         self.bias = self._means(method.bias) + rest * self.calm
-        self.loud = LOUD * self._means(method.noise[None])[0]
+        noise = self._means(method.noise[None])[0]
+        self.loud = LOUD * noise
+        self.per_noise = np.where(self.calm > 0.5, noise, np.float32(np.inf)) ** -2
         self._change = np.empty_like(self.maps.mean)
         self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
         self.block = round(BLOCK / px)
@@ -156,13 +162,16 @@ class CalmReader:
     def windows(self, slopes: Planes) -> list[Window]:
         """Windows of the whole picture round what is not calm in its coarse `slopes`, a block to spare.
 
-        Lone means are noise.
+        Lone means are noise, but where they scatter about each other too much there is a contact of their size.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
         seen = self._seen[: self.size[1], : self.size[0]]
         cv2.compare(steepest, self.loud, cv2.CMP_GT, dst=seen)  # 255 where it is
         cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8), dst=seen)
+        scatter = cv2.multiply(_scatter(slopes), self.per_noise)
+        usual = float(median(scatter[::EVERY, ::EVERY].ravel()))
+        seen |= cv2.compare(scatter, ROUGH**2 * max(1.0, usual), cv2.CMP_GT)
         size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
         blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, np.ones((3, 3), np.uint8)))
@@ -186,6 +195,15 @@ class CalmReader:
         means = cv2.resize(long, (width, number * height), interpolation=cv2.INTER_AREA)
         means *= np.float32(1.0 / self.px)
         return np.asarray(means).reshape(number, height, width)
+
+
+def _scatter(slopes: Planes) -> Picture:
+    """Variance (h, w) of slopes (2, h, w) over 3 by 3 of them, both added."""
+    p, q = slopes
+    total = cv2.blur(cv2.add(cv2.multiply(p, p), cv2.multiply(q, q)), (3, 3))
+    for mean in (cv2.blur(p, (3, 3)), cv2.blur(q, (3, 3))):
+        total = cv2.subtract(total, cv2.multiply(mean, mean, dst=mean), dst=total)
+    return np.asarray(total)
 
 
 def within(window: Window, outer: Window) -> Window:

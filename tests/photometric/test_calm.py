@@ -17,6 +17,7 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
+from tactilevision.photometric.calm import CalmReader
 from tactilevision.photometric.marks import Marks
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.records import Bytes, Floats
@@ -65,6 +66,30 @@ def test_a_contact_smaller_than_a_block_of_the_drift_is_not_overlooked() -> None
         rgb = picture(p, q, rng)
         whole, quick = (depth(method, rgb, whole=whole)[peak].mean() for whole in (True, False))
         assert quick == pytest.approx(whole, abs=0.03 * true.max())
+
+
+@pytest.mark.parametrize("name", ["polynomial", "lookup"])
+@pytest.mark.parametrize("px", [2, 3, 4])
+def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, px: int) -> None:
+    reader, (_, p, q) = CalmReader(calibrated(name), px), ball((1.1, -0.7), 6 * MM_PER_PX, 2.0)
+    y, x = np.unravel_index(int(np.argmax(np.hypot(p, q))), SHAPE)
+    rng = np.random.default_rng(10)
+    for _ in range(3):
+        windows = reader.look(picture(p, q, rng)).windows
+        assert any(r.start <= y < r.stop and c.start <= x < c.stop for r, c in windows)
+        assert reader.look(flat(rng)).windows == []
+
+
+def test_a_part_of_a_look_is_that_of_the_whole() -> None:
+    reader, (_, p, q) = calibrated().calm_reader, ball((0.5, 0.5), 1.5, 4.0)
+    assert reader is not None
+    look = reader.look(picture(p, q, np.random.default_rng(3)))
+    around = reader.around(look.windows)
+    part, whole = reader.part(look, around), reader.whole(look)
+    assert part.dz_dx.size < whole.dz_dx.size
+    within = (slice(reader.px, -reader.px),) * 2  # where means beyond the part's border play no part
+    for mine, all_of_it in ((part.dz_dx, whole.dz_dx), (part.dz_dy, whole.dz_dy)):
+        assert np.array_equal(mine[within], all_of_it[around][within])
 
 
 @pytest.mark.parametrize("name", ["polynomial", "lookup"])
