@@ -16,7 +16,7 @@ from calibration.outside import WouldHaveToBe
 from calibration.result import CalibrationResult
 from calibration.screen import Scored
 from calibration.search import Searched
-from calibration.sight import depth_ratio
+from calibration.sight import depth_ratio, unseen_beside
 from calibration.unseen import Unseen
 from tactilevision.records import Estimate, Pair
 
@@ -160,5 +160,6 @@ class Diagnosis:
             "samples": ratio.size,
             "lack_of_fit_p": self.sight.last.lack_of_fit,
             "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.sight.first.covariates],
+            "slope_and_azimuth": unseen_beside(self.sight.base.data) or "looked at",
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.sight.first.effects],
         }

@@ -18,7 +18,7 @@ from calibration.odd_presses import own_zero_mm
 from calibration.refit import CANNOT_FIT, Candidate, refit_with, separation
 from calibration.screen import Scored, seen_covariates
 from calibration.search import TOLD_APART
-from calibration.sight import depth_ratio, sighted
+from calibration.sight import depth_ratio, sighted, unseen_beside
 from calibration.stages import Effect
 from calibration.steadied import steadied
 from calibration.tolerances import CERTIFICATE, HEIGHTS
@@ -146,7 +146,19 @@ def sighting(found: Diagnosis) -> Sighting | None:
         return None
     base, last = found.sight.base, found.sight.current
     data = base.data
-    return Sighting(data.depth_mm, data.presses.order[data.press], depth_ratio(base), last.force_N / data.depth_mm)
+    against = [("certified depth (mm)", data.depth_mm), ("press", data.presses.order[data.press] + 1)]
+    if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
+        against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    if data.slopes is not None:
+        against += [("slope beside the face", data.slopes.slope),
+                    ("azimuth beside the face (degrees, 90 is down)", data.slopes.azimuth_deg)]  # fmt: skip
+    face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
+    return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))
+
+
+def picture_lacks(found: Diagnosis) -> str:
+    """What the picture cannot be looked at by, and why."""
+    return "" if found.sight is None else unseen_beside(found.sight.base.data)
 
 
 @dataclass(frozen=True, slots=True)

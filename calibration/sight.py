@@ -160,6 +160,16 @@ def sight_of(data: Observations) -> Observations | None:
     return with_slopes(faces) or faces
 
 
+def unseen_beside(data: Observations) -> str:
+    """Why a picture cannot be looked at by slope and azimuth; empty where it can."""
+    if data.slopes is not None:
+        return ""
+    return (
+        "Not testable by slope and azimuth: that needs frames of four accepted presses of a flat cylinder, and the "
+        "gel beside its face in view."
+    )
+
+
 def fit_sight(data: Observations) -> Fit | None:
     """The law of `Sight` on these measurements, with the noise of repeats; None where no picture gave a depth."""
     both = sight_of(data)

@@ -26,6 +26,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         drawn_points,
         fitted_lines,
         own_offsets,
+        picture_lacks,
         residual_panels,
         sighting,
     )
@@ -49,8 +50,11 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         kept.append(keep(fall, folder / "error.png", words))
     seen = sighting(found)
     if seen is not None:
+        words = (
+            "The depth that the picture gives, of each face and of the slopes beside it, over the certified one; "
+        )
         kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png",
-                         "The depth that the picture gives over the certified one; 1 is right."))  # fmt: skip
+                         f"{words}1 is right. {picture_lacks(found)}".strip()))  # fmt: skip
     for number, one in enumerate(reliefs):
         p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
         drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,12 +57,14 @@ class Overlay:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """Of each sample (N,): certified depth, the press's number, seen over certified depth, and the fit's."""
+    """Of each sample (N,): seen over certified depth, the fit's, and whether it is a face (or a slope beside one);
+    `against` what it is drawn, by its label (N,), NaN where a sample has none.
+    """
 
-    depth_mm: Floats
-    order: Floats
     ratio: Floats
     fitted: Floats
+    face: Bools
+    against: tuple[tuple[str, Floats], ...]
 
 
 @style.house_look
@@ -185,17 +187,24 @@ def draw_overlay(overlay: Overlay) -> Figure:
 
 @style.house_look
 def draw_sighting(seen: Sighting) -> Figure:
-    """Reconstructed over certified depth, against the depth and in the order of the presses."""
-    figure, places = style.new_figure(8.4, 2.8, columns=2)
-    for axes, values, label in zip(
-        places, (seen.depth_mm, seen.order), ("certified depth (mm)", "press"), strict=True
-    ):
-        axes.plot(values, seen.ratio, ".", ms=4, color=style.BLUE, alpha=0.6, label="measured")
+    """Reconstructed over certified depth, against each thing that may show what is wrong with it."""
+    columns = min(3, len(seen.against))
+    rows = -(-len(seen.against) // columns)
+    figure, places = style.new_figure(4.2 * columns, 2.8 * rows, rows=rows, columns=columns)
+    low, high = np.quantile(seen.ratio, [0.02, 0.98])
+    low, high, beside = min(low, seen.fitted.min(), 1), max(high, seen.fitted.max(), 1), ~seen.face
+    for axes, (label, values) in zip(places, seen.against, strict=False):
+        axes.plot(values[seen.face], seen.ratio[seen.face], "s", ms=4, color=style.BLUE, mfc="none", label="faces")
+        if beside.any():
+            axes.plot(
+                values[beside], seen.ratio[beside], ".", ms=4, color=style.BLUE, alpha=0.6, label="slopes beside"
+            )
         axes.plot(values, seen.fitted, "_", ms=7, color=style.RED, label="with what was found")
         axes.axhline(1, color=style.GREY, lw=0.8)
-        low, high = np.quantile(seen.ratio, [0.02, 0.98])
-        axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(min(low, 1) - 0.05, max(high, 1) + 0.05))
+        axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(low - 0.05, high + 0.05))
     places[0].legend(fontsize=7.5)
+    for axes in places[len(seen.against) :]:
+        axes.set_axis_off()
     return figure
 
 
