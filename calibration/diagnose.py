@@ -29,6 +29,7 @@ from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
 from calibration.experiment import NextMeasurement, measure_next
 from calibration.fitting import Fit
+from calibration.identify import holding
 from calibration.left import Left, describe
 from calibration.odd_presses import Oddity, odd_presses
 from calibration.outside import CANDIDATES, would_have_to_be
@@ -150,11 +151,12 @@ def _conclude(
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     alone = after.youngs_modulus.interval95
-    modulus, unseen = allow_for_unseen(after.youngs_modulus, fitted, catalogue)
+    averaged, unseen = allow_for_unseen(after.youngs_modulus, fitted, catalogue)
     doubt = (NOT_TRUSTED,) if force.unknown else ()
-    after = replace(after, youngs_modulus=modulus, warnings=(*after.warnings, *doubt))
     after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)],
                      [modulus / base.values[0] for modulus in others])  # fmt: skip
+    after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
+                    warnings=(*after.warnings, *doubt))  # fmt: skip
     if sight is not None:
         after = _risen(after, sight)
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]

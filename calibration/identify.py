@@ -63,8 +63,8 @@ def identify(fitted: Fit) -> Identified:
     if other is not None and nu.value is not None:
         its_nu = other.estimate("poisson_ratio")
         spread = _spread(other, its_nu, radius)
-        modulus = _with(modulus, _modulus(spread, its_nu, 0.0, "MPa").interval95)
-        reduced = _with(reduced, _modulus(spread.reduced(), its_nu, 0.0, "MPa").interval95)
+        modulus = holding(modulus, _modulus(spread, its_nu, 0.0, "MPa").interval95)
+        reduced = holding(reduced, _modulus(spread.reduced(), its_nu, 0.0, "MPa").interval95)
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=beta, source=source,
         covariance=_covariance(fitted, radius), modulus_of_nu=_curve(fitted, c, radius),
@@ -123,12 +123,12 @@ def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tupl
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
-        found = _with(fitted.estimate("poisson_ratio"), of_stuck)
+        found = holding(fitted.estimate("poisson_ratio"), of_stuck)
         prior_std = parameter.prior.std if parameter.prior else np.inf
         sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
-        found = _with(fitted.estimate("poisson_ratio"), of_stuck)
+        found = holding(fitted.estimate("poisson_ratio"), of_stuck)
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
     low, high = SILICONE_NU
@@ -156,7 +156,7 @@ def stuck(fitted: Fit) -> Fit | None:
                starts=fitted.values[None], tolerances=False)  # fmt: skip
 
 
-def _with(one: Estimate, other: Pair | None) -> Estimate:
+def holding(one: Estimate, other: Pair | None) -> Estimate:
     """The estimate with an interval that holds another one as well."""
     if one.interval95 is None or other is None:
         return one
