@@ -28,6 +28,7 @@ from calibration.round_result import of_round
 from calibration.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.stages import Law
 from calibration.theory import beta_outside_theory
+from calibration.unstated_edge import allow_for_edge
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 
@@ -61,7 +62,7 @@ def calibrate(
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
-        result = _with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel)))
+        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel))))
     rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
 

@@ -180,6 +180,26 @@ def test_a_stated_edge_is_part_of_the_stiffness() -> None:
     assert (calibrate(measured).youngs_modulus.value or 0) < 0.94 * (result.youngs_modulus.value or 0)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.6])
+def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) -> None:
+    """Finite elements of an edge of .05 mm; stated as sharp, the interval stays as it was."""
+    gel = Gel(3.0, shape="disc", radius_mm=30.0, poisson_ratio=0.48, poisson_ratio_std=0.0)
+    depth = np.linspace(0.03, 0.3, 10)
+    measured = points_of(
+        depth, punch_force(depth, FlatContact(2.5, 0.05, 3.0, friction), Material(0.2, 0.48)), gel=gel
+    )
+    open_, sharp = calibrate(measured).youngs_modulus, {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)}
+    stated = replace(measured, recording=replace(measured.recording, indenters=sharp))  # type: ignore[type-var]
+    known = calibrate(stated).youngs_modulus
+    assert open_.value == known.value
+    assert open_.interval95 is not None
+    assert known.interval95 is not None
+    assert open_.interval95[0] < 0.2 < open_.interval95[1]
+    assert open_.interval95[0] == known.interval95[0]
+    assert 0.02 < open_.interval95[1] / (open_.value or 1) - 1 < 0.05
+    assert known.interval95[1] / (known.value or 1) - 1 < 0.02
+
+
 def test_too_few_points_answer_wide_and_say_so() -> None:
     result = calibrate(points_of(np.array([0.2, 0.5]), np.array([0.8, 2.1])))
     low, high = result.c.interval95 or (0, 0)
