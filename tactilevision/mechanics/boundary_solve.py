@@ -23,7 +23,7 @@ FAR = 12.0  # d/h that stands for infinity
 
 
 def write_table(path: Path = b.TABLE) -> None:
-    """Solve the 250 linear problems and 240 presses behind the table and write it with its card; 15 minutes."""
+    """Solve the 250 linear problems and 384 presses behind the table and write it with its card; 20 minutes."""
     linear = np.log(linear_shares(b.A_OVER_H_NODES, b.POISSON_NODES, b.DISTANCES))
     deep = depth_ratios()
     with replacing(path) as temporary:

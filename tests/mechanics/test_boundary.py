@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.boundary import TABLE, off_centre_softening, rim_share, softening
-from tactilevision.mechanics.boundary_solve import linear_shares
+from tactilevision.mechanics.boundary import (
+    RATIO_A_OVER_H,
+    RATIO_DISTANCES,
+    RATIO_POISSON,
+    TABLE,
+    off_centre_softening,
+    rim_share,
+    softening,
+)
+from tactilevision.mechanics.boundary_solve import depth_ratio, linear_shares
 from tactilevision.mechanics.flat_contact import FlatContact
 
 GEL = {"radius_mm": 2.5, "thickness_mm": 3.0, "poisson_ratio": 0.48}
@@ -42,6 +50,14 @@ def test_table_agrees_with_fresh_solutions_between_its_nodes() -> None:
         fresh = linear_shares((alpha,), (nu,), (d,)).item()
         ours = softening(3 * d, radius_mm=3 * alpha, thickness_mm=3.0, poisson_ratio=nu)
         assert float(ours) == pytest.approx(fresh, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_ratio_of_the_table_is_what_elements_give_today() -> None:
+    at = RATIO_A_OVER_H.index(2.5 / 3), RATIO_POISSON.index(0.48), RATIO_DISTANCES.index(1.0), -1
+    with np.load(TABLE, allow_pickle=False) as content:
+        kept = content["ratio"][at]
+    np.testing.assert_allclose(depth_ratio(2.5 / 3, 0.48, 1.0, math.inf), kept, rtol=0.002)
 
 
 def share(depth_mm: float, pad_radius_mm: float, friction: float) -> float:
