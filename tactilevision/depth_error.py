@@ -1,18 +1,16 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + gain^2 max(depth^2, SPREAD <depth^2>) + wall^2
+    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + max(gain^2 depth^2, spread <gain^2 depth^2>) + wall^2
 
 noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
 the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures,
 as errors of the light's colour over wide areas make it; untouched: how far, place by place, single frames of the
 free gel were from flat. Their noise is alike over many pixels (blur, compression), and drawn noise is not:
 integrated, slow waves of it come to several times as much, most of all in dark corners. zero: the zero plane's;
-gain^2: how far the depth scale of balls scattered that are in the calibration, which no map escapes, and
-the geometric mean of that and of balls held out of it (a calibration that knew less); < > over a thickness of gel,
-as errors of slope spread to the gel beside, where they have nothing to fall off with: SPREAD is what balls and
-steps of five simulated lights showed, most of them with the light five grey levels off. Shares within one
-deviation on four lights that had no part in it: 78, 61 % under and beside balls, 85, 75 % under and beside steps
-(`benchmarks/light_drift.py`);
+gain: how far the depth scale of balls scatters that are in the calibration, which no map escapes, and, place by
+place, what other balls would have made of it (`photometric/jackknife.py`); < > over a thickness of gel, as errors
+of slope spread to the gel beside, where they have nothing to fall off with: how far, leaving out balls shows
+(`spread.py`). Neither is set by hand; both stand in the method's card.
 wall: how far the step of a restored wall may be off (`walls.py`), and where slopes steeper than any ball showed
 belong to no round face, as much again as such a slope drops over the wall's width; all behind it stands on that.
 Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
@@ -41,7 +39,6 @@ LEAST_STEEP = 12  # pixels; fewer are noise
 GRID_MM = 0.18  # on which it is worked out, about; it is smooth but for walls, where a pixel does not matter
 COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
 ROOM = 16  # px: grid on which the depth of untouched gel is kept
-SPREAD = 2.5
 MEDIAN_TO_STD = 1.4826
 
 
@@ -50,7 +47,8 @@ class DepthError:
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
         self.mm_per_px = mm_per_px
-        self.gain = gain_std(method.card, method.relative_error)
+        gain = place_gain_std(method.card, method.relative_error)
+        self.spread = float(method.card.get("spread", 1.0))
         self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
         waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
         noise = method.noise * np.float32(method.card.get("frame_noise", 1.0))
@@ -60,6 +58,8 @@ class DepthError:
         untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
         self.variance = np.maximum(self.variance, untouched**2)[::every, ::every].copy()
+        size = (self.variance.shape[1], self.variance.shape[0])
+        self.gain_square = cv2.resize(np.asarray(gain**2, np.float32), size, interpolation=cv2.INTER_LINEAR)
 
     def std_mm(
         self,
@@ -90,16 +90,14 @@ class DepthError:
         return steepest > self.steep
 
     def _nearby(self, few: Picture) -> Picture:
-        """gain^2 times the square of the depth (h, w), or of the depths about it where that is greater.
-
-        Errors of slope spread.
-        """
+        """The gain's part of the variance (h, w): of the depth there, or of depths nearby where that is more."""
         every = max(1, round(USUAL_THICKNESS_MM / (COARSE * self.every * max(self.mm_per_px))))
-        coarse = np.square(few[::every, ::every])
+        square = cv2.multiply(few, few)
+        square *= self.gain_square
+        coarse = square[::every, ::every]
         spread = [USUAL_THICKNESS_MM / (every * self.every * step) for step in self.mm_per_px]
         coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
-        coarse *= np.float32(SPREAD * self.gain**2)
-        square = cv2.multiply(few, few, scale=self.gain**2)
+        coarse *= np.float32(self.spread)
         wide = cv2.resize(coarse, few.shape[::-1], interpolation=cv2.INTER_LINEAR)
         return np.asarray(cv2.max(wide, square, dst=square))
 
@@ -114,13 +112,21 @@ class DepthError:
         return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
 
 
+def place_gain_std(card: Mapping[str, Any], relative_error: float) -> npt.NDArray[np.float64]:
+    """Relative deviation (h, w) of the depth scale over the picture, as a method's card tells it."""
+    return np.hypot(gain_std(card, relative_error), np.array(card.get("place_gain_std", [[0.0]]), np.float64))
+
+
 def gain_std(card: Mapping[str, Any], relative_error: float) -> float:
-    """Relative deviation of the depth scale that a method's card tells; of the slopes where it tells nothing."""
+    """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
+
+    A card that does not say what other balls would have changed has it mixed with balls held out.
+    """
     held_out = float(card.get("held_out_gain_std", relative_error))
     if "seen_gain_std" not in card:
         return held_out
     seen = float(card["seen_gain_std"])
-    return float(np.sqrt(seen * (held_out + seen)))
+    return seen if "place_gain_std" in card else float(np.sqrt(seen * (held_out + seen)))
 
 
 def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> npt.NDArray[np.float64]:

@@ -11,7 +11,7 @@ and where the untouched gel is, have no part in it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -20,76 +20,117 @@ import numpy.typing as npt
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.samples import inside_ball
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.surface import integrate
 
 MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
 MOST = 24  # balls; more tell no more
 BANDS = 3
+GAIN_SAMPLES = 500  # of each ball
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A contact of known depth: the depth, as found, the deviation stated of it; the contact's radius in px."""
+
+    true_mm: float
+    found_mm: float
+    stated_mm: float
+    radius_px: float
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """`count` balls from `low` to `high`: rms error of their dents, the stated one, and the share within it."""
+    """`count` contacts from `low` to `high`: mean and rms error of depth, the stated one, the share within it."""
 
     low: float
     high: float
     count: int
-    off_mm: float
+    bias_mm: float
+    rms_mm: float
     stated_mm: float
     within: float
 
 
-def held_out_depth(calibration: Calibration, pictures: Sequence[BallPicture], mm_per_px: Pair) -> dict[str, Any]:
+def held_out_depth(
+    calibration: Calibration, pictures: Sequence[BallPicture], mm_per_px: Pair, *, seen_gain: float
+) -> dict[str, Any]:
     """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm.
 
-    `held_out_balls` has each dent with its contact radius.
+    `held_out_balls` has each dent with its contact radius; `seen_gain` is `seen_gain_std`.
     """
-    now, methods, dents, radii_px = calibration.method, dict[int, CalibratedMethod](), [], []
+    now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     for picture, ball, law in _apart(calibration, pictures):
         if id(law) not in methods:
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
-        dents.append(dent_mm(depth, ball, mm_per_px))
-        radii_px.append(ball.contact_radius_px)
-    if not dents:
+        found, true = dent_mm(depth, ball, mm_per_px)
+        gain = _gain_at(now.card, ball, now.reference.shape, parts=len(calibration.other_laws))
+        balls.append(Known(true, found, float(np.hypot(gain, seen_gain)) * true, ball.contact_radius_px))
+    if not balls:
         return {}
-    found, true = np.array(dents).T
-    ratio = found / true
+    ratio = np.array([ball.found_mm / ball.true_mm for ball in balls])
     return {
         "held_out_depth_ratio": float(np.median(ratio)),
         "held_out_depth_ratio_std": 1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))),
-        "held_out_depth_rms_mm": float(np.sqrt(np.mean((found - true) ** 2))),
-        "held_out_balls": [
-            {"dent_mm": round(t, 5), "found_mm": round(f, 5), "contact_radius_px": round(r, 2)}
-            for t, f, r in zip(true.tolist(), found.tolist(), radii_px, strict=True)
-        ],
+        "held_out_depth_rms_mm": float(np.sqrt(np.mean([(ball.found_mm - ball.true_mm) ** 2 for ball in balls]))),
+        **told("held_out_balls", balls),
     }
 
 
-def bands(card: Mapping[str, Any], key: str, relative_std: float) -> list[Band]:
-    """The balls held out, in BANDS of as many each by `key` of "held_out_balls": their error and the stated one.
+def told(name: str, contacts: Sequence[Known]) -> dict[str, Any]:
+    """Entries of a card: each contact as `name`, and their errors in bands of depth and of contact size."""
+    shown = {by: [asdict(band) for band in bands(contacts, by)] for by in ("true_mm", "radius_px")}
+    return {name: [_rounded(asdict(contact)) for contact in contacts],
+            f"{name}_by": {by: [_rounded(band) for band in found] for by, found in shown.items()}}  # fmt: skip
 
-    `relative_std` is the stated deviation of the depth scale (`depth_error.gain_std`).
-    """
-    balls = sorted(card.get("held_out_balls", ()), key=lambda ball: ball[key])
-    found = []
-    for part in np.array_split(np.arange(len(balls)), BANDS):
-        if len(part):
-            true, seen, at = np.array([[balls[i][k] for k in ("dent_mm", "found_mm", key)] for i in part]).T
-            off, stated = seen - true, relative_std * true
-            found.append(
-                Band(
-                    float(at.min()),
-                    float(at.max()),
-                    len(part),
-                    float(np.sqrt(np.mean(off**2))),
-                    float(np.sqrt(np.mean(stated**2))),
-                    float(np.mean(np.abs(off) < stated)),
-                )
-            )
-    return found
+
+def bands(contacts: Sequence[Known], by: str) -> list[Band]:
+    """The contacts in BANDS of as many each by `by`, "true_mm" or "radius_px"; those alike in it stay together."""
+    at = np.sort([getattr(contact, by) for contact in contacts])
+    alike = np.unique(at)
+    cuts = alike if len(alike) <= BANDS else np.unique([part[0] for part in np.array_split(at, BANDS)])
+    number = [int(np.searchsorted(cuts, getattr(contact, by), side="right")) for contact in contacts]
+    return [_band([c for c, n in zip(contacts, number, strict=True) if n == one], by) for one in np.unique(number)]
+
+
+def _band(contacts: Sequence[Known], by: str) -> Band:
+    off = np.array([contact.found_mm - contact.true_mm for contact in contacts])
+    stated = np.array([contact.stated_mm for contact in contacts])
+    at = [getattr(contact, by) for contact in contacts]
+    rms, usual = (float(np.sqrt(np.mean(values**2))) for values in (off, stated))
+    return Band(
+        min(at), max(at), len(contacts), float(off.mean()), rms, usual, float(np.mean(np.abs(off) < stated))
+    )
+
+
+def _rounded(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: value if isinstance(value, int) else round(value, 5) for key, value in row.items()}
+
+
+def _gain_at(card: Mapping[str, Any], ball: Ball, shape: tuple[int, int], *, parts: int) -> float:
+    """What other balls would have changed of the scale at a ball, for a law that lacks one of so many `parts`."""
+    gains = np.array(card["place_gain_std"])
+    rows, columns = gains.shape
+    row = int(np.clip(ball.centre_px[1] / shape[0] * rows, 0, rows - 1))
+    column = int(np.clip(ball.centre_px[0] / shape[1] * columns, 0, columns - 1))
+    return float(gains[row, column] * np.sqrt(parts / max(parts - 1, 1)))
+
+
+def seen_gain_std(
+    method: CalibratedMethod, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
+) -> float:
+    """Scatter of the depth scale over the balls that a method was made from: 1.48 times the median from 1."""
+    gains, rng = [], np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
+    for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
+        if ball is not None:
+            change, _, valid = method.change.measure(picture.rgb)
+            seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
+            found = method.law.at(seen.change, seen.place)
+            gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
+    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
 
 
 def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -> Pair:

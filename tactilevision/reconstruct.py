@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ import numpy.typing as npt
 from tactilevision.depth_error import DepthError, untouched_std_mm
 from tactilevision.errors import InputError
 from tactilevision.free_gel import free_frames, settle, tare, untouched_of
-from tactilevision.held_out_depth import held_out_depth
+from tactilevision.held_out_depth import held_out_depth, seen_gain_std
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -34,9 +35,10 @@ from tactilevision.photometric.calm import CalmReader, Look, within
 from tactilevision.photometric.change import Planes
 from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
-from tactilevision.photometric.samples import far_from, inside_ball
+from tactilevision.photometric.samples import far_from
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import may_have_marks, rectify
+from tactilevision.spread import spread_beside
 from tactilevision.surface import integrate
 from tactilevision.two_grids import TwoGrids
 from tactilevision.walls import Wall, find_walls, restore
@@ -50,7 +52,6 @@ if TYPE_CHECKING:
 DEFAULT = "polynomial"
 SLOPE_BLOCKS = 600
 MOST_WAVES = 8
-GAIN_SAMPLES = 500  # of each ball
 READABLE = (
     0.8  # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 )
@@ -240,7 +241,8 @@ def tuned(
     """
     gain = seen_gain_std(calibration.method, pictures, calibration.balls, sensor.mm_per_px)
     card = {**calibration.method.card, "sensor": sensor.kind, "seen_gain_std": gain}
-    card |= held_out_depth(calibration, pictures, sensor.mm_per_px)
+    card |= held_out_depth(calibration, pictures, sensor.mm_per_px, seen_gain=gain)
+    card["spread"] = _spread(sensor, calibration, pictures)
     method = dataclasses.replace(calibration.method, card=card)
     settled = settle(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.quiet is method.quiet:
@@ -254,18 +256,17 @@ def tuned(
     return Reconstructor(sensor, settled, calibration=calibration)
 
 
-def seen_gain_std(
-    method: CalibratedMethod, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
-) -> float:
-    """Scatter of the depth scale over the balls that a method was made from: 1.48 times the median from 1."""
-    gains, rng = [], np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
-    for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
-        if ball is not None:
-            change, _, valid = method.change.measure(picture.rgb)
-            seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
-            found = method.law.at(seen.change, seen.place)
-            gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
-    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
+def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
+    """How far errors of slope reach beside a contact, by laws that never saw a third of the balls."""
+    method = calibration.method
+    others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
+    maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
+    gain = np.array(method.card["place_gain_std"])
+    return spread_beside(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+
+
+def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
+    return reader.rectified_map(rgb).depth_mm
 
 
 def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:

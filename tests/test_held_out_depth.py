@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.depth_error import gain_std
-from tactilevision.held_out_depth import bands, dent_mm
+from tactilevision.depth_error import gain_std, place_gain_std
+from tactilevision.held_out_depth import Known, bands, dent_mm, told
 from tactilevision.photometric.ball import Ball
 
 
@@ -23,17 +23,38 @@ def test_the_dent_of_a_ball_is_its_own(scale: tuple[float, float]) -> None:
     assert dent_mm(0.9 * depth, ball, scale)[0] == pytest.approx(0.9 * true, rel=1e-12)
 
 
+def contacts(relative_std: float) -> list[Known]:
+    return [Known(0.1 * n, 0.1 * n * 1.02, relative_std * 0.1 * n, 40.0 - n) for n in range(1, 10)]
+
+
 def test_bands_hold_their_errors_against_the_stated_one() -> None:
-    balls = [{"dent_mm": 0.1 * n, "found_mm": 0.1 * n * 1.02, "contact_radius_px": 40.0 - n} for n in range(1, 10)]
-    low, middle, high = bands({"held_out_balls": balls}, "dent_mm", 0.04)
+    low, middle, high = bands(contacts(0.04), "true_mm")
     assert (low.count, middle.count, high.count) == (3, 3, 3)
     assert (low.low, high.high) == pytest.approx((0.1, 0.9))
-    assert middle.off_mm == pytest.approx(0.5 * middle.stated_mm)
+    assert middle.rms_mm == pytest.approx(0.5 * middle.stated_mm)
+    assert high.bias_mm == pytest.approx(0.02 * 0.8)
     assert high.within == 1.0
-    assert [band.within for band in bands({"held_out_balls": balls}, "contact_radius_px", 0.01)] == [0.0] * 3
-    assert bands({}, "dent_mm", 0.04) == []
+    assert [band.within for band in bands(contacts(0.01), "radius_px")] == [0.0] * 3
+    assert bands([], "true_mm") == []
+
+
+def test_contacts_alike_are_never_torn_into_two_bands() -> None:
+    alike = [Known(0.2, 0.21, 0.02, 40.0)] * 7 + [Known(0.4, 0.38, 0.01, 40.0)] * 2
+    assert [band.count for band in bands(alike, "true_mm")] == [7, 2]
+    assert [band.count for band in bands(alike, "radius_px")] == [9]
+    card = told("flat_steps", alike)
+    assert len(card["flat_steps"]) == 9
+    assert card["flat_steps_by"]["true_mm"][1]["bias_mm"] == pytest.approx(-0.02)
+    assert card["flat_steps_by"]["true_mm"][1]["within"] == 0.0
 
 
 def test_the_stated_scale_lies_between_balls_seen_and_unseen() -> None:
     assert 0.02 < gain_std({"held_out_gain_std": 0.06, "seen_gain_std": 0.02}, 0.5) < 0.06
     assert gain_std({}, 0.5) == 0.5
+
+
+def test_what_other_balls_would_have_changed_is_told_place_by_place() -> None:
+    card = {"held_out_gain_std": 0.06, "seen_gain_std": 0.03, "place_gain_std": [[0.04, 0.0]]}
+    assert place_gain_std(card, 0.5) == pytest.approx(np.array([[0.05, 0.03]]))
+    assert gain_std(card, 0.5) == 0.03, "from ball to ball alone"
+    assert place_gain_std({}, 0.5) == pytest.approx(0.5)

@@ -60,6 +60,25 @@ def test_balls_are_as_deep_as_they_are(contact_mm: float) -> None:
     assert np.sqrt(np.mean(error[r > 4.0] ** 2)) < 0.012
 
 
+@pytest.mark.parametrize("centre", [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)])
+def test_a_contact_at_the_border_is_right_or_says_how_far_off_it_may_be(centre: tuple[float, float]) -> None:
+    """Contacts of 1.3 mm that touch the border of a view of 19 by 14 mm, are cut by it, or sit in a corner."""
+    rng = np.random.default_rng(11)
+    depth, p, q = ball(centre, 1.3, 4.0)
+    height = reconstructor().height_map(Frame(picture(p, q, rng)))
+    assert height.std_mm is not None
+    x, y = places()
+    middle = np.hypot(x - centre[0], y - centre[1]) < 0.6
+    off, true = float((height.depth_mm - depth)[middle].mean()), float(depth[middle].mean())
+    stated = float(height.std_mm[middle].mean())
+    assert abs(off) < max(0.05 * true, 2.0 * stated)
+    assert stated < 0.5 * true, "flagged, not given up"
+    untouched = np.hypot(x - centre[0], y - centre[1]) > 6.0
+    assert np.sqrt(np.mean(np.square(height.depth_mm - depth)[untouched])) < 0.02, (
+        "and the rest is not dragged along"
+    )
+
+
 def test_light_five_grey_levels_off_changes_little() -> None:
     rng = np.random.default_rng(6)
     depth, p, q = ball((0.8, -0.6), 1.6, 4.0)

@@ -22,8 +22,11 @@ def train(
 ) -> None:
     """Calibrate a photometric method, to be used later with --method FILE.
 
-    Its card says how far it is off; a figure shows balls held out, by depth and by contact size.
+    Its card says how far it is off; a figure shows balls held out, and flat steps that the recording's own presses
+    certify, by depth and by contact size.
     """
+    from tactilevision.flat_steps import flat_steps
+    from tactilevision.held_out_depth import told
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.photometric.method import CalibratedMethod
@@ -45,7 +48,10 @@ def train(
     console.warn([*source.warnings, *made.warnings])
     assert isinstance(made.method, CalibratedMethod)
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
-    card = {**made.method.card, **provenance(data, licence=licence)}
+    with console.progress_bar("certifying flat steps"):
+        steps, why = flat_steps(source, made)
+    known = told("flat_steps", steps) if steps else {"flat_steps": why}
+    card = {**made.method.card, **known, **provenance(data, licence=licence)}
     path = save_method(dataclasses.replace(made.method, card=card), out)
     also: tuple[str, ...] = (".onnx", ".json") if method == "network" else (".json",)
     if card.get("held_out_balls"):

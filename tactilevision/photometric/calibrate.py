@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,6 +12,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
+from tactilevision.photometric.jackknife import gain_map
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.quiet import Quiet, QuietSums
 from tactilevision.photometric.reference import Reference
@@ -80,6 +81,11 @@ class Calibration:
     warnings: tuple[str, ...]
     unseen: tuple[ColourLaw | None, ...] = ()
 
+    @property
+    def other_laws(self) -> list[ColourLaw]:
+        """The laws that were fitted without a part of the balls, each once."""
+        return _each_once(self.unseen)
+
 
 def calibrate_from_balls(
     reference: Reference,
@@ -124,6 +130,7 @@ def calibrate_from_balls(
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
         "held_out_gain_std": _gain_std(found, touching),
+        "place_gain_std": np.round(gain_map(law, _each_once(unseen.values()), touching), 5).tolist(),
         "fitted_by": getattr(way, "__name__", type(way).__name__),
         "ridge": ridge,
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
@@ -238,6 +245,10 @@ def _relative_miss(found: Floats, samples: Samples) -> float:
         for many in (samples.slopes, found - samples.slopes)
     )
     return float(np.average(off / (true + GENTLE), weights=count))
+
+
+def _each_once(laws: Iterable[ColourLaw | None]) -> list[ColourLaw]:
+    return list({id(law): law for law in laws if law is not None}.values())
 
 
 def _mean_square(found: Floats, samples: Samples) -> float:

@@ -67,7 +67,12 @@ def untouched(
 
 def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
     """Where (H, W) the gel counts as untouched by the ball."""
-    return np.asarray(_from_axis(shape, ball, mm_per_px)[2] > OUTSIDE * ball.contact_radius_px * mm_per_px[0])
+    return radii_from(ball, shape, mm_per_px) > OUTSIDE
+
+
+def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
+    """Distance (H, W) from the ball's axis, in radii of its contact."""
+    return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
 
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:

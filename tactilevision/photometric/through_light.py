@@ -65,7 +65,7 @@ class ThroughLight:
         return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
 
     def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> Polynomial:
-        law = _fit_light(contact, self.uneven)
+        law = fit_light(contact, self.uneven)
         return fit_polynomial(contact, quiet, ridge=ridge, drawn=_drawn(law, contact), share=self.share)
 
 
@@ -81,7 +81,7 @@ class EitherWay:
         return fit_polynomial(contact, quiet, ridge=ridge)
 
 
-def _fit_light(contact: Samples, uneven: float) -> Floats:
+def fit_light(contact: Samples, uneven: float = UNEVEN[0]) -> Floats:
     """L (terms, 3) of samples."""
     square = np.sum(contact.slopes**2, axis=1)
     scale = USUAL ** -TERMS[:, :2].sum(axis=1).astype(float)
@@ -102,8 +102,13 @@ def _drawn(law: Floats, contact: Samples) -> Samples:
     steep = BEYOND * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
     angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0
     slopes = np.stack([steep * np.cos(angle), steep * np.sin(angle)], axis=1)
-    change = (1.0 + _design(slopes, place) @ law) / np.sqrt(1.0 + steep**2)[:, None] - 1.0
-    return Samples(change, place, slopes, np.zeros(DRAWN, np.int64))
+    return Samples(colours_of(law, slopes, place), place, slopes, np.zeros(DRAWN, np.int64))
+
+
+def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:
+    """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
+    square = np.sum(slopes**2, axis=1)
+    return np.asarray((1.0 + _design(slopes, place) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)
 
 
 def _evenly(count: int, dimensions: int) -> Floats:

@@ -1,0 +1,98 @@
+"""What a calibration says of its own scale, place by place: exact for a mean, and true of laws fitted anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from tactilevision.photometric.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
+from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.polynomial import fit_polynomial
+from tactilevision.photometric.samples import Samples
+from tactilevision.records import Floats
+
+BALLS, EACH, STEEPEST, NOISE = 12, 60, 0.6, 0.01
+LAMPS = np.array([(0.7, 0.1), (-0.4, 0.6), (-0.3, -0.6)])
+
+
+def colours(slopes: Floats, place: Floats) -> Floats:
+    """The change of colour (N, 3) under three lamps that turn over the picture and shine a little."""
+    turn = 0.3 * place[:, :1] * np.array([1.0, -1.0, 0.5])
+    straight = slopes @ LAMPS.T + turn * (slopes @ LAMPS[:, ::-1].T) * np.array([1.0, -1.0, 1.0])
+    return np.asarray(
+        straight + 0.4 * straight**2 * (1.0 + 0.5 * place[:, 1:]) - 0.3 * np.sum(slopes**2, axis=1)[:, None]
+    )
+
+
+def balls(rng: np.random.Generator, numbers: Sequence[int]) -> Samples:
+    """Samples under balls in the middle two thirds of the picture."""
+    parts = []
+    for number in numbers:
+        centre = rng.uniform(-0.65, 0.65, 2)
+        length, angle = STEEPEST * np.sqrt(rng.uniform(size=EACH)), rng.uniform(0, 2 * np.pi, EACH)
+        slopes = (length * np.stack([np.cos(angle), np.sin(angle)])).T
+        place = centre - 0.2 * slopes / STEEPEST
+        seen = colours(slopes, place) + rng.normal(0.0, NOISE, (EACH, 3)) + rng.normal(0.0, NOISE, 3)
+        parts.append((seen, place, slopes, np.full(EACH, number)))
+    change, at, slope, press = (np.concatenate(many) for many in zip(*parts, strict=True))
+    return Samples(change, at, slope, press, np.full_like(change, NOISE))
+
+
+def fitted(samples: Samples) -> ColourLaw:
+    still = np.random.default_rng(0).normal(0.0, NOISE, (500, 3))
+    place = np.random.default_rng(1).uniform(-1, 1, (500, 2))
+    quiet = Samples(still, place, np.zeros((500, 2)), np.zeros(500, np.int64), np.full_like(still, NOISE))
+    return fit_polynomial(samples, quiet, ridge=1e-3)
+
+
+def true_gain(law: ColourLaw) -> Floats:
+    """How far the law's depth scale is off over the picture, from the light itself."""
+    x, y = (2.0 * (np.arange(count) + 0.5) / count - 1.0 for count in PLACES)
+    place = np.stack([grid.ravel() for grid in np.meshgrid(x, y)], axis=1)
+    off = np.zeros(len(place))
+    for steep in STEEPEST * np.array(STEEP):
+        for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+            slopes = np.tile(steep * np.array([np.cos(angle), np.sin(angle)]), (len(place), 1))
+            off += np.sum(law.at(colours(slopes, place), place) * slopes, axis=1) / steep**2 - 1.0
+    return off.reshape(PLACES[::-1]) / (DIRECTIONS * len(STEEP))
+
+
+@lru_cache
+def many() -> tuple[Floats, Floats]:
+    """Gains that are true and that are stated (calibrations, 12, 16)."""
+    off, stated = [], []
+    for seed in range(10):
+        samples = balls(np.random.default_rng(seed), range(BALLS))
+        groups = [np.isin(samples.press, range(first, BALLS, 3)) for first in range(3)]
+        law = fitted(samples)
+        stated.append(gain_map(law, [fitted(samples.where(~group)) for group in groups], samples))
+        off.append(true_gain(law))
+    return np.stack(off), np.stack(stated)
+
+
+@pytest.mark.parametrize("groups", [3, 5, 12])
+def test_of_a_mean_it_is_the_deviation_of_a_mean(groups: int) -> None:
+    values = np.random.default_rng(2).normal(size=(groups, 60 // groups))
+    without = [np.delete(values, k, axis=0).mean() - values.mean() for k in range(groups)]
+    means = values.mean(axis=1)
+    assert jackknife_std([np.array(one) for one in without]) == pytest.approx(means.std(ddof=1) / np.sqrt(groups))
+
+
+def test_no_change_is_no_doubt() -> None:
+    samples = balls(np.random.default_rng(0), range(6))
+    law = fitted(samples)
+    assert np.abs(gain_map(law, [law, law, law], samples)).max() == 0.0
+
+
+@pytest.mark.parametrize("part", [np.s_[4:8, 5:11], np.s_[:, :2], np.s_[:2, :]])
+def test_what_is_stated_is_how_calibrations_scatter(part: tuple[slice, slice]) -> None:
+    off, stated = (maps[:, *part] for maps in many())
+    assert 0.5 < 1.4826 * np.median(np.abs(off) / stated) < 1.3
+
+
+def test_beyond_the_outermost_balls_less_is_known() -> None:
+    stated = np.sqrt(np.mean(np.square(many()[1]), axis=0))
+    assert stated[:, 0].mean() > 3.0 * stated[4:8, 5:11].mean()
