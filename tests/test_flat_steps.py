@@ -51,8 +51,8 @@ def test_their_errors_lie_within_what_the_map_states() -> None:
 def test_a_recording_without_flat_presses_says_so() -> None:
     recording, reconstructor = sample()
     balls = {name: dataclasses.replace(one, shape="sphere") for name, one in recording.indenters.items()}
-    told_so = [], "no flat steps in this recording"
-    assert flat_steps(dataclasses.replace(recording, indenters=balls), reconstructor) == told_so
+    found, why = flat_steps(dataclasses.replace(recording, indenters=balls), reconstructor)
+    assert (found, why) == ([], "no flat steps in this recording")
 
 
 def test_presses_that_cannot_be_certified_are_told() -> None:
