@@ -268,7 +268,7 @@ def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Seque
     if not open_sets and instead:
         open_sets = [tuple(instead)]
     plans = [plan for group in open_sets for plan in by_hand.of_candidates(group)]
-    for group in both[0].sets or open_sets[:1]:
+    for group in both[0].sets or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
         if len(group) > 1:
             plans += measure_next(base, group[0], group[1:])
             break
