@@ -165,7 +165,7 @@ def unseen_beside(data: Observations) -> str:
     if data.slopes is not None:
         return ""
     return (
-        "Not testable by slope and azimuth: that needs frames of four presses of a flat cylinder, and the "
+        "Not testable by slope and azimuth: that needs frames of ten presses of a flat cylinder, and the "
         "gel beside its face in view."
     )
 

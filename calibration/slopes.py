@@ -25,13 +25,13 @@ FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
 LEAST_MM = 0.004  # of an expected fall: below it a micron is a quarter
 STATED_STD, UNSTATED_STD = 0.005, 0.015  # of Poisson's ratio: stated without a std, not stated
 SOFT_NU, HIGHEST_NU = 0.48, 0.499
-FEWEST_PRESSES = 4
+FEWEST_PRESSES = 10  # fewer leave too little beside what each indenter may be off by
 
 
 def with_slopes(faces: Observations) -> Observations | None:
     """Samples of faces (one a press, what was seen in the force's place) and of the slopes beside them.
 
-    None where fewer than four presses have slopes beside them that can be expected.
+    None where fewer than ten presses have slopes beside them that can be expected.
     """
     place = {(int(number), label): k for k, (number, label) in
              enumerate(zip(faces.presses.recording, faces.presses.label, strict=True))}  # fmt: skip
