@@ -14,7 +14,7 @@ import numpy as np
 from calibration.checks import at_one_depth, check, of_shape
 from calibration.data import Measured, Observations
 from calibration.fitting import Fit, fit
-from calibration.identify import identify, main_radius
+from calibration.identify import beta_name, identify, main_radius
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
@@ -137,7 +137,8 @@ def _free(law: Law, data: Observations, *, single: bool) -> Law:
 def _of_default(fitted: Fit) -> CalibrationResult:
     known = identify(fitted)
     radius = main_radius(fitted)
-    outside = beta_outside_theory(known.beta, known.poisson_ratio, radius / fitted.data.gel.thickness_mm)
+    beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
+    outside = beta_outside_theory(beta, known.poisson_ratio, radius / fitted.data.gel.thickness_mm)
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=known.c, beta=known.beta, reduced_modulus=known.reduced_modulus,

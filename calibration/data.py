@@ -176,6 +176,12 @@ class Observations:
         return np.asarray(self.presses.radius_mm[self.press])
 
     @property
+    def edge_mm(self) -> Floats:
+        """By how much the indenter's edge is rounded at each sample (N,), as stated; 0 where nothing is."""
+        stated = np.array([indenter.edge_radius_mm or 0.0 for indenter in self.indenters])
+        return np.asarray(stated[self.presses.indenter[self.press]])
+
+    @property
     def is_curves(self) -> bool:
         """True where presses hold more than one sample."""
         return self.size > self.count

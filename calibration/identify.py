@@ -14,15 +14,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.fitting import Fit, fit
-from calibration.laws.flat_punch import SILICONE_NU, FlatPunch, unit_stiffness
-from calibration.model import Model
+from calibration.edges import stated_edge_mm, straight_line
+from calibration.fitting import Fit
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.plausible import GEL_MODULUS_MPA
+from calibration.rivals import lubricated, rivals
 from calibration.sticking import sticking_surplus
+from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 
 NODES = 201
+NU_TABLE = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
 UNFIXED = (
     0.6  # nu from radii is taken to be fixed where its interval is shorter than this share of silicones' range
 )
@@ -48,28 +51,25 @@ def identify(fitted: Fit) -> Identified:
     """The material from a fit of the FlatPunch law, whatever effects stand beside it."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
-    try:
-        other = stuck(fitted) if _radii_fix_nu(fitted) else None
-        of_stuck = None if other is None else other.estimate("poisson_ratio").interval95
-    except ConvergenceError:  # what sticking would make of nu is then unknown
-        other, of_stuck = None, SILICONE_NU
-    nu, source = _poisson(fitted, of_stuck, assumptions)
+    others, reach = _others(fitted)
+    nu, source = _poisson(fitted, reach, assumptions)
     c = stiffness_of(fitted, radius)
-    beta = fitted.estimate(beta_name(fitted, radius))
     spread = _spread(fitted, nu, radius)
     surplus = sticking_range(fitted, nu, radius, assumptions)
     modulus = _modulus(spread, nu, surplus, "MPa")
     reduced = _modulus(spread.reduced(), nu, surplus, "MPa")
-    if other is not None and nu.value is not None:
-        its_nu = other.estimate("poisson_ratio")
-        spread = _spread(other, its_nu, radius)
-        modulus = holding(modulus, _modulus(spread, its_nu, 0.0, "MPa").interval95)
-        reduced = holding(reduced, _modulus(spread.reduced(), its_nu, 0.0, "MPa").interval95)
+    for other in others if nu.value is not None else ():
+        own = other.estimate("poisson_ratio")
+        spread = _spread(other, own, radius)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95)
+    radii = np.unique(fitted.data.presses.radius_mm).tolist()
     return Identified(
-        youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=beta, source=source,
-        covariance=_covariance(fitted, radius), modulus_of_nu=_curve(fitted, c, radius),
-        by_radius=tuple((float(r), stiffness_of(fitted, float(r)), fitted.estimate(beta_name(fitted, float(r))))
-                        for r in np.unique(fitted.data.presses.radius_mm)), assumptions=tuple(assumptions),
+        youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=bend_of(fitted, radius),
+        source=source, covariance=_covariance(fitted, radius),
+        modulus_of_nu=modulus_of_nu(fitted, NU_TABLE, radius),
+        by_radius=tuple((r, stiffness_of(fitted, r), bend_of(fitted, r)) for r in radii),
+        assumptions=tuple(assumptions),
     )  # fmt: skip
 
 
@@ -111,8 +111,18 @@ class _Spread:
         return float(brentq(excess, low, high, xtol=1e-9 * high))
 
 
-def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tuple[Estimate, str]:
-    """nu and where it comes from; no value where nothing fixes it. `of_stuck`: its interval if the gel sticks."""
+def _others(fitted: Fit) -> tuple[tuple[Fit, ...], Pair | None]:
+    """The fits that friction and edges allow besides, and the interval of nu that holds all theirs."""
+    try:
+        others = rivals(fitted)
+    except ConvergenceError:  # what they would make of nu is then unknown
+        return (), SILICONE_NU
+    ends = [end for other in others for end in other.estimate("poisson_ratio").interval95 or ()]
+    return others, (min(ends), max(ends)) if ends else None
+
+
+def _poisson(fitted: Fit, reach: Pair | None, assumptions: list[str]) -> tuple[Estimate, str]:
+    """nu and where it comes from; no value where nothing fixes it. `reach`: what its interval is to hold, too."""
     k = fitted.index("poisson_ratio")
     parameter = fitted.parameters[k]
     several = np.unique(fitted.data.presses.radius_mm).size > 1
@@ -123,12 +133,12 @@ def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tupl
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
-        found = holding(fitted.estimate("poisson_ratio"), of_stuck)
+        found = holding(fitted.estimate("poisson_ratio"), reach)
         prior_std = parameter.prior.std if parameter.prior else np.inf
         sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
-        found = holding(fitted.estimate("poisson_ratio"), of_stuck)
+        found = holding(fitted.estimate("poisson_ratio"), reach)
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
     low, high = SILICONE_NU
@@ -138,24 +148,6 @@ def _poisson(fitted: Fit, of_stuck: Pair | None, assumptions: list[str]) -> tupl
     return Estimate(None, None, SILICONE_NU, "1", why), "prior"
 
 
-def _radii_fix_nu(fitted: Fit) -> bool:
-    """Whether they may: friction then moves nu, and E with it."""
-    several = np.unique(fitted.data.presses.radius_mm).size > 1
-    return several and not fitted.parameters[fitted.index("poisson_ratio")].fixed
-
-
-def stuck(fitted: Fit) -> Fit | None:
-    """The same on a gel that sticks to the face; None where it does already, or slides.
-
-    Raises ConvergenceError where that cannot be fitted.
-    """
-    law = fitted.model.law
-    if _lubricated(fitted) or not isinstance(law, FlatPunch) or law.sticking == 1:
-        return None
-    return fit(Model(replace(law, sticking=1.0), fitted.model.effects), fitted.data, noise=fitted.noise,
-               starts=fitted.values[None], tolerances=False)  # fmt: skip
-
-
 def holding(one: Estimate, other: Pair | None) -> Estimate:
     """The estimate with an interval that holds another one as well."""
     if one.interval95 is None or other is None:
@@ -163,13 +155,9 @@ def holding(one: Estimate, other: Pair | None) -> Estimate:
     return replace(one, interval95=(min(one.interval95[0], other[0]), max(one.interval95[1], other[1])))
 
 
-def _lubricated(fitted: Fit) -> bool:
-    return bool(np.all(fitted.data.presses.lubricated == 1))
-
-
 def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[str]) -> float:
     """By what share E may be lower because the gel sticks; 0 where the presses were lubricated."""
-    if _lubricated(fitted):
+    if lubricated(fitted.data):
         assumptions.append("the presses were lubricated: no friction")
         return 0.0
     if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:
@@ -184,15 +172,26 @@ def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[s
     return surplus
 
 
-def _stiffness(fitted: Fit, values: Floats, radius: float) -> float:
-    """c of one radius at these parameters, as the model has it at the first sample of that radius."""
+def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
+    """c and beta of one radius at these parameters: of the line through P/w, as the edge leaves it."""
     stiffness = fitted.model.state(values, fitted.data).stiffness_N_per_mm
-    return float(np.median(stiffness[fitted.data.radius_mm == radius]))
+    sharp = float(np.median(stiffness[fitted.data.radius_mm == radius]))
+    nu, beta = (float(values[fitted.index(name)]) for name in ("poisson_ratio", beta_name(fitted, radius)))
+    edge = stated_edge_mm(fitted, radius) or 0.0
+    start, slope = straight_line(fitted, radius, edge, poisson_ratio=nu, beta=beta)
+    return sharp * start, slope
 
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
-    """c of one radius, N/mm."""
-    return _derived(fitted, lambda v: _stiffness(fitted, v, radius), "N/mm")
+    """c of one radius, N/mm: where the line through P/w begins."""
+    return _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+
+
+def bend_of(fitted: Fit, radius: float) -> Estimate:
+    """beta of one radius: how that line rises."""
+    if not stated_edge_mm(fitted, radius):
+        return fitted.estimate(beta_name(fitted, radius))
+    return _derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
 
 
 def _derived(fitted: Fit, function: Callable[[Floats], float], unit: str) -> Estimate:
@@ -230,8 +229,7 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
         nodes = centre + np.sqrt(nu_variance) * ndtri((np.arange(NODES) + 0.5) / NODES)
         nodes = nodes[(nodes > 0) & (nodes <= 0.4999)] if centre < 0.4999 else np.array([centre])
     if np.unique(fitted.data.presses.radius_mm).size == 1 or nu.value is None:
-        modulus = value / np.array([unit_stiffness(fitted.data, float(n), radius) for n in nodes])
-        modulus *= unit_stiffness(fitted.data, centre, radius)
+        modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
     else:
         modulus = value * np.exp(cross / nu_variance / value * (nodes - centre)) if nu_variance > 0 else (
             np.full(nodes.size, value))  # fmt: skip
@@ -240,6 +238,11 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
     at_nu[k] = -cross / nu_variance if nu_variance > 0 else 0.0  # E less what nu brings
     reach = fitted.reach(at_nu)
     return _Spread(nodes, np.full(nodes.size, 1 / nodes.size), modulus, relative, reach)
+
+
+def _unit(fitted: Fit, nu: float, radius: float) -> float:
+    thickness = np.array([fitted.data.gel.thickness_mm])
+    return float(punch_stiffness(1.0, float(nu), np.array([radius]), thickness)[0])
 
 
 def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
@@ -258,11 +261,11 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
     return Estimate(mean, std, (low / (1 + surplus), high), unit)
 
 
-def _curve(fitted: Fit, c: Estimate, radius: float) -> tuple[Pair, ...]:
-    """(nu, E) at the fitted c."""
-    assert c.value is not None
-    table = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
-    return tuple((float(nu), float(c.value / unit_stiffness(fitted.data, float(nu), radius))) for nu in table)
+def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, radius: float) -> tuple[Pair, ...]:
+    """(nu, E) at the fitted stiffness."""
+    modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
+    stiffness = modulus * _unit(fitted, nu, radius)
+    return tuple((float(one), float(stiffness / _unit(fitted, float(one), radius))) for one in poisson_ratios)
 
 
 def _covariance(fitted: Fit, radius: float) -> Floats:
@@ -271,6 +274,6 @@ def _covariance(fitted: Fit, radius: float) -> Floats:
     rows = np.zeros((4, size))
     rows[0, fitted.index("youngs_modulus_MPa")] = 1
     rows[1, fitted.index("poisson_ratio")] = 1
-    rows[2] = _gradient(fitted, lambda v: _stiffness(fitted, v, radius))
-    rows[3, fitted.index(beta_name(fitted, radius))] = 1
+    rows[2] = _gradient(fitted, lambda v: _line(fitted, v, radius)[0])
+    rows[3] = _gradient(fitted, lambda v: _line(fitted, v, radius)[1])
     return np.asarray(rows @ fitted.covariance @ rows.T)

@@ -5,8 +5,8 @@ At the fitted stiffness c the two are tied by E(nu) = c (1 - nu^2)/(2 a kappa). 
     nu = nu_0 + k s_nu t,    E = E(nu) (1 +- k s_E sqrt(1 - t^2)),    -1 <= t <= 1,    k^2 = 5.99 (two unknowns)
 
 s_nu the standard deviation of nu, s_E the relative one of E at known nu. Below, it reaches down to what a gel that
-sticks to the face would have, where friction is unknown. Where nothing fixes nu the region is the band round the
-curve over all that silicones span.
+sticks to the face would have, where friction is unknown; above, up to what a rounded edge would hide, where none
+is stated. Where nothing fixes nu the region is the band round the curve over all that silicones span.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.identify import main_radius, sticking_range
-from calibration.laws.flat_punch import SILICONE_NU, unit_stiffness
+from calibration.edges import usual_softening
+from calibration.identify import main_radius, modulus_of_nu, sticking_range
+from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result import CalibrationResult
 from tactilevision.records import Floats, Pair
 
@@ -47,34 +47,34 @@ class JointPicture:
 
 def joint_picture(result: CalibrationResult) -> JointPicture:
     """The joint region of a fit of the default law, with what each route to nu says."""
-    radius, data = main_radius(result.fitted), result.fitted.data
+    radius = main_radius(result.fitted)
     surplus = sticking_range(result.fitted, result.poisson_ratio, radius, [])
+    softer = usual_softening(result.fitted, radius, result.poisson_ratio.value or SILICONE_NU[1])
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
     grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
-    c = result.c.value or np.nan
-    curve = np.column_stack([grid, c / _unit(data, grid, radius)])
+    curve = np.array(modulus_of_nu(result.fitted, grid, radius))
     relative = _relative_std(result)
     if nu is None or modulus is None:
         across = np.linspace(*SILICONE_NU, STEPS)
-        centre, half = c / _unit(data, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
+        centre, half = _modulus(result, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
     else:
         t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
         across = nu + TWO_UNKNOWNS * (result.poisson_ratio.std or 0.0) * t
         keep = (across > 0) & (across < 0.5)
         t, across = t[keep], across[keep]
-        centre = modulus * _unit(data, np.array([nu]), radius)[0] / _unit(data, across, radius)
+        centre = modulus * _modulus(result, across, radius) / _modulus(result, np.array([nu]), radius)[0]
         half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
-    upper, lower = centre * (1 + half), centre * (1 - half) / (1 + surplus)
+    upper, lower = centre * (1 + half) * (1 + softer), centre * (1 - half) / (1 + surplus)
     region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
     bands = tuple(Band(r.name, r.poisson_ratio.interval95, r.used) for r in result.routes
                   if r.poisson_ratio.interval95 is not None and r.poisson_ratio.value is not None)  # fmt: skip
     return JointPicture(curve, region, None if nu is None or modulus is None else (nu, modulus), bands)
 
 
-def _unit(data: Observations, nu: Floats, radius_mm: float) -> Floats:
-    """Stiffness (n,) for E = 1 MPa."""
-    return np.array([unit_stiffness(data, float(one), radius_mm) for one in nu])
+def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
+    """E (n,) at the fitted stiffness."""
+    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius_mm))[:, 1]
 
 
 def _relative_std(result: CalibrationResult) -> float:

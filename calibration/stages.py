@@ -42,12 +42,14 @@ class Stage(IntEnum):
 class State:
     """What travels through the stages; each array is (N,), one number a sample.
 
-    `depth_mm` of the punch in the gel; `radius_mm` of the contact; `thickness_mm` of the gel; `factor` on the
-    stiffness; set by the law: `stiffness_N_per_mm` (force over depth as the depth goes to 0) and `force_N`.
+    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` by which its edge is rounded;
+    `thickness_mm` of the gel; `factor` on the stiffness; set by the law: `stiffness_N_per_mm` (force over depth as
+    the depth goes to 0, of a sharp edge) and `force_N`.
     """
 
     depth_mm: Floats
     radius_mm: Floats
+    edge_mm: Floats
     thickness_mm: Floats
     factor: Floats
     stiffness_N_per_mm: Floats

@@ -22,10 +22,10 @@ import numpy as np
 from calibration.bias import NOTHING, change_of_force
 from calibration.calibrate import conclude
 from calibration.fitting import Fit, inverse_information
-from calibration.identify import stuck
 from calibration.noise import Whitener
 from calibration.ranges import absent, largest
 from calibration.refit import CANNOT_FIT
+from calibration.rivals import stuck
 from calibration.stages import Effect
 from calibration.steadied import steadied
 from tactilevision.records import Estimate, Floats

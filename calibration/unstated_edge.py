@@ -1,12 +1,12 @@
 """What a rounded edge of which nothing is stated leaves open of E.
 
-    E -> E (1 + s),    s = kappa(a) a / [kappa(a - r) (a - r)] - 1,    r = h/60
+    E -> E (1 + s),    r = h/60
 
-A punch whose edge is rounded touches with its flat part first and is softer than a sharp one; taken for sharp,
-it makes the gel look softer than it is. r is what finite elements are tabulated with, .05 mm on 3 mm of gel: as
-sharp as turned edges usually are. Friction makes up for part of it (sticking_range). E keeps its value; its 95 %
-interval reaches up by s beside what it has otherwise, as the root of the sum of squares: the two do not know of
-each other.
+s is what a rounding r takes off the line through P/w (edges.py). A punch whose edge is rounded touches with its
+flat part first and is softer than a sharp one; taken for sharp, it makes the gel look softer than it is. r is what
+finite elements are tabulated with, .05 mm on 3 mm of gel: as sharp as turned edges usually are. Friction makes up
+for part of it (sticking_range). E keeps its value; its 95 % interval reaches up by s beside what it has otherwise,
+as the root of the sum of squares: the two do not know of each other.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.edges import usual_softening
 from calibration.identify import main_radius
 from calibration.result import CalibrationResult
-from calibration.stiffness import punch_stiffness
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Estimate
 
@@ -28,9 +28,7 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
     stated = [i.edge_radius_mm for i in data.indenters if i.radius_mm == radius]
     if nu is None or all(edge is not None for edge in stated):
         return result
-    edge = data.gel.thickness_mm * EDGE_OVER_H
-    sharp, rounded = punch_stiffness(1.0, nu, np.array([radius, radius - edge]), np.full(2, data.gel.thickness_mm))
-    share = float(sharp / rounded) - 1
+    share, edge = usual_softening(result.fitted, radius, nu), data.gel.thickness_mm * EDGE_OVER_H
     said = (
         f"no edge radius is stated: E may be higher by up to {100 * share:.1f} % where the punch's edge is "
         f"rounded by {edge:.2g} mm; E's interval reaches up by that beside the rest"

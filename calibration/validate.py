@@ -24,11 +24,11 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_curve import PunchCurve, punch_curve, tabulated_curve
+from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Floats, Indenter, Material
 
 LAWS = ("neo-hooke", "hencky")
 FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)
-EDGE_OVER_H = 1 / 60  # where no edge radius is stated
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
 FEWEST = 2  # samples that a rival must reach to be one

@@ -2,10 +2,11 @@
 
     P = c w (1 + beta w/h),    c = 2 a E kappa(nu, a/h) / (1 - nu^2)
 
-P force (N), w depth (mm), a radius of the face's flat part (the punch's less its stated edge radius: as w -> 0
-nothing else touches), h thickness, E (MPa). kappa from the integral equation at the true a/h: small strain,
-frictionless, layer far wider than the punch. beta holds what large strain, friction and the growth over the edge
-add; theory gives it no single value, so it is free, and as it changes with a/h each radius has its own.
+P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
+small strain, frictionless, layer far wider than the punch. Where the edge is stated to be rounded, the contact
+begins smaller and grows (tactilevision.mechanics.rounded_edge); c and beta stay the sharp punch's. beta holds what
+large strain and friction add; theory gives it no single value, so it is free, and as it changes with a/h each
+radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
 Med. Eng. Phys. 19 (1997) 57.
 
@@ -27,6 +28,7 @@ from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from calibration.theory import bend_range, beta_range
 from tactilevision.errors import InputError
+from tactilevision.mechanics.rounded_edge import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)
@@ -63,12 +65,15 @@ class FlatPunch(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
-        flat = state.radius_mm - stated_edges(data)[radius_number(data)]
-        stiffness = state.factor * punch_stiffness(values[0], values[1], flat, state.thickness_mm)
+        sharp, begun = (
+            where.factor * punch_stiffness(values[0], values[1], where.radius_mm, where.thickness_mm)
+            for where in (state, on_its_edge(state))
+        )
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
             surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
-            stiffness = stiffness * (1 + self.sticking * surplus[radius_number(data)])
+            stuck = 1 + self.sticking * surplus[radius_number(data)]
+            sharp, begun = stuck * sharp, stuck * begun
         number = radius_number(data)
         depth = np.maximum(state.depth_mm, 0)
         strain = depth / state.thickness_mm
@@ -76,7 +81,21 @@ class FlatPunch(Composable):
         if self.bent:
             gamma = values[2 + values[2:].size // 2 :][number]
             bracket = bracket + gamma * strain * (strain - CHORD)
-        return replace(state, stiffness_N_per_mm=stiffness, force_N=stiffness * depth * bracket)
+        return replace(state, stiffness_N_per_mm=sharp, force_N=begun * depth * bracket)
+
+
+def on_its_edge(state: State) -> State:
+    """The contact's radius in place of the punch's where the edge is rounded, its share of force in `factor`."""
+    if not np.any(state.edge_mm > 0):
+        return state
+    radius, share = state.radius_mm.copy(), state.factor.copy()
+    for outer, edge in set(zip(state.radius_mm.tolist(), state.edge_mm.tolist(), strict=True)):
+        if edge <= 0:
+            continue
+        mine = (state.radius_mm == outer) & (state.edge_mm == edge)
+        radius[mine], met = rounded_contact(np.maximum(state.depth_mm[mine], 0), outer, edge)
+        share[mine] *= met
+    return replace(state, radius_mm=radius, factor=share)
 
 
 def betas(data: Observations) -> tuple[Parameter, ...]:
@@ -107,26 +126,13 @@ def bends(data: Observations) -> tuple[Parameter, ...]:
     """One gamma a radius, between what theory allows there; a straight bracket is what is usual."""
     gel, table = data.gel, []
     nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
-    for radius, edge in zip(np.unique(data.presses.radius_mm), stated_edges(data), strict=True):
+    for radius in np.unique(data.presses.radius_mm):
         mine = data.radius_mm == radius
         deepest = float(np.max(data.depth_mm[mine])) / gel.thickness_mm
-        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3),
-                               round(float(edge) / gel.thickness_mm, 4), round(deepest, 3))  # fmt: skip
+        low, high = bend_range(round(nu, 3), round(float(radius) / gel.thickness_mm, 3), 0.0, round(deepest, 3))
         table.append(Parameter(f"bend[{radius:g}]", "1", 0.0, (low, high), "bend of P/w against w/h", 1.0,
                                Prior(0.0, (high - low) / 2, "finite elements")))  # fmt: skip
     return tuple(table)
-
-
-def stated_edges(data: Observations) -> Floats:
-    """Radius of the rounded edge (K,), mm, of the punches of each radius in rising order; 0: none stated."""
-    radii = np.unique(data.presses.radius_mm)
-    return np.array([max(i.edge_radius_mm or 0.0 for i in data.indenters if i.radius_mm == r) for r in radii])
-
-
-def unit_stiffness(data: Observations, poisson_ratio: float, radius_mm: float) -> float:
-    """c of the punches of one radius where E is 1 MPa, N/mm."""
-    edge = stated_edges(data)[np.unique(data.presses.radius_mm) == radius_mm]
-    return float(punch_stiffness(1.0, poisson_ratio, radius_mm - edge, np.array([data.gel.thickness_mm]))[0])
 
 
 def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
