@@ -1,14 +1,14 @@
 """The picture's depth against the certified one: is the height map right, and where is it not?
 
-    seen = f(w) + z + s(w) (u_0 + u_1 x),    f = w where nothing is wrong
+    seen = f(w) + z + s(w) (u_0 + u_1 x + u_2 P_2(x)),    f = w where nothing is wrong
 
 w the certified depth, z the zero of the height map, s its own std behind a punch's steep walls, which all presses
-of a depth share: u_0, u_1 ~ N(0, 1) let it be off by that much, alike or growing over the depths (x from -1 to
-1). Where slopes beside the faces were read (slopes.py), each is a depth of its own too: f(w) times 1 + what its
-quarter of directions, its ring, nu and the friction may be off by, each with its std. Press by press the picture
-has a gain and a zero of its own, as a force sensor has: the same error model,
-screen and search as for forces then work on lengths, with the seen depth in the force's place. What can be found:
-a wrong gain, a drift, slopes that saturate, a certified depth that forgot how far the gel rises.
+of a depth share: u ~ N(0, 1) let it be off by that much, alike, growing or bent over the depths (x from -1 to 1,
+P_2 Legendre's). Where slopes beside the faces were read (slopes.py), each is a depth of its own too: f(w) times
+1 + what its quarter of directions, its ring, nu and the friction may be off by, each with its std. Press by press
+the picture has a gain and a zero of its own, as a force sensor has: the same error model, screen and search as for
+forces then work on lengths, with the seen depth in the force's place. What can be found: a wrong gain, a drift,
+slopes that saturate, a certified depth that forgot how far the gel rises.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 
 from calibration.data import Observations
 from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
@@ -35,6 +36,7 @@ from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Bools, Floats
 
 FEWEST = 4  # samples: fewer leave nothing to hold against each other
+WALLS = 3  # terms of a face's own error over the depths
 FLATTENING, LOST = "flattening", "lost_in_walls"
 LOST_STD = 0.5  # of what a second ceiling like the method's own would take off a face
 LEAST_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
@@ -51,13 +53,13 @@ class Sight(Composable):
         return "reconstructed_depth"
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
-        """z, then u_0 and u_1 where the height map states a std, then what slopes beside may be off by."""
+        """z, then the u where the height map states a std, then what slopes beside may be off by."""
         curves = data.is_curves and data.slopes is None
         prior = None if curves else Prior(0.0, ZERO_STD_MM, "a height map's zero")
         table = [Parameter("zero_mm", "mm", 0.0, (-0.2, 0.2), "seen where nothing is pressed", 0.005, prior)]
         if _stated(data) is not None:
             table += [Parameter(f"walls_{k}", "1", 0.0, (-8.0, 8.0), "error of the face, in its own std", 1.0,
-                                Prior(0.0, 1.0, "the height map's own std")) for k in range(2)]  # fmt: skip
+                                Prior(0.0, 1.0, "the height map's own std")) for k in range(WALLS)]  # fmt: skip
         return (*table, *(_share(name, std) for name, std, _ in _open(data)))
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
@@ -71,7 +73,7 @@ class Sight(Composable):
             depth = np.where(_beside(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
         seen = depth * (1 + share) + values[0] * _of_face(data)
         if stated is not None:
-            seen = seen + stated * (values[1] + values[2] * _across(data.depth_mm))
+            seen = seen + stated * legval(_across(data.depth_mm), values[1 : 1 + WALLS])
         return replace(state, force_N=seen, stiffness_N_per_mm=np.ones(data.size))
 
 
