@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -36,10 +37,12 @@ from calibration.outside import CANDIDATES, would_have_to_be
 from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.repeats import noise_floor
 from calibration.result import CalibrationResult
+from calibration.routes import informed
 from calibration.search import MOST, TOLD_APART, Searched, Step, search
 from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
 from calibration.unseen import allow_for_unseen
+from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.01  # of saying that something unknown is left
@@ -79,30 +82,32 @@ def diagnose(
     *,
     effects: Sequence[Effect] = (),
     known: Sequence[Effect] = (),
+    bulge: Estimate | None = None,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
-    A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
+    `bulge`: nu from the rise beside the punch; forces are fitted with it, and the picture is held against none of
+    its own. A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    found = whole = _diagnosed(data, catalogue, known, rng)
+    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge)
+    found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
     while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
         aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
-        found = _diagnosed(data.take(others), catalogue, known, rng)
+        found = fitted(data.take(others))
     return _beside(whole, found, aside, foreign=foreign) if aside and not found.odd.presses else whole
 
 
-def _diagnosed(
-    data: Observations, catalogue: Sequence[Effect], known: Sequence[Effect], rng: np.random.Generator
-) -> Diagnosis:
+def _diagnosed(data: Observations, *, catalogue: Sequence[Effect], known: Sequence[Effect],
+               rng: np.random.Generator, bulge: Estimate | None) -> Diagnosis:  # fmt: skip
     """These presses, all of them."""
+    seen, data = fit_sight(data), informed(data, bulge)
     model = base_model(data)
     for effect in known:
         model = model + effect
-    seen = fit_sight(data)
     parts = 1 if seen is None else 2
     found_there = search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
     force = _outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng))

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import take
+from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.data import Observations
     from calibration.stages import Effect
     from calibration.steps import Step
     from tactilevision.cli.measure import Taken
+    from tactilevision.records import Estimate
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
 With = Annotated[
@@ -46,10 +47,12 @@ def diagnose(
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text
 
-    taken = take(recordings)
+    taken, bulge = _with_nu(take(recordings))
     own = _private(private)
     with console.progress_bar("diagnosing"):
-        found = method.diagnose(_data(taken), np.random.default_rng(seed), effects=own, known=_known(known))
+        found = method.diagnose(
+            _data(taken), np.random.default_rng(seed), effects=own, known=_known(known), bulge=bulge
+        )
     steps = [Step(key, "") for key in known or ()]
     steps += [Step(e.key, _path_of(e.key, own, private), found.errors.before, found.errors.after)
               for e in found.effects if e.key in found.fitted.model.keys]  # fmt: skip
@@ -129,6 +132,14 @@ def _private(paths: Sequence[Path] | None) -> list[Effect]:
     from calibration.private import load_effect
 
     return [load_effect(path) for path in paths or ()]
+
+
+def _with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
+    """The recordings as a calibration takes them, and nu as the sharpest of their pictures reads it."""
+
+    read = [beside_the_punch(one) for one in taken]
+    known = [bulge for _, bulge in read if bulge is not None and bulge.value is not None and bulge.std]
+    return [one for one, _ in read], min(known, key=lambda bulge: bulge.std or 0.0, default=None)
 
 
 def _data(taken: Sequence[Taken]) -> Observations:
