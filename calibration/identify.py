@@ -9,7 +9,7 @@ largest E.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from calibration.edges import stated_edge_mm, straight_line
 from calibration.fitting import Fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.plausible import GEL_MODULUS_MPA
-from calibration.rivals import lubricated, rivals
+from calibration.rivals import Rival, lubricated, rivals
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
@@ -51,18 +51,18 @@ def identify(fitted: Fit) -> Identified:
     """The material from a fit of the FlatPunch law, whatever effects stand beside it."""
     radius = main_radius(fitted)
     assumptions: list[str] = []
-    others, reach = _others(fitted)
-    nu, source = _poisson(fitted, reach, assumptions)
+    others = _others(fitted)
+    nu, source = _poisson(fitted, others, assumptions)
     c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
     surplus = sticking_range(fitted, nu, radius, assumptions)
-    modulus = _modulus(spread, nu, surplus, "MPa")
-    reduced = _modulus(spread.reduced(), nu, surplus, "MPa")
+    modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
     for other in others if nu.value is not None else ():
-        own = other.estimate("poisson_ratio")
-        spread = _spread(other, own, radius)
-        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95)
-        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95)
+        if other.fitted is not None:
+            own = other.fitted.estimate("poisson_ratio")
+            spread = _spread(other.fitted, own, radius)
+            modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
+            reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
     radii = np.unique(fitted.data.presses.radius_mm).tolist()
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=bend_of(fitted, radius),
@@ -111,18 +111,16 @@ class _Spread:
         return float(brentq(excess, low, high, xtol=1e-9 * high))
 
 
-def _others(fitted: Fit) -> tuple[tuple[Fit, ...], Pair | None]:
-    """The fits that friction and edges allow besides, and the interval of nu that holds all theirs."""
+def _others(fitted: Fit) -> tuple[Rival, ...]:
+    """What friction and edges allow besides; where that cannot be fitted, all of silicones' nu."""
     try:
-        others = rivals(fitted)
-    except ConvergenceError:  # what they would make of nu is then unknown
-        return (), SILICONE_NU
-    ends = [end for other in others for end in other.estimate("poisson_ratio").interval95 or ()]
-    return others, (min(ends), max(ends)) if ends else None
+        return rivals(fitted)
+    except ConvergenceError:
+        return (Rival(None, 1.0),)
 
 
-def _poisson(fitted: Fit, reach: Pair | None, assumptions: list[str]) -> tuple[Estimate, str]:
-    """nu and where it comes from; no value where nothing fixes it. `reach`: what its interval is to hold, too."""
+def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tuple[Estimate, str]:
+    """nu and where it comes from; no value where nothing fixes it. Its interval reaches to `others`."""
     k = fitted.index("poisson_ratio")
     parameter = fitted.parameters[k]
     several = np.unique(fitted.data.presses.radius_mm).size > 1
@@ -133,12 +131,12 @@ def _poisson(fitted: Fit, reach: Pair | None, assumptions: list[str]) -> tuple[E
         if parameter.fixed:
             assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
             return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
-        found = holding(fitted.estimate("poisson_ratio"), reach)
+        found = _reaching(fitted.estimate("poisson_ratio"), others)
         prior_std = parameter.prior.std if parameter.prior else np.inf
         sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
         return found, "radii" if sharpened else "prior"
     if several and not parameter.fixed:
-        found = holding(fitted.estimate("poisson_ratio"), reach)
+        found = _reaching(fitted.estimate("poisson_ratio"), others)
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
     low, high = SILICONE_NU
@@ -148,11 +146,19 @@ def _poisson(fitted: Fit, reach: Pair | None, assumptions: list[str]) -> tuple[E
     return Estimate(None, None, SILICONE_NU, "1", why), "prior"
 
 
-def holding(one: Estimate, other: Pair | None) -> Estimate:
-    """The estimate with an interval that holds another one as well."""
+def _reaching(nu: Estimate, others: Sequence[Rival]) -> Estimate:
+    for other in others:
+        theirs = SILICONE_NU if other.fitted is None else other.fitted.estimate("poisson_ratio").interval95
+        nu = holding(nu, theirs, other.share)
+    return nu
+
+
+def holding(one: Estimate, other: Pair | None, share: float = 1.0) -> Estimate:
+    """The estimate with an interval that reaches to another one's ends, or this share of the way."""
     if one.interval95 is None or other is None:
         return one
-    return replace(one, interval95=(min(one.interval95[0], other[0]), max(one.interval95[1], other[1])))
+    low, high = one.interval95
+    return replace(one, interval95=(low + share * min(other[0] - low, 0), high + share * max(other[1] - high, 0)))
 
 
 def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[str]) -> float:

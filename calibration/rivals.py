@@ -1,12 +1,13 @@
 """What several radii would say of nu if the gel stuck to the face, or if the edges were rounded.
 
 Friction and an edge stiffen or soften each radius by another share, which looks like another nu; where nothing is
-said of them, nu and E are to hold for each.
+said of them, nu and E are to hold for each. What fits worse by chi^2 = D can be there in part: a share t of it
+costs t^2 D, so that intervals of 95 % reach a share 1.96/sqrt(D) of the way.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +18,16 @@ from calibration.model import Model
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 
 
-def rivals(fitted: Fit) -> tuple[Fit, ...]:
-    """The fits of a gel that sticks, of rounded edges, and of both, as far as they may be; none where nu is fixed.
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """Another fit of the same presses (None: it cannot be fitted), and how much of the way to it is open."""
+
+    fitted: Fit | None
+    share: float
+
+
+def rivals(fitted: Fit) -> tuple[Rival, ...]:
+    """A gel that sticks, rounded edges, and both, as far as they may be; none where nu is fixed.
 
     Raises ConvergenceError.
     """
@@ -31,7 +40,8 @@ def rivals(fitted: Fit) -> tuple[Fit, ...]:
     laws = [law] if slides else [law, replace(law, sticking=1.0)]
     edges = [data] if known else [data, with_usual_edges(data)]
     others = [(law, seen) for law in laws for seen in edges][1:]
-    return tuple(_again(fitted, law, seen) for law, seen in others)
+    fits = [_again(fitted, law, seen) for law, seen in others]
+    return tuple(Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0)) for one in fits)
 
 
 def stuck(fitted: Fit) -> Fit | None:

@@ -17,18 +17,20 @@ import numpy as np
 
 from calibration.edges import usual_softening
 from calibration.identify import main_radius
+from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result import CalibrationResult
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Estimate
 
 
 def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
-    """The result with E's upper end moved, and said so; as it is where E has no value or the edge is stated."""
+    """The result with E's upper end moved, and said so; as it is where the edge is stated."""
     data, radius, nu = result.fitted.data, main_radius(result.fitted), result.poisson_ratio.value
     stated = [i.edge_radius_mm for i in data.indenters if i.radius_mm == radius]
-    if nu is None or all(edge is not None for edge in stated):
+    if all(edge is not None for edge in stated):
         return result
-    share, edge = usual_softening(result.fitted, radius, nu), data.gel.thickness_mm * EDGE_OVER_H
+    share = usual_softening(result.fitted, radius, SILICONE_NU[1] if nu is None else nu)
+    edge = data.gel.thickness_mm * EDGE_OVER_H
     said = (
         f"no edge radius is stated: E may be higher by up to {100 * share:.1f} % where the punch's edge is "
         f"rounded by {edge:.2g} mm; E's interval reaches up by that beside the rest"
@@ -40,9 +42,8 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
 
 
 def _reaching(modulus: Estimate, share: float) -> Estimate:
-    if modulus.value is None or modulus.interval95 is None:
+    if modulus.interval95 is None:
         return modulus
     low, high = modulus.interval95
-    return replace(
-        modulus, interval95=(low, modulus.value + float(np.hypot(high - modulus.value, share * modulus.value)))
-    )
+    value = high if modulus.value is None else modulus.value
+    return replace(modulus, interval95=(low, value + float(np.hypot(high - value, share * value))))

@@ -69,7 +69,7 @@ def test_one_punch_fixes_c_and_not_nu() -> None:
     curve = dict(result.youngs_modulus_of_nu)
     assert curve[0.48] == pytest.approx(0.19124, abs=1e-4)
     low, high = result.youngs_modulus.interval95 or (0, 0)
-    assert high == pytest.approx(curve[0.45], rel=1e-3)
+    assert curve[0.45] * 1.02 < high < curve[0.45] * 1.03, "a rounded edge, of which nothing is stated, raises E"
     assert low < curve[0.4999] < high, "sticking may lower E further"
 
 
