@@ -55,7 +55,8 @@ class Oddity:
 def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     """What is odd among the presses of a fit; nothing for fewer than eight of them."""
     data, noise = fitted.data, fitted.noise
-    scattered = max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
+    known_apart = data.is_curves or noise.stated  # else the readings' own noise is in gain and zero
+    scattered = known_apart and max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
     if data.count < FEWEST:
         return Oddity(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)

@@ -34,18 +34,17 @@ ALIKE = (
 
 def noise_from_repeats(fitted: Fit) -> Noise:
     """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
-    typical of presses. Points with a stated noise are presses too: they have a gain and a zero beside it.
+    typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
+    where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
     """
     steady, stated = steadied(fitted), fitted.noise.stated
     space = _explained(steady)
-    of_presses = fitted.data.is_curves or stated
     if fitted.data.size - space.shape[1] < 3:
-        if not of_presses or fitted.noise.gain:
+        if not (fitted.data.is_curves or stated) or fitted.noise.gain:
             return fitted.noise
         return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
     return estimate_noise(steady.data, steady.about, residual_N=fitted.residual_N, jacobian=space,
-                          precision=np.zeros((space.shape[1],) * 2), stated=stated,
-                          of_presses=of_presses)  # fmt: skip
+                          precision=np.zeros((space.shape[1],) * 2), stated=stated, of_presses=True)  # fmt: skip
 
 
 def _explained(steady: Fit) -> Floats:

@@ -96,6 +96,28 @@ def test_points_are_presses_too() -> None:
     assert 0.0015 < noise.zero_mm < 0.009
 
 
+def unstated_points(rng: np.random.Generator, jump_mm: float) -> Observations:
+    """54 points of three radii that scatter by 4.5 um; nobody says so. One of the smallest punch's is off."""
+    kinds = [indenter(f"R{a}", a) for a in (1.5, 2.5, 3.5)]
+    depth = [np.array([(0.15, 0.28, 0.42)[k // 3 % 3]]) for k in range(54)]
+    data = observations(depth, [kinds[k % 3] for k in range(54)])
+    off = 0.0045 * rng.standard_normal(54) + np.where(np.arange(54) == 3, jump_mm, 0.0)
+    return data.with_force(MODEL.predict(np.array([0.2, 0.48, 0.85, 0.95, 1.1]), data.shifted(off)))
+
+
+@pytest.mark.parametrize(("jump_mm", "odd"), [(0.0, ()), (0.06, ("p3",))])
+@pytest.mark.parametrize("seed", range(4))
+def test_scatter_in_mm_accuses_no_press_of_the_stiffest_punch(
+    seed: int, jump_mm: float, odd: tuple[str, ...]
+) -> None:
+    data = unstated_points(np.random.default_rng(seed), jump_mm)
+    fitted = fit_alone(base_model(data), data)
+    assert odd_presses(fitted, np.random.default_rng(0)).presses == odd
+    if not odd:
+        in_mm = fitted.noise.scale / np.median(fitted.about.slope_N_per_mm)
+        assert in_mm < fitted.noise.zero_mm, "constant in mm, not in N"
+
+
 @pytest.mark.parametrize(("jump_mm", "odd"), [(0.0, ()), (0.04, ("p5",))])
 def test_a_press_that_does_not_belong_is_found(jump_mm: float, odd: tuple[str, ...]) -> None:
     data = presses(20)
