@@ -41,7 +41,7 @@ from calibration.routes import informed
 from calibration.search import MOST, TOLD_APART, Searched, Step, search
 from calibration.sight import fit_sight, risen, sighted
 from calibration.stages import Effect
-from calibration.unseen import allow_for_unseen
+from calibration.unseen import Unseen, allow_for_unseen
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
@@ -148,22 +148,14 @@ def _conclude(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, after = conclude(base), conclude(fitted)
+    before = conclude(base)
     both = [force] if sight is None else [force, sight]
-    flags = list(dict.fromkeys([*after.flags, *(flag for one in both for flag in one.flags)]))
+    flags = list(dict.fromkeys([*conclude(fitted).flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
     outside = "beta_outside_theory" in flags
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    alone = after.youngs_modulus.interval95
-    averaged, unseen = allow_for_unseen(after.youngs_modulus, fitted, catalogue)
-    doubt = (NOT_TRUSTED,) if force.unknown else ()
-    after = _spanning(after, force.sets if not force.unknown else [_tried(force.searched)],
-                     [modulus / base.values[0] for modulus in others])  # fmt: skip
-    after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-                    warnings=(*after.warnings, *doubt))  # fmt: skip
-    if sight is not None:
-        after = _risen(after, sight)
+    after, unseen = _material(force, sight, catalogue, [modulus / base.values[0] for modulus in others])
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
     if explained:
@@ -187,8 +179,19 @@ def _conclude(
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
         left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
-        unseen=unseen, alone_MPa=alone,
+        unseen=unseen, alone_MPa=conclude(fitted).youngs_modulus.interval95,
     )  # fmt: skip
+
+
+def _material(force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect],
+              shares: Sequence[float]) -> tuple[CalibrationResult, tuple[Unseen, ...]]:  # fmt: skip
+    """The material in the end, E's interval reaching to each candidate's and over what may be there unseen."""
+    alone = conclude(force.fitted)
+    averaged, unseen = allow_for_unseen(alone.youngs_modulus, force.fitted, catalogue)
+    after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
+    after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
+                    warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())))  # fmt: skip
+    return (after if sight is None else _risen(after, sight)), unseen
 
 
 def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
