@@ -11,24 +11,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.checks import at_one_depth, check, of_shape
 from calibration.data import Measured, Observations
 from calibration.fitting import Fit, fit
 from calibration.identify import beta_name, identify, main_radius
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
+from calibration.material.published import published_route
+from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.material.round_result import of_round
+from calibration.material.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
+from calibration.material.unstated_edge import allow_for_edge
+from calibration.measured.checks import at_one_depth, check, of_shape
 from calibration.model import Model
 from calibration.observe import observe_curves, observe_points
 from calibration.plausible import FLAG, outside_gels
-from calibration.published import published_route
-from calibration.repeats import allow_for_indenters, noise_floor
-from calibration.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
-from calibration.round_result import of_round
-from calibration.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
+from calibration.repeats.pure_error import allow_for_indenters, noise_floor
 from calibration.stages import Law
 from calibration.theory import beta_outside_theory
-from calibration.unstated_edge import allow_for_edge
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 

@@ -18,30 +18,30 @@ from functools import partial
 
 import numpy as np
 
-from calibration import by_hand
-from calibration.bias import hidden
 from calibration.calibrate import conclude
-from calibration.change import change_point
-from calibration.checks import clear_of_touch, usable
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
-from calibration.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.effects import EFFECTS
 from calibration.effects.thickness import Thickness
 from calibration.experiment import NextMeasurement, measure_next
 from calibration.fitting import Fit
 from calibration.identify import holding
-from calibration.left import Left, describe
-from calibration.odd_presses import Oddity, odd_presses
-from calibration.outside import CANDIDATES, would_have_to_be
-from calibration.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
-from calibration.repeats import noise_floor
-from calibration.result import CalibrationResult
-from calibration.routes import informed
-from calibration.search import MOST, TOLD_APART, Searched, Step, search
-from calibration.sight import fit_sight, risen, sighted
+from calibration.material.result import CalibrationResult
+from calibration.material.routes import informed
+from calibration.measured.checks import clear_of_touch, usable
+from calibration.missing import by_hand
+from calibration.missing.bias import hidden
+from calibration.missing.change import change_point
+from calibration.missing.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
+from calibration.missing.left import Left, describe
+from calibration.missing.outside import CANDIDATES, would_have_to_be
+from calibration.missing.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
+from calibration.missing.search import MOST, TOLD_APART, Searched, Step, search
+from calibration.missing.sight import fit_sight, risen, sighted
+from calibration.missing.unseen import Unseen, allow_for_unseen
+from calibration.repeats.odd_presses import Oddity, odd_presses
+from calibration.repeats.pure_error import noise_floor
 from calibration.stages import Effect
-from calibration.unseen import Unseen, allow_for_unseen
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none

@@ -16,9 +16,9 @@ import numpy as np
 from calibration.data import Observations, Presses
 from calibration.fitting import Fit, Problem, linearise
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.refit import CANNOT_FIT, Candidate
 from calibration.model import Model
 from calibration.noise import Whitener
-from calibration.refit import CANNOT_FIT, Candidate
 from tactilevision.records import Floats, Indenter
 
 SAMPLES = 17

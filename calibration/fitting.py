@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.measured.tolerances import TOLERANCES, with_tolerances
 from calibration.minimise import Box, Minimum, differentiate, minimise
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener, base_noise
 from calibration.parameters import Parameter
-from calibration.reml import UNKNOWN_SHARE, estimate_noise
-from calibration.tolerances import TOLERANCES, with_tolerances
+from calibration.repeats.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Estimate, Floats, Pair
 

@@ -18,9 +18,9 @@ from calibration.calibrate import calibrate
 from calibration.data import Measured
 from calibration.fitting import Fit, fit, quantile95
 from calibration.identify import main_radius, stiffness_of
-from calibration.result import CalibrationResult
+from calibration.material.result import CalibrationResult
+from calibration.measured.tolerances import DIMENSIONS, HEIGHTS
 from calibration.stages import Law
-from calibration.tolerances import DIMENSIONS, HEIGHTS
 from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05

@@ -17,8 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.checks import check
 from calibration.data import Observations
+from calibration.measured.checks import check
 from calibration.trend import Trend, find_trend
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact

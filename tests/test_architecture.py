@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for room in ("tactilevision", "calibration") for p in (ROOT / room).rglob("*.py"))
-DRAWING = {"drawing.py", "report.py"}  # what stands before a reader may use the figures
+FOR_READERS = "pages"  # the one room of calibration that may use figures, and that no other room knows
 HEAVY = {"torch", "kornia", "matplotlib", "skimage"}
 
 
@@ -42,9 +42,10 @@ def test_imports_keep_to_the_arrows(path: Path) -> None:
     if room[0] == "tactilevision" and room[1] not in ("cli", "__main__.py"):
         assert "calibration" not in tops, "tactilevision never imports calibration"
         assert "cli" not in rooms(path)
-    if room[0] == "calibration" and room[1] not in DRAWING:
+    if room[0] == "calibration" and room[1] != FOR_READERS:
         allowed = {"records", "errors", "mechanics", "files", "recording"}
         assert rooms(path) <= allowed, f"calibration stands on {sorted(allowed)} only"
+        assert not any(name.startswith(f"calibration.{FOR_READERS}") for name in imported(path))
     if room[1] == "mechanics":
         assert rooms(path) <= {"mechanics", "records", "errors", "files"}, (
             "mechanics knows neither pictures nor fits"

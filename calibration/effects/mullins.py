@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.depths import nominal_depth
+from calibration.measured.depths import nominal_depth
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

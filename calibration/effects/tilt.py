@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.askew import upright
 from calibration.data import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
+from tactilevision.mechanics.askew import upright
 from tactilevision.records import Floats
 
 

@@ -14,7 +14,7 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
-    from calibration.result import CalibrationResult
+    from calibration.material.result import CalibrationResult
     from tactilevision.errors import TactilevisionError
 
 
@@ -89,7 +89,7 @@ def _calibrate_one(taken: Taken, law: str) -> Outcome:
 
 def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     """calibration.json of a recording whose presses fix no material."""
-    from calibration.unfixed import unfixed_as_json
+    from calibration.material.unfixed import unfixed_as_json
 
     gel, certificate = taken.recording.sensor.gel, taken.certificate
     clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
@@ -98,7 +98,7 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
 
 
 def _write(outcome: Outcome, folder: Path) -> None:
-    from calibration.report import calibration_page
+    from calibration.pages.report import calibration_page
     from tactilevision.cli import pictures
     from tactilevision.files import write_json, write_text
     from tactilevision.recording import write_curves, write_points
@@ -165,8 +165,8 @@ def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
 
 
 def _tell(outcome: Outcome, out: Path) -> None:
-    from calibration.report import summary
-    from calibration.unfixed import in_words
+    from calibration.material.unfixed import in_words
+    from calibration.pages.report import summary
 
     if outcome.result is not None:
         console.warn(outcome.result.warnings)

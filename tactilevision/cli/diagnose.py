@@ -42,7 +42,7 @@ def diagnose(
     import numpy as np
 
     from calibration import diagnose as method
-    from calibration.diagnosis_report import diagnosis_page, summary
+    from calibration.pages.diagnosis_report import diagnosis_page, summary
     from calibration.steps import Step
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text

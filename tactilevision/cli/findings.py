@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from tactilevision.cli.pictures import keep
 
 if TYPE_CHECKING:
-    from calibration.diagnosis import Diagnosis
-    from calibration.diagnosis_report import Drawn
-    from calibration.relief import Relief
-    from calibration.report import Picture
+    from calibration.missing.diagnosis import Diagnosis
+    from calibration.missing.relief import Relief
+    from calibration.pages.diagnosis_report import Drawn
+    from calibration.pages.report import Picture
     from calibration.stages import Effect
     from tactilevision.cli.measure import Taken
 
@@ -21,7 +21,7 @@ RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % i
 
 def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    from calibration.drawing import (
+    from calibration.pages.drawing import (
         confusability,
         drawn_points,
         fitted_lines,
@@ -72,8 +72,8 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
 
 def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> list[Drawn]:
     """Each candidate with what it would leave, over what is left."""
-    from calibration.diagnosis_report import Drawn
-    from calibration.drawing import cards
+    from calibration.pages.diagnosis_report import Drawn
+    from calibration.pages.drawing import cards
     from tactilevision.plots.diagnosis import draw_overlay
 
     made = []
@@ -88,7 +88,7 @@ def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> li
 
 def reliefs(taken: Sequence[Taken]) -> list[Relief]:
     """What the height maps of each recording with frames leave."""
-    from calibration.relief import Surface, relief
+    from calibration.missing.relief import Surface, relief
 
     found = []
     for one in taken:

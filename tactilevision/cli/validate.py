@@ -34,8 +34,8 @@ def validate(
     Says where the error follows the depth. Cases beyond the shipped table are solved on the spot, which takes
     some seconds each.
     """
-    from calibration import validation_report as report
     from calibration.calibrate import observe
+    from calibration.pages import validation_report as report
     from calibration.validate import validate as compare
     from tactilevision.files import staged, write_json
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration import search as module
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing import search as module
+from calibration.missing.screen import Scored, Screen
 from calibration.model import Model
-from calibration.screen import Scored, Screen
 
 
 def _screen(statistic: float, p_adjusted: float) -> Screen:

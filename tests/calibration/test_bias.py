@@ -9,14 +9,14 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.bias import hidden, possible_bias
 from calibration.data import DepthSource, Observations
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.depth_zero import DepthZero
 from calibration.effects.force_gain import ForceGain
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fitting import Fit, fit
-from calibration.ranges import largest
+from calibration.missing.bias import hidden, possible_bias
+from calibration.missing.ranges import largest
 from calibration.stages import Effect
 
 

@@ -14,21 +14,21 @@ from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
 import calibration.diagnose as module
-import calibration.search as searching
-from calibration.change import change_point
+import calibration.missing.search as searching
 from calibration.compare import Comparison, compare
 from calibration.data import Measured, Observations
 from calibration.diagnose import diagnose
-from calibration.diagnosis import Diagnosis
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.change import change_point
+from calibration.missing.diagnosis import Diagnosis
+from calibration.missing.outside import theory_beta
+from calibration.missing.refit import Candidate
 from calibration.model import Model
 from calibration.noise import Noise
 from calibration.observe import observe_curves, observe_points
-from calibration.outside import theory_beta
-from calibration.refit import Candidate
 from calibration.stages import Effect, State
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from made_presses import GEL, indenter, observations
 
-from calibration.askew import PLACES, solve, upright
 from calibration.data import Observations
 from calibration.effects import EFFECTS
 from calibration.effects.recovery import carried
 from calibration.laws.flat_punch import FlatPunch
+from calibration.measured.path import depth_at
 from calibration.model import Model
-from calibration.path import depth_at
 from calibration.stiffness import punch_stiffness
+from tactilevision.mechanics.askew import PLACES, solve, upright
 
 LAW = np.array([0.2, 0.48, 0.85])
 

@@ -17,9 +17,9 @@ from calibration.effects.skin import weight
 from calibration.effects.tilt import Tilt
 from calibration.fitting import Problem, fit, linearise
 from calibration.laws.flat_punch import FlatPunch
+from calibration.material.result import common_assumptions
 from calibration.model import Model
 from calibration.noise import Noise, Whitener
-from calibration.result import common_assumptions
 from calibration.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa

@@ -8,17 +8,17 @@ from made_presses import GEL
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.change import change_point
 from calibration.effects import EFFECTS
 from calibration.fitting import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.left import describe
+from calibration.missing.change import change_point
+from calibration.missing.left import describe
+from calibration.missing.relief import Surface, relief
+from calibration.missing.screen import SCATTER, screen
+from calibration.missing.sight import sighted
 from calibration.model import Model
-from calibration.pure_noise import refit_with_pure_noise
-from calibration.relief import Surface, relief
-from calibration.scatter import Scatter
-from calibration.screen import SCATTER, screen
-from calibration.sight import sighted
+from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.scatter import Scatter
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import HeightMap
 

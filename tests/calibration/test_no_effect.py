@@ -9,18 +9,18 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.checks import clear_of_touch
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
-from calibration.depths import steady_depth
 from calibration.diagnose import diagnose
-from calibration.drawing import own_offsets
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fitting import fit
 from calibration.laws.flat_punch import CHORD, FlatPunch
+from calibration.measured.checks import clear_of_touch
+from calibration.measured.depths import steady_depth
 from calibration.model import Model
-from calibration.odd_presses import odd_presses, own_zero_mm
-from calibration.pure_noise import noise_from_repeats
+from calibration.pages.drawing import own_offsets
+from calibration.repeats.odd_presses import odd_presses, own_zero_mm
+from calibration.repeats.pure_noise import noise_from_repeats
 from calibration.theory import bend_range
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force

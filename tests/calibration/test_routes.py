@@ -11,8 +11,8 @@ from made_recordings import Truth, draw
 from calibration import theory
 from calibration.calibrate import calibrate
 from calibration.data import Measured
-from calibration.joint import joint_picture
-from calibration.routes import of_beta
+from calibration.material.joint import joint_picture
+from calibration.material.routes import of_beta
 from tactilevision.records import Estimate
 
 OPEN = Truth(extra={"lubricated": 1.0}, thickness_std_mm=0.0, radius_std_mm=0.0, states_poisson=False)

@@ -11,11 +11,11 @@ from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit, profile_interval
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.screen import _Tail, screen
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
-from calibration.products import Weighing
-from calibration.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
-from calibration.screen import _Tail, screen
+from calibration.repeats.products import Weighing
+from calibration.repeats.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])

@@ -13,8 +13,8 @@ from calibration.data import Observations
 from calibration.diagnose import diagnose
 from calibration.effects.photometric_drift import running_share
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.sight import Sighted, fit_sight, sight_of, sighted
 from calibration.model import Model
-from calibration.sight import Sighted, fit_sight, sight_of, sighted
 from tactilevision.records import Floats
 
 LAW = np.array([0.2, 0.48, 0.8, 0.85, 0.9])

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.conditions import covariates
 from calibration.data import Fall, Observations
-from calibration.search import search
-from calibration.sight import fit_sight, sighted
+from calibration.measured.conditions import covariates
+from calibration.missing.search import search
+from calibration.missing.sight import fit_sight, sighted
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from made_presses import indenter, observations
 
-from calibration.conditions import group_basis
-from calibration.depths import nominal_depth, steady_depth
+from calibration.measured.conditions import group_basis
+from calibration.measured.depths import nominal_depth, steady_depth
 
 
 def test_a_dense_ramp_keeps_its_shape() -> None:

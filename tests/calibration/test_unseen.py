@@ -13,15 +13,15 @@ from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnose import diagnose
-from calibration.diagnosis_report import summary
 from calibration.effects import EFFECTS
 from calibration.fitting import Fit
 from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.ranges import absent
+from calibration.missing.unseen import Unseen, allow_for_unseen
 from calibration.model import Model
-from calibration.odd_presses import odd_presses
-from calibration.ranges import absent
-from calibration.unseen import Unseen, allow_for_unseen
-from calibration.verdict import verdict_sentence
+from calibration.pages.diagnosis_report import summary
+from calibration.pages.verdict import verdict_sentence
+from calibration.repeats.odd_presses import odd_presses
 from tactilevision.records import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)

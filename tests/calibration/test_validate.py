@@ -14,9 +14,9 @@ import pytest
 from calibration import validate as method
 from calibration.calibrate import observe
 from calibration.data import Measured, Observations
+from calibration.pages.validation_report import as_json, statements, table
 from calibration.trend import find_trend
 from calibration.validate import Validation, representative, validate
-from calibration.validation_report import as_json, statements, table
 from tactilevision.cli import main
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact

@@ -1,0 +1,1 @@
+"""From stiffness and bend to E and nu: routes, theory, and where they end."""

@@ -1,0 +1,1 @@
+"""What presses measured, made ready for a fit: its checks, its conditions, its shared tolerances."""

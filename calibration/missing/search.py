@@ -1,0 +1,226 @@
+"""The search for effects on one kind of measurement: look, refit, confirm, add, and look again.
+
+    screen -> refit -> does theory's own freedom do as well? -> confirm -> again, at most three times
+
+An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
+at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
+N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
+it is let go and the search looks again, at half the level, for this is its second look for a first effect. A
+second effect has to be beyond doubt, for no first one has exactly the form that it is given here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fitting import Fit, fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.missing.screen import Scored, Screen, screen
+from calibration.model import Model
+from calibration.noise import Whitener
+from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.stages import Effect
+
+AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3.0  # std
+REFITTED, MOST = 8, 3
+BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
+FEW = 49  # draws where the statistic alone is asked for
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One turn of the search: the screen, and the candidates refitted on its best."""
+
+    screen: Screen
+    candidates: tuple[Candidate, ...]
+    scored: Mapping[str, Scored]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A candidate that was confirmed: its score, its skill on presses left out, the fit with it, and its equals.
+
+    `equals` are the candidates that these data cannot tell from it, itself first.
+    """
+
+    best: Candidate
+    scored: Scored
+    skill: float
+    fitted: Fit
+    equals: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """From the base model's fit over each step to what is left at the end (`last`).
+
+    `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    """
+
+    base: Fit
+    start: Fit
+    rounds: tuple[Round, ...]
+    steps: tuple[Step, ...]
+    last: Screen
+
+    @property
+    def current(self) -> Fit:
+        """The fit with all that was added."""
+        return self.steps[-1].fitted if self.steps else self.start
+
+    @property
+    def first(self) -> Screen:
+        """The screen of the fit that the search began on."""
+        return self.rounds[0].screen
+
+    @property
+    def explained(self) -> float:
+        """Of what the start leaves, the share that the steps explain."""
+        return explained_share(self.start, self.current, self.last)
+
+
+def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float) -> Searched:
+    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
+    start = current = base
+    rounds, steps = list[Round](), list[Step]()
+    while len(steps) < MOST:
+        now = BEYOND_DOUBT if steps else level if current is base else level / 2
+        turn = _look(current, catalogue, rng, now)
+        rounds.append(turn)
+        if (bent := _bent(current, turn, now)) is not None and _takes(current, bent, turn, rng):
+            current = bent
+            if steps:
+                steps[-1] = replace(steps[-1], fitted=bent)
+            else:
+                start = bent
+            continue
+        step = _confirmed(current, turn, now)
+        if step is None:
+            break
+        steps.append(step)
+        current = step.fitted
+    last = rounds[-1].screen if len(steps) < MOST else screen(current, (), rng)
+    return Searched(base, start, tuple(rounds), tuple(steps), last)
+
+
+def _bent(current: Fit, turn: Round, level: float) -> Fit | None:
+    """The fit with the bend that theory allows, where something stands out and no effect explains it better."""
+    law = current.model.law
+    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.screen.covariates)), default=1.0)
+    if stands_out > level or not isinstance(law, FlatPunch) or law.bent:
+        return None
+    model = Model(replace(law, bent=True), current.model.effects)
+    place = current.model.slices(current.data)["law"].stop
+    added = len(model.parameters(current.data)) - current.values.size
+    rivals = (c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c))
+    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    try:
+        found = fit(model, current.data, noise=current.noise, tolerances=False,
+                    starts=np.insert(current.values, [place] * added, 0.0)[None])  # fmt: skip
+        if found.chi2 + 2 * added >= enough:
+            return None
+        return replace(refit_with_pure_noise(found), warnings=current.warnings)
+    except CANNOT_FIT:
+        return None
+
+
+def _takes(current: Fit, bent: Fit, turn: Round, rng: np.random.Generator) -> bool:
+    """Whether the bend takes away what stands out, and not something else: an effect it has been held against; off
+    a covariate it has to take what its parameters cost.
+    """
+    best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
+    if not turn.screen.covariates or best <= turn.screen.lack_of_fit:
+        return True
+    before = turn.screen.covariates[0]
+    after = next((c for c in screen(bent, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    return before.statistic - after.statistic > 2 * (bent.values.size - current.values.size)
+
+
+def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+    """Screen, then refit the best eight and every effect that acts as a threshold."""
+    seen = screen(current, catalogue, rng)
+    by_key = {e.key: e for e in catalogue}
+    scored = {s.key: s for s in seen.effects}
+    chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
+    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
+    candidates = []
+    for key in chosen:
+        try:
+            candidates.append(refit_with(current, by_key[key]))
+        except CANNOT_FIT:
+            continue  # it screened well but does not fit: no candidate
+    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+
+
+def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    for best in turn.candidates:
+        scored = turn.scored[best.effect.key]
+        if scored.p_adjusted > level or not _inside(best) or best.cost > current.chi2:
+            continue  # chance, at the end of its range, or held back by what is known of it beforehand
+        try:
+            fitted = adopt(current, best)
+            skill = _skill(replace(current, noise=fitted.noise), best)
+            if skill > 0:
+                return Step(best, scored, skill, fitted, _equals(current, best, turn.candidates))
+        except CANNOT_FIT:
+            continue  # the next best may still stand
+    return None
+
+
+def _inside(candidate: Candidate) -> bool:
+    """The amplitude is not at the end of its range."""
+    value, first = candidate.own_values[0], candidate.effect.parameters[0]
+    low, high = first.bounds
+    return bool(low + 1e-4 * first.scale < value < high - 1e-4 * first.scale or (first.default in (low, high)
+                and value < high - 1e-4 * first.scale))  # fmt: skip
+
+
+def _skill(current: Fit, candidate: Candidate) -> float:
+    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
+
+    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
+    scatter, and against that nothing could be gained.
+    """
+    folds = press_folds(current.data)
+    before = hold_out(current.model, current, current.values, folds)
+    after = hold_out(candidate.model, current, candidate.values, folds)
+    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
+    if after.rms_N > (1 + scatter) * before.rms_N:
+        return 1 - after.rms_N / before.rms_N
+    return 1 - after.squares / before.squares if before.squares > 0 else 0.0
+
+
+def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    kept = [best]
+    for other in candidates:
+        if other.effect.key == best.effect.key or not _inside(other):
+            continue
+        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+            kept.append(other)
+    return tuple(kept)
+
+
+def _apart(current: Fit, best: Candidate, other: Effect) -> float:
+    """The separation in std; inf where the other finds no way at all to look like the best."""
+    try:
+        return separation(current, best, other)
+    except CANNOT_FIT:
+        return float("inf")
+
+
+def explained_share(base: Fit, current: Fit, left: Screen) -> float:
+    """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
+    telling covariate still stands above chance by; all white under the last model's noise.
+    """
+    whitener = Whitener(current.data, current.noise, current.about)
+    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
+    still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
+    taken = max(before - after, 0.0)
+    return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0

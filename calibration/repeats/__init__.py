@@ -1,0 +1,1 @@
+"""What repeats say of noise: sizes of the error model, pure error, presses that stand out."""

@@ -1,0 +1,105 @@
+"""The error model free of what the law lacks: from how repeats differ, never from what they share.
+
+Also, for a bootstrap, the noise that would be estimated from each of many drawn errors at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fitting import Fit, fit
+from calibration.measured.conditions import group_basis
+from calibration.noise import Noise
+from calibration.repeats.products import Weighing
+from calibration.repeats.reml import (
+    STATED_DOF,
+    TYPICAL_GAIN,
+    TYPICAL_ZERO_MM,
+    estimate_noise,
+    newton_move,
+    prior_cost,
+    sized,
+    stencil,
+)
+from calibration.repeats.steadied import steadied
+from tactilevision.records import Floats
+
+ALIKE = (
+    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
+)
+
+
+def noise_from_repeats(fitted: Fit) -> Noise:
+    """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
+    typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
+    where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
+    """
+    steady, stated = steadied(fitted), fitted.noise.stated
+    space = _explained(steady)
+    if fitted.data.size - space.shape[1] < 3:
+        if not (fitted.data.is_curves or stated) or fitted.noise.gain:
+            return fitted.noise
+        return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
+    return estimate_noise(steady.data, steady.about, residual_N=fitted.residual_N, jacobian=space,
+                          precision=np.zeros((space.shape[1],) * 2), stated=stated, of_presses=True)  # fmt: skip
+
+
+def _explained(steady: Fit) -> Floats:
+    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size, axes = np.linalg.eigh(columns.T @ columns)
+    kept = size > ALIKE**2 * size[-1]
+    return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))
+
+
+def refit_with_pure_noise(fitted: Fit) -> Fit:
+    """The same model fitted with the noise that repeats show."""
+    return fit(fitted.model, fitted.data, noise=noise_from_repeats(fitted), starts=fitted.values[None],
+               tolerances=False)  # fmt: skip
+
+
+def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
+    """The noise that would be estimated from each column of errors (N, b) of a steadied fit: one Newton step.
+
+    The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
+    """
+    if not (fitted.data.is_curves or fitted.noise.gain):
+        return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
+    centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
+    places, cost = centre + stencil(centre.size), _costs(fitted, errors_N)
+    costs = np.array([cost(sized(fitted.noise, logs)) + prior_cost(logs, stated=fitted.noise.stated)
+                      for logs in places])  # fmt: skip
+    return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
+
+
+def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
+    """-2 log L (b,) of many residuals (N, b) at any sizes."""
+    weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+    columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
+    within, across = weighing.product(columns, columns), weighing.product(columns, errors)
+    squares = weighing.squares(errors)
+
+    def cost(noise: Noise) -> Floats:
+        information, seen = within.under(noise), across.under(noise)
+        explained = np.sum(seen * np.linalg.solve(information, seen), axis=0)
+        volume = weighing.log_volume(noise) + np.linalg.slogdet(information)[1]
+        return np.asarray(squares.under(noise) - explained + volume)
+
+    return cost
+
+
+def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
+    """Relative size of the noise from each draw of points, weighed with what was stated."""
+    base = fitted.noise.scale * fitted.about.base_N
+    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
+    z = errors_N / base[:, None]
+    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
+    dof = fitted.data.size - q.shape[1]
+    if dof < 3:
+        return np.ones(errors_N.shape[1])
+    trust = STATED_DOF if fitted.noise.stated else 0.0
+    return np.asarray(np.sqrt((squares + trust) / (dof + trust)))
