@@ -26,9 +26,7 @@ from tactilevision.records import Estimate, Floats, Pair
 
 NODES = 201
 NU_TABLE = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
-UNFIXED = (
-    0.6  # nu from radii is taken to be fixed where its interval is shorter than this share of silicones' range
-)
+UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +54,14 @@ def identify(fitted: Fit) -> Identified:
     c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
     surplus = sticking_range(fitted, nu, radius, assumptions)
+    others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
     modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
-    for other in others if nu.value is not None else ():
-        if other.fitted is not None:
-            own = other.fitted.estimate("poisson_ratio")
-            spread = _spread(other.fitted, own, radius)
-            modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
-            reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
+    for other in others:
+        assert other.fitted is not None
+        own = other.fitted.estimate("poisson_ratio")
+        spread = _spread(other.fitted, own, radius)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
     radii = np.unique(fitted.data.presses.radius_mm).tolist()
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=bend_of(fitted, radius),
