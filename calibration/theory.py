@@ -1,8 +1,9 @@
 """What slope and bend P/w against w/h can have, by finite elements, for a sharp punch on a gel of known h.
 
-The slope beta from independent finite elements at a/h = .833, h = 3 mm, depths .15 to .6 mm: the largest is a
-Hencky solid that sticks, the smallest a neo-Hookean one without friction. A free beta outside of this is fitting
-something else: a depth zero, another thickness, a rounded edge, a gel that stiffens.
+The slope beta: the largest is a Hencky solid's that sticks, by independent finite elements at a/h = .833, h = 3,
+depths .15 to .6 mm; the smallest a neo-Hookean one's that slides freely, by the tables of mechanics at a/h .5,
+where it is smallest, w/h .05 to .2. A free beta outside of this is fitting something else: a depth zero, another
+thickness, a rounded edge, a gel that stiffens. A punch that rubs at all has more than RUBBING.
 
 The bend gamma, of P/w = c (1 + beta w/h + gamma (w/h)^2), from the tables of mechanics: neo-Hooke and Hencky, from
 no friction to no slip, at this nu, a/h and edge, widened by what an error of the table as stated on its card can
@@ -23,7 +24,8 @@ from tactilevision.records import Estimate, Floats, Material, Pair
 
 NU = (0.30, 0.40, 0.45, 0.48, 0.495)
 HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # Hencky, sticking
-LOWEST = 0.10  # neo-Hooke, frictionless
+LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # neo-Hooke, frictionless
+RUBBING = 0.10
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
 STRAINS = 20  # depths at which the bend is taken
 LEAST_STRAIN = 1e-3  # over less there is no bend to speak of
@@ -34,8 +36,8 @@ def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
     if not A_OVER_H[0] <= a_over_h <= A_OVER_H[1]:
         return None
     low, high = np.clip(poisson_ratio, NU[0], NU[-1])
-    inside = [nu for nu in NU if low < nu < high]  # the largest may lie between the ends
-    return LOWEST, float(np.max(np.interp([low, *inside, high], NU, HIGHEST)))
+    places = [low, *(nu for nu in NU if low < nu < high), high]  # the largest may lie between the ends
+    return float(np.min(np.interp(places, NU, LOWEST))), float(np.max(np.interp(places, NU, HIGHEST)))
 
 
 def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float) -> str:

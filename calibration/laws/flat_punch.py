@@ -26,7 +26,7 @@ from calibration.parameters import Parameter, Prior
 from calibration.stages import State
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
-from calibration.theory import bend_range, beta_range
+from calibration.theory import RUBBING, bend_range, beta_range
 from tactilevision.errors import InputError
 from tactilevision.mechanics.rounded_edge import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
@@ -106,7 +106,7 @@ def betas(data: Observations) -> tuple[Parameter, ...]:
 
 
 def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
-    """The same, held by what laws from no friction and neo-Hooke to sticking and Hencky have there.
+    """The same, held by what laws from neo-Hooke to sticking Hencky have there, without friction if lubricated.
 
     That range is taken for 95 %. Raises InputError where a/h is too far from the ratios that it is known for.
     """
@@ -117,7 +117,8 @@ def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
             raise InputError("presses of one depth need theory's curvature, which is not known at this a/h",
                              where=f"radius {radius:g} mm", value=float(radius) / data.gel.thickness_mm,
                              remedy="Press to two depths at least, one twice the other.")  # fmt: skip
-        prior = Prior(0.5 * sum(known), (known[1] - known[0]) / 4, "finite elements")
+        low, high = known if np.all(data.presses.lubricated == 1) else (RUBBING, known[1])
+        prior = Prior((low + high) / 2, (high - low) / 4, "finite elements")
         held.append(replace(plain, default=prior.mean, prior=prior))
     return tuple(held)
 
