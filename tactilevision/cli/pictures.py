@@ -43,8 +43,8 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
 
     seen = joint_picture(result)
     routes = [(band.name, band.interval, band.used) for band in seen.bands]
-    words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks, where no"
-    words += " edge is stated up to a rounded one."
+    words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks,"
+    words += " where no edge is stated up to a rounded one."
     return keep(draw_joint(seen.curve, seen.region, seen.best, routes=routes), path, words)
 
 
