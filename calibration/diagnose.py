@@ -148,14 +148,14 @@ def _conclude(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before = conclude(base)
+    before, alone = conclude(base), conclude(fitted)
     both = [force] if sight is None else [force, sight]
-    flags = list(dict.fromkeys([*conclude(fitted).flags, *(flag for one in both for flag in one.flags)]))
+    flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
     outside = "beta_outside_theory" in flags
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    after, unseen = _material(force, sight, catalogue, [modulus / base.values[0] for modulus in others])
+    after, unseen = _material(alone, (force, sight), catalogue, [modulus / base.values[0] for modulus in others])
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
     if explained:
@@ -179,14 +179,14 @@ def _conclude(
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
         left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
-        unseen=unseen, alone_MPa=conclude(fitted).youngs_modulus.interval95,
+        unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
     )  # fmt: skip
 
 
-def _material(force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect],
+def _material(alone: CalibrationResult, both: tuple[_Outcome, _Outcome | None], catalogue: Sequence[Effect],
               shares: Sequence[float]) -> tuple[CalibrationResult, tuple[Unseen, ...]]:  # fmt: skip
-    """The material in the end, E's interval reaching to each candidate's and over what may be there unseen."""
-    alone = conclude(force.fitted)
+    """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
+    force, sight = both
     averaged, unseen = allow_for_unseen(alone.youngs_modulus, force.fitted, catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
     after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),

@@ -4,8 +4,9 @@
 
 w the depth of the face's centre; where the depth comes from the stage it counts from the first touch instead, and
 w = w_read - a theta. f is the exact contact without tension of a rigid flat face on a bonded layer, from the table
-of calibration.askew. The whole face lies on from w = 2 a theta: its pressure (w + 2 theta x)/sqrt(a^2 - r^2) is
-then nowhere negative. Vanishes at theta = 0. Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
+of tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
+(w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Vanishes at theta = 0.
+Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 """
 
 from __future__ import annotations

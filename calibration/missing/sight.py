@@ -218,12 +218,9 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     changes = [(f"quarter_{azimuth:.0f}", quarter, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
     changes += [(f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
                 for begin in np.unique(slopes.from_mm[_beside(data)])]  # fmt: skip
-    kind = data.presses.indenter[
-        data.press
-    ]  # each has its height, and a depth at which the table has its own error
-    changes += [
-        (f"indenter_{k}", 0.5 * TABULATED.relative_error, _beside(data) & (kind == k)) for k in np.unique(kind)
-    ]
+    # each indenter has its height, and a depth at which the table has an error of its own
+    kind, half = data.presses.indenter[data.press], 0.5 * TABULATED.relative_error
+    changes += [(f"indenter_{k}", half, _beside(data) & (kind == k)) for k in np.unique(kind)]
     changes += [(f"face_{k}", TABULATED.relative_error, _of_face(data) * (kind == k)) for k in np.unique(kind)]
     walls = of_walls(1.0, WALLS_PER_MM[0] * data.depth_mm / np.nanmedian(slopes.ball_slope))
     # the method's own: a ceiling at the steepest slope that the light was made from

@@ -15,6 +15,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from calibration.data import Fall, Observations, Slopes
+from calibration.laws.flat_punch import NOMINAL_NU, STATED_NU_STD
 from tactilevision.mechanics.bulge import LIKELY_SHARE
 from tactilevision.mechanics.profile import PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
@@ -23,8 +24,7 @@ from tactilevision.records import Floats, Gel
 READ_STD_MM = 0.001  # of a fall: the camera's noise in the mean over a quarter of a ring; its scale is estimated
 FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
 LEAST_MM = 0.004  # of an expected fall: below it a micron is a quarter
-STATED_STD, UNSTATED_STD = 0.005, 0.015  # of Poisson's ratio: stated without a std, not stated
-SOFT_NU, HIGHEST_NU = 0.48, 0.499
+UNSTATED_NU_STD, HIGHEST_NU = 0.015, 0.499
 FEWEST_PRESSES = 10  # fewer leave too little beside what each indenter may be off by
 
 
@@ -61,8 +61,8 @@ def with_slopes(faces: Observations) -> Observations | None:
 
 def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[Fall]) -> tuple[Floats, ...]:
     """Expected falls (N,), those for a std more of nu, and those without friction; NaN where none is known."""
-    nu = SOFT_NU if gel.poisson_ratio is None else gel.poisson_ratio
-    nu_std = UNSTATED_STD if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
+    nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
+    nu_std = UNSTATED_NU_STD if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_NU_STD
     friction, edges = friction_of_share(LIKELY_SHARE), np.array([(f.from_mm, f.to_mm) for f in falls])
     tables = np.full((3, len(falls)), np.nan)
     for depth, radius in set(zip(depth_mm.tolist(), radius_mm.tolist(), strict=True)):

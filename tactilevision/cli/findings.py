@@ -26,9 +26,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         drawn_points,
         fitted_lines,
         own_offsets,
-        picture_lacks,
         residual_panels,
-        sighting,
     )
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots.indentation import draw_fit
@@ -48,17 +46,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
         fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
         words = "Error on presses that the fit did not see; the dashed line is what repeats differ by."
         kept.append(keep(fall, folder / "error.png", words))
-    seen = sighting(found)
-    if seen is not None:
-        words = (
-            "The depth that the picture gives, of each face and of the slopes beside it, over the certified one; "
-        )
-        kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png",
-                         f"{words}1 is right. {picture_lacks(found)}".strip()))  # fmt: skip
-    for number, one in enumerate(reliefs):
-        p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
-        drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)
-        kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
+    kept += _of_the_picture(found, reliefs, folder)
     for name, fitted in (("before", found.base), ("after", found.fitted)):
         if name == "before" or fitted is not found.base:
             drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
@@ -67,6 +55,25 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
     if table is not None:
         drawn = draw.draw_confusability(*table)
         kept.append(keep(drawn, folder / "confusability.png", "Below 3 std two effects look alike in these data."))
+    return kept
+
+
+def _of_the_picture(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
+    """The picture's depth over the certified one, and what the height maps leave, where there are any."""
+    from calibration.pages.drawing import picture_lacks, sighting
+    from tactilevision.plots import diagnosis as draw
+
+    kept, seen = [], sighting(found)
+    if seen is not None:
+        words = (
+            "The depth that the picture gives, of each face and of the slopes beside it, over the certified one;"
+        )
+        words = f"{words} 1 is right. {picture_lacks(found)}".strip()
+        kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png", words))
+    for number, one in enumerate(reliefs):
+        p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
+        drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)
+        kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
     return kept
 
 

@@ -57,7 +57,7 @@ def make_table(path: Path = TABLE) -> None:
     rows = [f"{ratio:g},{x:.3f},{f:.5f}" for ratio in RATIOS
             for x, f in zip(PLACES, solve(PLACES, ratio), strict=True)]  # fmt: skip
     head = (
-        "# A flat punch askew by theta: upright depth over a theta; made by calibration.askew.make_table,\n"
+        "# A flat punch askew by theta: upright depth over a theta; made by mechanics.askew.make_table,\n"
         f"# {SQUARES} squares across the face, nu = {NU}, 2026-11-21. a_over_h 0 is the half-space.\n"
     )
     write_text(path, head + "a_over_h,x,upright\n" + "\n".join(rows) + "\n")
