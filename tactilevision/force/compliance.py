@@ -3,7 +3,7 @@
     C = C_layer (Fourier, exact) + C_sides (finite elements, smooth: felt within about two thicknesses of a side)
 
 Superposition: the layer's own stress acts on the place where the side is; the side is free, so the opposite
-traction is put on it (sides.py). Only that smooth part is discretised coarsely. E scales both; both are made
+traction is put on it (`force/sides/`). Only that smooth part is discretised coarsely. E scales both; both are made
 for one nu.
 """
 
