@@ -161,10 +161,11 @@ def _conclude(
     if explained:
         candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
     missing, visible = _testable(both)
+    looked = _looked_for(catalogue, sight)
     missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
     left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
-    small = hidden(fitted, [e for e in catalogue if e.key not in candidates], missing, visible)
+    small = hidden(fitted, [e for e in looked if e.key not in candidates], missing, visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
@@ -180,6 +181,7 @@ def _conclude(
         covariates_before=force.searched.first.covariates,
         left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
         unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
+        sizes={e.key: e.parameters[0] for e in looked},
     )  # fmt: skip
 
 
@@ -210,6 +212,12 @@ def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float
     looked = {key for screen in first for key in screen.visible if key not in screen.not_testable}
     missing = {key: why for screen in first for key, why in screen.not_testable.items() if key not in looked}
     return missing, visible
+
+
+def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
+    """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
+    seen = () if sight is None else sighted(sight.searched.base.data)
+    return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
 
 
 def _beyond_prior(fitted: Fit, key: str) -> bool:
@@ -283,7 +291,7 @@ def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Seque
     worth = [plan for plan in plans if plan.separation_sigma > WORTH]
     worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
     follow = by_hand.of_left(left.covariates) if left is not None else []
-    found = [*_again(both[0].odd), *follow, *worth, *by_hand.of_hidden(bias, base.data.depth_source)]
+    found = [*_again(both[0].odd), *follow, *worth, *by_hand.of_hidden(bias)]
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
 
 

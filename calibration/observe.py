@@ -144,7 +144,7 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         temperature_C=np.concatenate([t.temperature_C for t in touches]),
         depth_std_mm=np.concatenate([t.depth_std_mm for t in touches]),
         force_std_N=np.concatenate([t.force_std_N for t in touches]),
-        depth_source=cast(DepthSource, sets[0].recording.depth_source or "vision"),
+        depth_source=_depth_source(sets),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         falls=tuple(fall for t in touches for fall in t.falls),
@@ -253,9 +253,7 @@ def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: Recordi
         return _zero(recording.depth_std_mm, NAN)
     height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(_number(point.extra, "rise_ratio")))
     shared = math.hypot(height, _rise_std(point) * point.depth_mm)
-    if np.isfinite(
-        _number(point.extra, "rise_ratio_std")
-    ):  # a certificate of our own, made up of just these parts
+    if _certified(point):  # made up of just these parts
         return math.sqrt(max(whole**2 - shared**2, 0.0))
     return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
 
@@ -278,6 +276,19 @@ def _shared(sets: Sequence[Measured]) -> Shared:
     if not points:
         return Shared()
     return Shared(float(np.median(touch)), float(np.median(rise)), heights=not all(_ruled(p) for p in points))
+
+
+def _depth_source(sets: Sequence[Measured]) -> DepthSource:
+    """Where the depths come from: what a certificate of our own says is a gauge's, whatever the curves are."""
+    certified = [_certified(p) for m in sets for p in m.points if p.accepted]
+    if certified and all(certified) and not any(m.curves for m in sets):
+        return "gauge"
+    return cast(DepthSource, sets[0].recording.depth_source or "vision")
+
+
+def _certified(point: CertifiedPoint) -> bool:
+    """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
+    return bool(np.isfinite(_number(point.extra, "rise_ratio_std")))
 
 
 def _force_std(recording: RecordingLike) -> float:

@@ -44,6 +44,8 @@ class BevelRise(EffectBase):
         """What these data would need."""
         if data.depth_source != "gauge":
             return "the depths are not certified by a bevel"
+        if data.shared.rise > 0:
+            return "the certificate took it off, and what that leaves open is in E's interval"
         known = [i for i in data.indenters if i.bevel_distance_mm is not None]
         if len(known) < len(data.indenters):
             return "needs the bevels' distances (bevel_distance_mm)"

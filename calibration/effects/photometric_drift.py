@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.effects.photometric_gain import NOT_VISION
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 PAUSE_S = 3600.0
-NOT_VISION = "the depth does not come from the picture"
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+NOT_VISION = "the depth does not come from the picture"
+
 
 @dataclass(frozen=True, slots=True)
 class PhotometricGain(EffectBase):
@@ -35,6 +37,8 @@ class PhotometricGain(EffectBase):
 
     def missing(self, data: Observations) -> str:
         """What these data would need."""
+        if data.depth_source != "vision":
+            return NOT_VISION
         return "a factor on the depth is E and beta exactly; a gauge beside the picture would show it"
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:

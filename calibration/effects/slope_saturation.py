@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
+from calibration.effects.photometric_gain import NOT_VISION
 from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 WALLS_PER_MM = 1.5, 0.5  # and std: a wall's height over two thirds of a millimetre
-NOT_VISION = "the depth does not come from the picture"
 
 
 @dataclass(frozen=True, slots=True)

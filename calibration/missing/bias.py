@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.effects.bevel_rise import supposed
 from calibration.fitting import Fit, inverse_information
-from calibration.missing.ranges import largest, typical
+from calibration.missing.ranges import absent, largest, typical
 from calibration.noise import Whitener
 from calibration.stages import Effect
 from tactilevision.records import Floats
@@ -39,11 +39,15 @@ def possible_bias(
     """Relative error of E for each effect at the size of its first parameter that is given, else at its typical
     one; signs are kept.
 
-    Effects that cannot be worked out on these data (a place, a time or a temperature that nobody recorded), or
-    whose lack of data leaves them nothing to act on, are left out: what they do to E is unknown, not 0.
+    0 for what these depths hold nothing of, wherever they come from. Effects that cannot be worked out on these
+    data (a place, a time or a temperature that nobody recorded), or whose lack of data leaves them nothing to act
+    on, are left out: what they do to E is unknown, not 0.
     """
     found = {}
     for effect in effects:
+        if absent(effect, fitted.data):
+            found[effect.key] = 0.0
+            continue
         first = effect.parameters[0]
         size = first.default + sizes.get(effect.key, typical(effect))
         own = np.array([np.clip(size, *first.bounds), *(p.default for p in effect.parameters[1:])])

@@ -17,6 +17,7 @@ from calibration.missing.screen import Scored
 from calibration.missing.search import Searched
 from calibration.missing.sight import depth_ratio, unseen_beside
 from calibration.missing.unseen import Unseen
+from calibration.parameters import Parameter
 from calibration.repeats.odd_presses import Oddity
 from tactilevision.records import Estimate, Pair
 
@@ -63,7 +64,8 @@ class Diagnosis:
     """What a diagnosis found.
 
     `candidates` the keys that these data cannot tell apart (one where the effect is identified); `screen` every
-    testable effect's score on the base model; `visible` the amplitude of each that would have been seen;
+    testable effect's score on the base model; `visible` the amplitude of each that would have been seen, a size of
+    the parameter in `sizes`;
     `covariates` what the last model's residual depends on; `would_have_to_be` what could stand for a beta that
     theory does not allow; `possible_bias` the relative error of E that each effect that cannot be tested would
     bring at a typical size, or at the end of its range where it shows only beyond; `below_visibility` the same of
@@ -109,6 +111,7 @@ class Diagnosis:
     set_aside: tuple[str, ...] = ()
     without: str = ""
     whole: Fit | None = None
+    sizes: Mapping[str, Parameter] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -144,6 +147,7 @@ class Diagnosis:
             "bias_of_E_at_smallest_visible": dict(self.below_visibility),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
             "smallest_visible": dict(self.visible),
+            "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],
             "held_out_N": list(self.held_out),
             "reconstructed_depth": self._sight(),

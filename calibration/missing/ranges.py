@@ -25,7 +25,9 @@ OF_SOURCE: Mapping[str, DepthSource] = {
 
 
 def absent(effect: Effect, data: Observations) -> bool:
-    """Whether it cannot be in these data, for their depth comes from elsewhere."""
+    """Whether these data hold nothing of it, for their depth comes from elsewhere."""
+    if effect.key == "bevel_rise" and data.shared.rise > 0:
+        return True  # a certificate took it off; what that leaves open is in the fit
     return data.depth_source != OF_SOURCE.get(effect.key, data.depth_source)
 
 

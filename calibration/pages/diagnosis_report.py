@@ -196,10 +196,12 @@ def _untestable(found: Diagnosis) -> str:
 
 def _from_here_on(found: Diagnosis) -> str:
     """What would have shown, from which size on, and what smaller could do to E."""
-    rows = [(in_words(key), shown_size(key, found.visible[key]), _bias(share))
+    rows = [(in_words(key), shown_size(found, key), _bias(share))
             for key, share in found.below_visibility.items()]  # fmt: skip
     return page.table(("effect", "shows from", "smaller, E could be off by up to"), rows, numbers=(2,))
 
 
 def _bias(share: float | None) -> str:
-    return "unknown" if share is None else f"{100 * abs(share):.1f} %"
+    if share is None:
+        return "unknown"
+    return f"{100 * abs(share):.1f} %" if share else "not at all"

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects import EFFECTS, get_effect
 from calibration.missing.diagnosis import Diagnosis
 from calibration.pages import wording
 from calibration.parameters import Parameter
@@ -68,7 +67,7 @@ def unseen_sentence(found: Diagnosis) -> str:
     key = max(beyond, key=lambda k: beyond[k])
     others = [in_words(k) for k in beyond if k != key]
     also = f" (so could {', '.join(others)})" if others else ""
-    size, off = shown_size(key, found.visible[key]), 100 * beyond[key]
+    size, off = shown_size(found, key), 100 * beyond[key]
     return (f" Yet {in_words(key)} of up to {size} would not have shown, and puts E off by up to {off:.0f} %, "
             f"more than its interval says{also}.")  # fmt: skip
 
@@ -158,6 +157,7 @@ def _said(name: str) -> str:
     }.get(name, name)
 
 
-def shown_size(key: str, size: float) -> str:
-    """A size of an effect's first parameter in words."""
-    return amount(get_effect(key).parameters[0], size) if key in EFFECTS else f"{size:.2g}"
+def shown_size(found: Diagnosis, key: str) -> str:
+    """From which size on an effect would have shown, in words."""
+    size = found.visible[key]
+    return amount(found.sizes[key], size) if key in found.sizes else f"{size:.2g}"

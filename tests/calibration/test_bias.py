@@ -9,12 +9,15 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.data import DepthSource, Observations
+from calibration.data import DepthSource, Observations, Shared
+from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.depth_zero import DepthZero
 from calibration.effects.force_gain import ForceGain
+from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fitting import Fit, fit
+from calibration.missing import by_hand
 from calibration.missing.bias import hidden, possible_bias
 from calibration.missing.ranges import largest
 from calibration.stages import Effect
@@ -36,7 +39,23 @@ def test_a_bevel_at_an_unknown_distance_is_worth_what_one_at_five_millimetres_is
     unknown, known = (possible_bias(fitted(d), [BevelRise()])["bevel_rise"] for d in (data, stated))
     assert unknown == pytest.approx(known)
     assert -0.13 < unknown < -0.08
-    assert "bevel_rise" not in possible_bias(fitted(points("vision")), [BevelRise()])
+
+
+@pytest.mark.parametrize(
+    ("source", "there"),
+    [("vision", {"photometric_gain"}), ("stage", {"backing_compliance"}), ("gauge", {"bevel_rise"})],
+)
+def test_what_cannot_be_in_a_depth_from_elsewhere_is_worth_nothing(source: DepthSource, there: set[str]) -> None:
+    found = possible_bias(fitted(points(source)), [BevelRise(), PhotometricGain(), BackingCompliance()])
+    assert set(found) == {"bevel_rise", "photometric_gain", "backing_compliance"}
+    assert {key for key, share in found.items() if share} == there
+    assert not by_hand.of_hidden({key: share for key, share in found.items() if key not in there})
+
+
+def test_a_rise_that_a_certificate_took_off_is_in_the_fit_and_worth_no_more() -> None:
+    taken_off = replace(points(), shared=Shared(rise=0.01))
+    assert possible_bias(fitted(taken_off), [BevelRise()]) == {"bevel_rise": 0.0}
+    assert "took it off" in BevelRise().missing(taken_off)
 
 
 def test_an_effect_without_data_to_act_on_is_unknown_and_not_nothing() -> None:

@@ -11,9 +11,11 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.data import Fall, Observations
+from calibration.diagnose import diagnose
 from calibration.measured.conditions import covariates
 from calibration.missing.search import search
 from calibration.missing.sight import fit_sight, sighted
+from calibration.pages.verdict import shown_size
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats
@@ -104,3 +106,13 @@ def test_a_zero_of_the_map_moves_no_slope() -> None:
     beside = np.isfinite(slopes.slope)
     np.testing.assert_allclose(moved[beside], 0, atol=1e-9)
     assert (np.abs(moved[~beside] - 1) < 0.2).all()
+
+
+def test_a_ceiling_of_slopes_has_no_unit_and_moves_no_certified_depth() -> None:
+    data = seen(4)
+    pressed = data.with_force(0.9 * data.depth_mm * (1 + 0.8 * data.depth_mm / 3) + 1e-3 * np.resize([1, -1], 12))
+    found = diagnose(pressed, np.random.default_rng(0))
+    assert found.as_json()["smallest_visible_unit"]["slope_saturation"] == "1"
+    assert 0 < found.visible["slope_saturation"] < 8
+    assert not shown_size(found, "slope_saturation").endswith("mm")
+    assert found.below_visibility["slope_saturation"] == 0
