@@ -82,8 +82,10 @@ def _errors(axes: Axes, panel: Panel) -> None:
     if not reached.all():
         deepest = float(panel.depth_mm[reached].max(initial=0.0))
         axes.axvspan(deepest, axes.get_xlim()[1], color=style.INVALID, alpha=0.5, lw=0)
-        axes.annotate("no elements\nso deep", (deepest, 1), xytext=(4, -4), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", va="top", fontsize=8, color=style.GREY)  # fmt: skip
+        below = np.nansum([one.error for one in panel.series]) < 0  # the line of no error is at the other end
+        axes.annotate("no elements\nso deep", (deepest, 0 if below else 1), xytext=(4, 4 if below else -4),
+                      xycoords=("data", "axes fraction"), textcoords="offset points",
+                      va="bottom" if below else "top", fontsize=8, color=style.GREY)  # fmt: skip
 
 
 def _share_limits(row: Sequence[Axes]) -> None:
