@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from tactilevision.records import Bools, Floats
+from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.gel import Grid
 from tactilevision.zero_plane import find_zero_plane, level
 
 SHAPE, STEP = (160, 240), 0.1
@@ -73,3 +75,18 @@ def test_a_flat_face_is_not_taken_for_untouched_gel() -> None:
     with_face = find_zero_plane(depth, untouched | face, (STEP, STEP), thickness_mm=3.0)
     without = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=3.0)
     assert with_face.offset_mm == pytest.approx(without.offset_mm, abs=1e-9)
+
+
+@pytest.mark.parametrize(("poisson_ratio", "told_mm"), [(0.45, 2.5), (0.49, 2.5), (0.48, None)])
+def test_the_wide_rise_beside_a_large_ball_is_not_taken_for_zero(
+    poisson_ratio: float, told_mm: float | None
+) -> None:
+    """Layer theory's surface round a contact over half of the picture's height; the rise there is .1 mm."""
+    contact_mm, thickness_mm, centre = 5.7, told_mm or 3.5, (1.0, -0.5)
+    grid = Grid(np.arange(-13.5, 13.6, STEP), np.arange(-10.0, 10.1, STEP))
+    depth = BallPress(20.0, contact_mm, thickness_mm, poisson_ratio, centre).depth_mm(grid)
+    untouched = grid.distance(centre)[5::10, 5::10] > contact_mm + 0.6
+    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=told_mm)
+    assert float(depth.min()) < -0.06
+    assert abs(zero.offset_mm) < 0.003, "with the decay held at .75 h: .006, .013, .018"
+    assert abs(zero.offset_mm) < 2.0 * zero.std_mm
