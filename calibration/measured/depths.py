@@ -11,10 +11,11 @@ from collections import deque
 import numpy as np
 
 from calibration.data import Ints, Observations
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3
 BRANCHES = ("load", "hold", "unload", "free")
+FEWEST_HELD, FINEST_MM = 3, 2e-4  # samples of a plateau; std of a depth that is read very well
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
 COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
 _KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
@@ -34,6 +35,40 @@ def branches(data: Observations) -> Ints:
         if near.size > 2:
             found[start + near[0] + 1 : start + near[-1] + 1] = HOLD
     return np.where(known >= 0, known, found)
+
+
+def ways(data: Observations) -> Ints:
+    """The same (N,), but that a plateau begins and ends where the depth does: phases go by one clock, and depths
+    may by another.
+    """
+    way, depth = branches(data).copy(), data.depth_mm
+    for begin, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+        one = slice(int(begin), int(end))
+        for first, last in _runs(way[one] == HOLD):
+            if last - first + 1 >= FEWEST_HELD:
+                _fit_plateau(way[one], depth[one], first, last)
+    return way
+
+
+def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
+    """Move the ends of the plateau first to last of one press, in place."""
+    held = depth_mm[first : last + 1]
+    level = float(np.median(held))
+    flat = np.abs(depth_mm - level) <= 3 * max(1.48 * float(np.median(np.abs(held - level))), FINEST_MM)
+    for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
+        k = end + step
+        while 0 <= k < way.size and way[k] == beside and flat[k]:
+            way[k], k = HOLD, k + step
+        k = end
+        while first <= k <= last and not flat[k]:
+            way[k], k = beside, k - step
+
+
+def _runs(inside: Bools) -> list[tuple[int, int]]:
+    """First and last index of each stretch of True."""
+    edges = np.diff(inside.astype(np.int64), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 
 def steady_depth(data: Observations) -> Floats:
@@ -68,11 +103,12 @@ def _depths(data: Observations) -> tuple[Floats, Floats]:
 
 
 def _steady(data: Observations) -> Floats:
-    branch, steady = branches(data), data.depth_mm.copy()
+    branch, steady = ways(data), data.depth_mm.copy()
     begins = np.flatnonzero(np.diff(branch, prepend=-1) | np.diff(data.press, prepend=-1))
     for start, end in zip(begins, [*begins[1:], data.size], strict=True):
-        ramp = bool(branch[start] in (LOAD, UNLOAD))
-        steady[start:end] = _course(data.time_s[start:end], data.depth_mm[start:end], ramp)
+        if branch[start] != FREE:  # air may come and go as it likes
+            ramp = bool(branch[start] in (LOAD, UNLOAD))
+            steady[start:end] = _course(data.time_s[start:end], data.depth_mm[start:end], ramp)
     return steady
 
 

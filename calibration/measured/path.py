@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.data import Ints, Observations
-from calibration.measured.depths import HOLD, LOAD, UNLOAD, branches
+from calibration.measured.depths import HOLD, LOAD, UNLOAD, ways
 from tactilevision.records import Floats
 
 COMING_S = 1.0  # longer than any clock is off
@@ -23,15 +23,21 @@ def depth_at(data: Observations, later_s: float) -> Floats:
     """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in
     the punch comes at that press's speed; else it stands still.
     """
-    branch = branches(data)
+    branch = ways(data)
     parts = []
     for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
         one = slice(start, end)
         time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
-        if branch[start] == LOAD and end - start > 1 and np.isfinite(speed):
+        if _coming(time, depth, float(speed)):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
         parts.append(np.interp(data.time_s[start:end] + later_s, time, depth))
     return np.concatenate(parts)
+
+
+def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:
+    """Whether a press begins on its way in: nearer to the speed of its loading than to rest."""
+    first = _line(time_s[:2], depth_mm[:2]) if time_s.size > 1 else None
+    return first is not None and np.isfinite(speed_mm_s) and first > speed_mm_s / 2 > 0
 
 
 def with_corners(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from made_presses import indenter, observations
 
 from calibration.measured.conditions import group_basis
 from calibration.measured.depths import nominal_depth, steady_depth
+from calibration.measured.path import depth_at
+from tactilevision.records import Floats
 
 
 def test_a_dense_ramp_keeps_its_shape() -> None:
@@ -44,3 +47,16 @@ def test_what_is_kept_is_the_data_sets_own() -> None:
     assert steady_depth(one) is steady_depth(one)
     np.testing.assert_allclose(steady_depth(other), time_s**3, atol=1e-9)
     np.testing.assert_allclose(steady_depth(one), time_s**2, atol=1e-9)
+
+
+@pytest.mark.parametrize("late_s", [-0.05, 0.05])
+def test_a_corner_lies_where_the_depth_turns_and_not_where_the_forces_clock_says(late_s: float) -> None:
+    """Loads of .5 s at 1 mm/s, phases by the true clock: the depth of other moments comes back within a micron."""
+
+    def depth(t: Floats) -> Floats:
+        return np.interp(t, [0, 0.5, 1.5, 2.5], [-0.1, 0.4, 0.4, -0.1])
+
+    time_s = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.48, 0.52, 0.8, 1.1, 1.4, 1.48, 1.6, 1.9, 2.2, 2.4])
+    phase = ["load"] * 6 + ["hold"] * 5 + ["unload"] * 4
+    data = observations([depth(time_s + late_s)], [indenter()], time_s=[time_s], phase=[phase])
+    np.testing.assert_allclose(depth_at(data, -late_s)[1:-1], depth(time_s)[1:-1], atol=1e-3)
