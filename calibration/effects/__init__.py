@@ -32,7 +32,7 @@ from calibration.effects.temperature import Temperature
 from calibration.effects.thickness import Thickness
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.effects.tilt import Tilt
-from calibration.effects.viscoelasticity import Viscoelasticity
+from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
 from calibration.stages import Effect
 from tactilevision.errors import InputError
 
@@ -67,8 +67,20 @@ CATALOGUE = tuple(EFFECTS)
 
 
 def get_effect(key: str) -> Effect:
-    """The effect of this key as it stands in the catalogue. Raises InputError for an unknown key."""
+    """The effect of this key as it stands in the catalogue; "viscoelasticity:2" is one of two terms.
+
+    Raises InputError for an unknown key.
+    """
+    name, _, terms = key.partition(":")
+    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MOST_TERMS)}:
+        return Viscoelasticity(terms=int(terms))
     if key not in EFFECTS:
         raise InputError("there is no effect of this name", where="effect", value=key,
                          remedy=f"Choose among: {', '.join(EFFECTS)}.")  # fmt: skip
     return EFFECTS[key]
+
+
+def written(effect: Effect) -> str:
+    """What `get_effect` makes this effect of again."""
+    terms = effect.terms if isinstance(effect, Viscoelasticity) else 1
+    return effect.key if terms == 1 else f"{effect.key}:{terms}"

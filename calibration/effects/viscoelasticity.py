@@ -22,6 +22,7 @@ from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 TAU_S = (0.05, 100.0)
+MOST_TERMS, FASTER = 3, 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,16 @@ class Viscoelasticity(EffectBase):
             row[1::2] = [float(np.clip(tau * 5.0**k, *TAU_S)) for k in range(self.terms)]
             table.append(row)
         return np.array(table)
+
+    def richer(self) -> Viscoelasticity | None:
+        """One with another term, for gels relax over decades of time; None beyond the most."""
+        return replace(self, terms=self.terms + 1) if self.terms < MOST_TERMS else None
+
+    def richer_starts(self, values: Floats) -> Floats:
+        """Where a fit with another term begins: from these values, a third of them slower or faster besides."""
+        g, tau = values.reshape(-1, 2)[np.argmax(values[0::2])]
+        new = [(g / 3, float(np.clip(tau * ratio, *TAU_S))) for ratio in (1 / FASTER, FASTER)]
+        return np.array([[*values, *one] for one in new])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Take the relaxed part off the force of a punch that is in contact, down to nothing."""

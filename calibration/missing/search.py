@@ -5,17 +5,19 @@
 An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
 at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
 N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
-it is let go and the search looks again, at half the level, for this is its second look for a first effect. A
-second effect has to be beyond doubt, for no first one has exactly the form that it is given here.
+it is let go and the search looks again, at half the level, for this is its second look for a first effect. Nor is
+another term of a relaxation that is there already. A second effect has to be beyond doubt, for no first one has
+exactly the form that it is given here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.missing.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
@@ -24,6 +26,7 @@ from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.stages import Effect
+from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
@@ -92,12 +95,13 @@ def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, 
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn = _look(current, catalogue, rng, now)
         rounds.append(turn)
-        if (bent := _bent(current, turn, now)) is not None and _takes(current, bent, turn, rng):
-            current = bent
+        if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
+            current = room
+            steps = [_with_own(step, room) for step in steps]
             if steps:
-                steps[-1] = replace(steps[-1], fitted=bent)
+                steps[-1] = replace(steps[-1], fitted=room)
             else:
-                start = bent
+                start = room
             continue
         step = _confirmed(current, turn, now)
         if step is None:
@@ -108,37 +112,68 @@ def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, 
     return Searched(base, start, tuple(rounds), tuple(steps), last)
 
 
-def _bent(current: Fit, turn: Round, level: float) -> Fit | None:
-    """The fit with the bend that theory allows, where something stands out and no effect explains it better."""
-    law = current.model.law
+def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
+    """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
+    bend that theory allows, another term of a relaxation.
+    """
     stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.screen.covariates)), default=1.0)
-    if stands_out > level or not isinstance(law, FlatPunch) or law.bent:
+    if stands_out > level:
         return None
-    model = Model(replace(law, bent=True), current.model.effects)
-    place = current.model.slices(current.data)["law"].stop
-    added = len(model.parameters(current.data)) - current.values.size
-    rivals = (c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c))
+    rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
     enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
+                and _cost(found, current) < enough), key=lambda f: _cost(f, current), default=None)  # fmt: skip
     try:
-        found = fit(model, current.data, noise=current.noise, tolerances=False,
-                    starts=np.insert(current.values, [place] * added, 0.0)[None])  # fmt: skip
-        if found.chi2 + 2 * added >= enough:
-            return None
-        return replace(refit_with_pure_noise(found), warnings=current.warnings)
+        return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
     except CANNOT_FIT:
         return None
 
 
-def _takes(current: Fit, bent: Fit, turn: Round, rng: np.random.Generator) -> bool:
-    """Whether the bend takes away what stands out, and not something else: an effect it has been held against; off
+def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
+    """What the model's parts may be besides, and where to begin."""
+    law, effects, places = current.model.law, current.model.effects, current.model.slices(current.data)
+    if isinstance(law, FlatPunch) and not law.bent:
+        model = Model(replace(law, bent=True), effects)
+        added = len(model.parameters(current.data)) - current.values.size
+        yield model, np.insert(current.values, [places["law"].stop] * added, 0.0)[None]
+    for effect in effects:
+        if isinstance(effect, Viscoelasticity) and (more := effect.richer()) is not None:
+            own = places[effect.key]
+            yield current.model.without(effect.key) + more, np.array([
+                [*current.values[: own.start], *start, *current.values[own.stop :]]
+                for start in effect.richer_starts(current.values[own])
+            ])  # fmt: skip
+
+
+def _fitted(current: Fit, model: Model, starts: Floats) -> Fit | None:
+    try:
+        return fit(model, current.data, noise=current.noise, tolerances=False, starts=starts)
+    except CANNOT_FIT:
+        return None
+
+
+def _cost(found: Fit, current: Fit) -> float:
+    """chi^2 and twice the parameters that came in."""
+    return found.chi2 + 2 * (found.values.size - current.values.size)
+
+
+def _with_own(step: Step, fitted: Fit) -> Step:
+    """The step with its effect as it is in a later fit."""
+    effect = next(e for e in fitted.model.effects if e.key == step.best.effect.key)
+    best = Candidate(effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N)
+    return replace(step, best=best)
+
+
+def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bool:
+    """Whether the room takes away what stands out, and not something else: an effect it has been held against; off
     a covariate it has to take what its parameters cost.
     """
     best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
     if not turn.screen.covariates or best <= turn.screen.lack_of_fit:
         return True
     before = turn.screen.covariates[0]
-    after = next((c for c in screen(bent, (), rng, draws=FEW).covariates if c.key == before.key), before)
-    return before.statistic - after.statistic > 2 * (bent.values.size - current.values.size)
+    after = next((c for c in screen(room, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:

@@ -42,6 +42,7 @@ def diagnose(
     import numpy as np
 
     from calibration import diagnose as method
+    from calibration.effects import written
     from calibration.pages.diagnosis_report import diagnosis_page, summary
     from calibration.steps import Step
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
@@ -54,8 +55,9 @@ def diagnose(
             _data(taken), np.random.default_rng(seed), effects=own, known=_known(known), bulge=bulge
         )
     steps = [Step(key, "") for key in known or ()]
-    steps += [Step(e.key, _path_of(e.key, own, private), found.errors.before, found.errors.after)
-              for e in found.effects if e.key in found.fitted.model.keys]  # fmt: skip
+    named = {e.key: e for e in found.fitted.model.effects}
+    steps += [Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
+              for e in found.effects if e.key in named]  # fmt: skip
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
