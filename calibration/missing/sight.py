@@ -31,7 +31,7 @@ from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.stages import Effect, Stage, State
-from tactilevision.mechanics.bulge import SHARE_STD
+from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Bools, Floats
 

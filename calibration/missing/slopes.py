@@ -16,8 +16,7 @@ import numpy as np
 
 from calibration.data import Fall, Observations, Slopes
 from calibration.laws.flat_punch import NOMINAL_NU, STATED_NU_STD
-from tactilevision.mechanics.bulge import LIKELY_SHARE
-from tactilevision.mechanics.profile import PunchCase, friction_of_share, seen_profile
+from tactilevision.mechanics.profile import LIKELY_SHARE, PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats, Gel
 

@@ -7,16 +7,13 @@ surface stretch du_x/dx + du_y/dy. A wide patch presses on the whole thickness, 
 narrow one strains the gel only near by, so little is; the weight joins the two limits. Nothing in it is fitted.
 It is 1 at w = 0.
 
-Without shear e is not known: a gel that sticks keeps e near 0, one that slides stretches and the camera, which
-sees the moved surface, already shows it. Half of the correction is then applied, and the other half is its
-deviation.
+Without shear e is taken for 0, as where the gel sticks. A gel that slides stretches and pushes back as the linear
+layer does: there nothing is to be corrected. Between them lies the share of friction's full effect (field.py).
 
 Though no number in it is fitted, its form was chosen among others on nonlinear finite elements (neo-Hooke, flat
 punches a/h .5 to 1.33, nu .45 to .48, friction 0, .3 and none slipping): there the linear resultant is 5 % low at
 w/h = .1 and 3 to 19 % at .2, and after it all lie within 2.4 %. Solves that it had never met (balls of 4 and 6 mm,
-punches of 1.1, 3.2 and 5 mm, nu .42 to .48, any friction) lie within 3.4 %, most within 2 %. Without shear,
-sticking contacts come out up to 10 % low at w/h = .2, frictionless ones 5 % high, wide ones (a/h 1.33) up to 16 %
-low.
+punches of 1.1, 3.2 and 5 mm, nu .42 to .48, any friction) lie within 3.4 %, most within 2 %.
 Source of kappa: Hayes et al. (1972), as in tactilevision.mechanics.kappa.
 """
 
@@ -36,8 +33,8 @@ THINNEST = 0.5
 def depth_factors(
     grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], pressure: Floats, displacement_mm: Floats, *,
     gel: Gel, poisson_ratio: float,
-) -> tuple[Floats, Floats]:  # fmt: skip
-    """Factor (C,) on the tractions of `cells` and its standard deviation (C,).
+) -> Floats:  # fmt: skip
+    """Factor (C,) on the tractions of `cells`.
 
     `displacement_mm` (3 or 1, rows, columns): x, y, z, or z alone where there is no shear.
     """
@@ -55,9 +52,7 @@ def depth_factors(
         stretch = np.bincount(which, surface_stretch(grid, displacement_mm).ravel()[cells], count) / size
     factor = patch_factor(np.sqrt(size * grid.cell_mm2 / np.pi), depth, stretch,
                           thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio)  # fmt: skip
-    if len(displacement_mm) == 3:
-        return factor[which], np.zeros(len(cells))
-    return 1 + (factor[which] - 1) / 2, np.abs(factor[which] - 1) / 2
+    return factor[which]
 
 
 def patch_factor(radius_mm: Floats, depth_mm: Floats, stretch: Floats, *, thickness_mm: float,

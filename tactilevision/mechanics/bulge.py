@@ -38,7 +38,7 @@ from tactilevision.mechanics.bulge_press import (
     whiten,
 )
 from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
-from tactilevision.mechanics.profile import LINEAR, ProfileModel
+from tactilevision.mechanics.profile import LIKELY_SHARE, LINEAR, SHARE_STD, ProfileModel
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Estimate, Floats
@@ -49,7 +49,6 @@ PINNED = 1e-6  # standard deviation of what is taken as known
 FEWEST_CLUSTERS = 4
 SECTORS = 8  # of directions from the punch
 SAME_DEPTH = 0.1
-LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
 NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
 
 

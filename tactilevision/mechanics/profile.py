@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 FULL_FRICTION = 0.3
+LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
 REACH = 20.0  # the spline goes as far as r = a + 20 h, where the rise is below 1e-6 w
 SPLINE_NODES = 100
 

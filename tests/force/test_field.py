@@ -128,14 +128,14 @@ def test_a_measured_force_is_met_and_the_mismatch_kept(
     assert weighed.resultant_N[2] == pytest.approx((free.resultant_N[2] + 0.63) / 2)
 
 
-def test_without_shear_the_tangential_force_is_unknown_and_the_normal_one_less_sure(
-    field: ForceField, press: tuple[HeightMap, ShearMap]
-) -> None:
+def test_without_shear_the_tangential_force_is_unknown_and_the_normal_one_less_sure(field: ForceField) -> None:
+    force = (0.024, -0.016, 0.12)
+    press = measured(hertz(2.0, (0.4, -0.3), force))
     found, both = field(press[0]), field(*press)
     assert NO_SHEAR in found.flags
     assert np.isnan(found.resultant_N[:2]).all()
-    assert found.resultant_std_N[2] > 2 * both.resultant_std_N[2]
-    assert abs(found.resultant_N[2] - FORCE[2]) < 2 * found.resultant_std_N[2]
+    assert found.resultant_std_N[2] > 1.2 * both.resultant_std_N[2]
+    assert abs(found.resultant_N[2] - force[2]) < 2 * found.resultant_std_N[2]
 
 
 def test_an_untouched_gel_is_no_contact(field: ForceField) -> None:

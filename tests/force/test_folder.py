@@ -72,8 +72,8 @@ def test_every_frame_has_its_row_and_every_good_one_its_tractions(tmp_path: Path
         table = list(csv.DictReader(file))
     assert [row["frame"] for row in table] == list(recording.frame_names)
     assert table[0]["flags"].endswith("no contact")
-    assert float(table[2]["fz_N"]) == pytest.approx(0.5, rel=0.08)
-    assert float(table[1]["fz_N"]) == pytest.approx(0.25, rel=0.06)
+    for row, planted in ((table[1], 0.25), (table[2], 0.5)):  # frictionless, which the step cannot know
+        assert float(row["fz_N"]) == pytest.approx(planted, rel=0.08)
     assert table[2]["fx_N"] == "", "without a reference frame there is no shear"
     assert float(table[2]["ft_fz_N"]) == pytest.approx(0.5), "its zero is taken on the free gel"
     assert float(table[0]["ft_fz_N"]) == pytest.approx(0.0, abs=1e-12)

@@ -38,3 +38,11 @@ def test_a_patch_that_stretches_by_a_twentieth_is_as_a_wider_one() -> None:
 def test_force_of_a_nonlinear_press_comes_back(case: Case) -> None:
     rows = press_and_look(case, depths_mm=(0.15, 0.3, 0.6))
     assert np.abs(rows[:, 2] / rows[:, 1] - 1).max() < LIMIT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [SEEN[3], SEEN[5]], ids=lambda case: case.name)
+def test_without_shear_a_gel_that_grips_is_read_within_what_is_stated(case: Case) -> None:
+    rows = press_and_look(case, depths_mm=(0.15, 0.3, 0.6))
+    assert np.abs(rows[:, 4] / rows[:, 1] - 1).max() < 0.07
+    assert (np.abs(rows[:, 4] - rows[:, 1]) < 2 * rows[:, 5]).all()
