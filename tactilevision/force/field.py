@@ -5,7 +5,8 @@ large depth and propagates what is not known. A call changes nothing but the fir
 
 Standard deviation of the resultant: noise of the depth and shear through the linear map; errors of depth and
 shear that the whole contact shares, pushed through the same map as one; the material's own covariance; MODEL_STD
-of the resultant for cells and mask (rms error over random contacts without noise, benchmarks); where no shear is
+of the resultant for cells and mask (rms error over random contacts without noise, benchmarks), and FEW_CELLS more
+where the contact is hardly wider than a cell (balls on nonlinear elements: 6 % high on 3 cells); where no shear is
 measured, the share of friction's full effect that is not known; where the contact is cut by a border, the force
 that would lie there if the border's pressure went on for half its width; and the force that a hole of the map
 beside it may hide.
@@ -39,6 +40,7 @@ from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 
 MODEL_STD = np.array([0.002, 0.002, 0.008])
+FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
 MOST_OF_VIEW = 0.9
@@ -161,6 +163,7 @@ class ForceField:
             variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
+        variance[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
         variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
         if parts == 1:
             variance[2] += (SHARE_STD * (weights[2] * by_share @ found.traction[0])) ** 2
