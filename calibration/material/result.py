@@ -99,7 +99,8 @@ def versions() -> dict[str, str]:
 def common_assumptions(fitted: Fit) -> list[str]:
     """What holds for every law."""
     data = fitted.data
-    lines = ["the zeros of depth and force are taken as they were recorded"]
+    tared = "the force's zero is that of the free gel before and after each press"
+    lines = [tared if data.shared.touch_mm else "the zeros of depth and force are taken as they were recorded"]
     if data.depth_source == "stage":
         lines.append("the depth is the stage's: the rig's give counts as the gel's unless an effect takes it out")
     if not data.is_curves and not data.shared.heights:
