@@ -41,6 +41,7 @@ from calibration.missing.sight import fit_sight, risen, sighted
 from calibration.missing.unseen import Unseen, allow_for_unseen
 from calibration.repeats.odd_presses import Oddity, odd_presses
 from calibration.repeats.pure_error import noise_floor
+from calibration.repeats.pure_noise import beyond_stated
 from calibration.stages import Effect
 from tactilevision.records import Estimate
 
@@ -148,7 +149,7 @@ def _conclude(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, alone = conclude(base), conclude(fitted)
+    before, alone = conclude(base), _concluded(fitted)
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
@@ -183,6 +184,15 @@ def _conclude(
         unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
         sizes={e.key: e.parameters[0] for e in looked},
     )  # fmt: skip
+
+
+def _concluded(fitted: Fit) -> CalibrationResult:
+    """The material of the last fit, with a word where samples scatter by more than was stated of them."""
+    result, times = conclude(fitted), beyond_stated(fitted)
+    if times is None:
+        return result
+    said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
+    return replace(result, flags=(*result.flags, "stated_noise_too_small"), warnings=(*result.warnings, said))
 
 
 def _material(alone: CalibrationResult, both: tuple[_Outcome, _Outcome | None], catalogue: Sequence[Effect],

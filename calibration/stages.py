@@ -102,9 +102,9 @@ class EffectBase:
 
     `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
     that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
-    beyond or below some depth, so that no small amplitude stands for it; `reads_force` where it depends on the
-    normal force itself: the model hands it the force that it predicts, for the measured one's noise would pass for
-    the effect.
+    beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over which it has
+    to have one size, where what looks like it has several; `reads_force` where it depends on the normal force
+    itself: the model hands it the force that it predicts, for the measured one's noise would pass for the effect.
     """
 
     key: ClassVar[str] = ""
@@ -115,6 +115,7 @@ class EffectBase:
     separated_by: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ""
     threshold: ClassVar[bool] = False
+    same_over: ClassVar[tuple[str, ...]] = ()
     reads_force: ClassVar[bool] = False
 
     @property

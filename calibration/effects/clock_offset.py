@@ -2,7 +2,8 @@
 
 What is stamped t on the F/T clock happened at t - dt of the camera's: the depth of that moment belongs to it.
 Within a press the depth goes straight through each phase, corners included, and stands still before and after.
-Seen wherever the depth moves: more in fast presses, with opposite sign in unloading. Vanishes at dt = 0.
+Seen wherever the depth moves: more in fast presses, with opposite sign in unloading, and of one size everywhere,
+which a contact that slips or a gel that relaxes is not. Vanishes at dt = 0.
 Source: definition.
 """
 
@@ -31,6 +32,7 @@ class ClockOffset(EffectBase):
     confused_with = ("viscoelasticity",)
     separated_by = ("a hold", "fast and slow presses")
     source = "definition"
+    same_over = ("load/unload", "log rate", "order")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -75,7 +75,7 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
     fitted = steadied(fitted)
     tables, missing = effect_directions(fitted, effects)
     seen = seen_covariates(fitted)
-    steps = {c.name: _steps(fitted, c) for c in seen}
+    steps = {c.name: _steps(fitted, c) for c in seen} | _of_one_size(fitted, seen)
     cast = _Cast(fitted, [*tables.values(), *steps.values()])
     real = cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None])[0]
     drawn = cast.null(rng, draws)
@@ -156,6 +156,18 @@ def _steps(fitted: Fit, covariate: Covariate) -> Floats:
     carried = fitted.about.force_N if covariate.of_press else fitted.about.slope_N_per_mm
     hot = np.eye(int(number.max()) + 1)[number]
     return np.asarray(hot * (np.abs(carried) + fitted.about.base_N * fitted.noise.scale)[:, None])
+
+
+def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
+    """Step functions (N, k) of the sizes of effects in the fit that have to have one throughout."""
+    found = {}
+    for effect in fitted.model.effects:
+        name = f"{effect.key}.{effect.parameters[0].name}" if effect.parameters else ""
+        for covariate in (c for c in seen if c.name in getattr(effect, "same_over", ())):
+            change = fitted.jacobian[:, fitted.index(name)]
+            number = bins(covariate, OTHER_BINS)
+            found[f"{effect.key} by {covariate.name}"] = np.eye(int(number.max()) + 1)[number] * change[:, None]
+    return found
 
 
 class _Cast:

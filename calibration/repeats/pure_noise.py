@@ -27,6 +27,7 @@ from calibration.repeats.reml import (
 from calibration.repeats.steadied import steadied
 from tactilevision.records import Floats
 
+BEYOND_CHANCE = 0.01
 ALIKE = (
     1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
 )
@@ -45,6 +46,22 @@ def noise_from_repeats(fitted: Fit) -> Noise:
         return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
     return estimate_noise(steady.data, steady.about, residual_N=fitted.residual_N, jacobian=space,
                           precision=np.zeros((space.shape[1],) * 2), stated=stated, of_presses=True)  # fmt: skip
+
+
+def beyond_stated(fitted: Fit) -> float | None:
+    """How many times as much samples scatter as was stated of them; None where that may be chance.
+
+    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
+    """
+    from scipy.stats import f
+
+    dof = fitted.data.size - int(np.count_nonzero(fitted.free))
+    if not fitted.noise.stated or dof < 1:
+        return None
+    own = (
+        (dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF
+    ) / dof  # the estimate was held to the stated one
+    return float(np.sqrt(own)) if own > 0 and f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
 
 
 def _explained(steady: Fit) -> Floats:

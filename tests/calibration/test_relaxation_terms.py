@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_presses import indenter, observations
@@ -25,7 +27,8 @@ def held(count: int = 12) -> Observations:
         top = 300.0 * k + down / rate
         wait = top[-1] + np.geomspace(0.1, 20, 8)
         times.append(np.concatenate([top, wait, wait[-1] + 0.05 + (down - down[0]) / rate]))
-    return observations([depth] * count, [indenter()] * count, time_s=times, phase=phase)
+    data = observations([depth] * count, [indenter()] * count, time_s=times, phase=phase)
+    return replace(data, presses=replace(data.presses, speed_mm_s=np.resize([0.1, 1.0], count)))
 
 
 def test_more_terms_come_before_a_second_effect() -> None:

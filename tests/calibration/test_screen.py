@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_presses import indenter, observations
@@ -15,7 +17,7 @@ from calibration.missing.screen import _Tail, screen
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
 from calibration.repeats.products import Weighing
-from calibration.repeats.pure_noise import noise_from_repeats, refit_with_pure_noise, renewed_noise
+from calibration.repeats.pure_noise import beyond_stated, noise_from_repeats, refit_with_pure_noise, renewed_noise
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
@@ -167,3 +169,16 @@ def test_profile_and_covariance_agree_where_the_model_is_nearly_linear() -> None
     interval = fitted.estimate("beta").interval95
     assert interval is not None
     np.testing.assert_allclose([low, high], interval, rtol=0.02)
+
+
+@pytest.mark.parametrize(("stated_N", "said"), [(0.004, None), (0.0037, None), (0.002, 2.0)])
+def test_a_noise_that_was_stated_too_small_is_told_from_one_that_was_not(
+    stated_N: float, said: float | None
+) -> None:
+    data = presses()
+    noisy = replace(
+        measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(3)),
+        force_std_N=np.full(data.size, stated_N), depth_std_mm=np.zeros(data.size),
+    )  # fmt: skip
+    found = beyond_stated(pure(noisy))
+    assert found is None if said is None else found == pytest.approx(said, rel=0.06)
