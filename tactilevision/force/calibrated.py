@@ -47,7 +47,8 @@ def read_material(path: Path | str) -> Material:
     """E, nu and their covariance from calibration.json; where no covariance stands there, from the two std.
 
     A value that the calibration could not fix (null) is taken at the middle of its interval, its std from the
-    interval's width. Raises InputError for a file that is not a calibration, or holds no number for E or nu.
+    interval's width. An incompressible gel counts as nu = .4999. Raises InputError for a file that is not a
+    calibration, or holds no number for E or nu, or one that no gel has.
     """
     path = Path(path)
     try:
@@ -62,7 +63,8 @@ def read_material(path: Path | str) -> Material:
     covariance = _covariance(content)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
-    return Material(modulus, min(poisson, MOST_POISSON), covariance)
+    incompressible = MOST_POISSON < poisson <= 0.5
+    return Material(modulus, MOST_POISSON if incompressible else poisson, covariance)
 
 
 def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear: ShearMap | None = None, *,

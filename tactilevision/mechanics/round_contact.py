@@ -50,6 +50,9 @@ class Ball:
 
     radius_mm: float
 
+    def __post_init__(self) -> None:
+        positive("radius_mm", self.radius_mm)
+
     def sag(self, x_mm: Floats, /) -> Floats:
         """See RoundBody."""
         return np.asarray(x_mm * np.arctanh(x_mm / self.radius_mm))
@@ -64,6 +67,11 @@ class Cone:
     """f = r/tan(half-angle), s = (pi/2) x/tan(half-angle); a flat angle is a half-angle of 90 degrees."""
 
     half_angle_deg: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.half_angle_deg < 90:
+            raise InputError("a cone's half-angle lies between 0 and 90 degrees", where="Cone",
+                             value=self.half_angle_deg, remedy="It is measured from the axis.")  # fmt: skip
 
     def sag(self, x_mm: Floats, /) -> Floats:
         """See RoundBody."""

@@ -46,6 +46,12 @@ def test_without_covariance_the_deviations_stand_in_and_what_was_not_fixed_is_wi
     assert plain.poisson_ratio == 0.4999
 
 
+@pytest.mark.parametrize("nu", [0.5011, 0.6, -0.1])
+def test_a_ratio_that_no_gel_has_is_not_made_to_fit(tmp_path: Path, nu: float) -> None:
+    with pytest.raises(InputError, match="Poisson's ratio"):
+        read_material(written(tmp_path, {"youngs_modulus_MPa": E, "poisson_ratio": nu}))
+
+
 @pytest.mark.parametrize("content", ["not json", "[1, 2]", {"youngs_modulus_MPa": E}, {"poisson_ratio": NU}])
 def test_what_is_no_calibration_is_refused(tmp_path: Path, content: Any) -> None:
     with pytest.raises(InputError):

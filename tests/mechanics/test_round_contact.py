@@ -103,3 +103,11 @@ def test_bad_input_is_named() -> None:
         contact_curve(BALL, 0.1, thickness_mm=1.0, poisson_ratio=0.7)
     with pytest.raises(InputError, match="chi"):
         thin_layer.garcia_ball(1.2)
+
+
+@pytest.mark.parametrize(
+    ("body", "size"), [(Ball, -1.0), (Ball, 0.0), (Cone, 0.0), (Cone, 90.0), (Cone, float("nan"))]
+)
+def test_a_body_that_cannot_be_is_refused(body: type[Ball] | type[Cone], size: float) -> None:
+    with pytest.raises(InputError):
+        body(size)
