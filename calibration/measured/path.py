@@ -21,7 +21,7 @@ CORNERS = ((LOAD, HOLD), (HOLD, UNLOAD), (LOAD, UNLOAD))
 
 def depth_at(data: Observations, later_s: float) -> Floats:
     """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in
-    the punch comes at that press's speed; else it stands still.
+    the punch comes at that press's speed, after one that was left on its way out it goes on; else it stands still.
     """
     branch = ways(data)
     parts = []
@@ -30,6 +30,8 @@ def depth_at(data: Observations, later_s: float) -> Floats:
         time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
         if _coming(time, depth, float(speed)):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
+        if branch[end - 1] == UNLOAD and (going := _line(time[-2:], depth[-2:])) is not None:
+            time, depth = np.append(time, time[-1] + COMING_S), np.append(depth, depth[-1] + going * COMING_S)
         parts.append(np.interp(data.time_s[start:end] + later_s, time, depth))
     return np.concatenate(parts)
 
