@@ -7,6 +7,7 @@ costs t^2 D, so that intervals of 95 % reach a share 1.96/sqrt(D) of the way.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
+
+_KEPT: deque[tuple[Fit, Fit]] = deque(maxlen=4)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,24 +38,30 @@ def rivals(fitted: Fit) -> tuple[Rival, ...]:
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
         return ()
-    slides = lubricated(data) or "friction" in fitted.model.keys or law.sticking == 1
     known = "edge_fillet" in fitted.model.keys or all(i.edge_radius_mm is not None for i in data.indenters)
-    laws = [law] if slides else [law, replace(law, sticking=1.0)]
-    edges = [data] if known else [data, with_usual_edges(data)]
-    others = [(law, seen) for law in laws for seen in edges][1:]
-    fits = [_again(fitted, law, seen) for law, seen in others]
+    glued = stuck(fitted)
+    laws = [law] if glued is None else [law, replace(law, sticking=1.0)]
+    fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
+    fits += [] if glued is None else [glued]
     return tuple(Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0)) for one in fits)
 
 
 def stuck(fitted: Fit) -> Fit | None:
-    """The same on a gel that sticks to the face; None where it does already, or slides.
+    """The same on a gel that sticks to the face; None where it does already, slides, or has its friction fitted.
+    Kept for the last few fits, since more than one judgement asks for it.
 
     Raises ConvergenceError where that cannot be fitted.
     """
     law = fitted.model.law
-    if lubricated(fitted.data) or not isinstance(law, FlatPunch) or law.sticking == 1:
+    slides = lubricated(fitted.data) or "friction" in fitted.model.keys
+    if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
-    return _again(fitted, replace(law, sticking=1.0), fitted.data)
+    for known, found in _KEPT:
+        if known is fitted:
+            return found
+    found = _again(fitted, replace(law, sticking=1.0), fitted.data)
+    _KEPT.append((fitted, found))
+    return found
 
 
 def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
