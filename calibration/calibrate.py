@@ -28,7 +28,7 @@ from calibration.observe import observe_curves, observe_points
 from calibration.plausible import FLAG, outside_gels
 from calibration.repeats.pure_error import allow_for_indenters, noise_floor
 from calibration.stages import Law
-from calibration.theory import beta_outside_theory
+from calibration.theory import beta_outside_theory, deeper_than_elements
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 
@@ -138,7 +138,9 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     known = identify(fitted)
     radius = main_radius(fitted)
     beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
-    outside = beta_outside_theory(beta, known.poisson_ratio, radius / fitted.data.gel.thickness_mm)
+    h_mm = fitted.data.gel.thickness_mm
+    outside = beta_outside_theory(beta, known.poisson_ratio, radius / h_mm)
+    deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=known.c, beta=known.beta, reduced_modulus=known.reduced_modulus,
@@ -146,6 +148,6 @@ def _of_default(fitted: Fit) -> CalibrationResult:
         r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted),
         clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
         by_radius=known.by_radius, assumptions=(*common_assumptions(fitted), *known.assumptions),
-        warnings=(*fitted.warnings, *fitted.data.warnings, *([outside] if outside else [])),
+        warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
         flags=("beta_outside_theory",) if outside else (),
     )  # fmt: skip

@@ -55,6 +55,17 @@ def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float
     )
 
 
+def deeper_than_elements(deepest: float) -> str:
+    """A sentence where presses go deeper (w/h) than finite elements are tabulated; else empty."""
+    table = float(shipped_table().axes.depths[-1])
+    if deepest <= table:
+        return ""
+    return (
+        f"presses go to {deepest:.2f} of the gel's thickness, finite elements are tabulated to {table:g}: what "
+        "contact laws allow is carried on from there, not known"
+    )
+
+
 @lru_cache(maxsize=64)
 def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepest: float) -> Pair:
     """The smallest and the largest gamma of any tabulated law and friction, over depths w/h up to `deepest`.

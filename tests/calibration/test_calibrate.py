@@ -307,6 +307,13 @@ def test_one_depth_leaves_the_curvature_to_theory_and_says_so(beta: float) -> No
         calibrate(measured, law="paper")
 
 
+def test_depths_beyond_the_elements_are_flagged() -> None:
+    for deepest, said in ((0.72, False), (1.2, True)):
+        depth = deepest * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
+        result = calibrate(points_of(depth, 3.5 * depth * (1 + 0.87 * depth / 3)))
+        assert any("elements are tabulated to 0.25" in line for line in result.warnings) == said
+
+
 def test_presses_of_another_shape_are_left_out_and_named() -> None:
     measured = points_of(DEPTHS, FORCES)
     ball = Indenter("ball", shape="sphere", radius_mm=3.0)
