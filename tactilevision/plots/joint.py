@@ -43,7 +43,7 @@ def draw_joint(
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
         if bar[0] == bar[1]:
             words += f": {low:.3f} to {high:.3f}, off the picture"
-        axes.plot(bar, [y, y], color=colour, lw=4 if used else 1.5, label=words)
+        axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
     axes.legend(fontsize=8, loc="upper right")
