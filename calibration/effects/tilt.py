@@ -2,9 +2,10 @@
 
     w_up = a theta f(w/(a theta), a/h)    for -a theta < w < 2 a theta,    w_up = w beyond,
 
-w the depth of the face's centre; where the depth comes from the stage it counts from the first touch instead, and
-w = w_read - a theta. f is the exact contact without tension of a rigid flat face on a bonded layer, from the table
-of tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
+w = w_read - t a theta the depth of the face's centre: t is 1 where the depth counts from the first touch of the
+lower edge, as a stage's does, and 0 where it counts from the gel's own base; of other depths nobody says which. f
+is the exact contact without tension of a rigid flat face on a bonded layer, from the table of
+tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
 (w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Vanishes at theta = 0.
 Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 """
@@ -37,19 +38,27 @@ class Tilt(EffectBase):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """theta."""
-        return (Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),)
+        """theta, t."""
+        counts = "0: depth of the centre; 1: since the first touch"
+        return (Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
+                Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3))  # fmt: skip
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same; a stage's depth counts from the first touch."""
+        angle, touch = self.parameters
+        return (angle, replace(touch, default=1.0, bounds=(1.0, 1.0)) if data.depth_source == "stage" else touch)
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.002], [0.005], [0.01], [0.02], [0.04]])
+        counts = (1.0,) if data.depth_source == "stage" else (0.0, 1.0)
+        return np.array([[angle, touch] for angle in (0.002, 0.005, 0.01, 0.02, 0.04) for touch in counts])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Weaken the first touch."""
         if values[0] <= 0:
             return state
         reach = data.radius_mm * values[0]
-        depth = state.depth_mm - (reach if data.depth_source == "stage" else 0.0)
+        depth = state.depth_mm - reach * (1.0 if data.depth_source == "stage" else values[1])
         found = depth.copy()
         for radius in np.unique(data.presses.radius_mm):
             mine = data.radius_mm == radius
