@@ -11,6 +11,8 @@ import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.checks import rests
 from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
@@ -23,10 +25,11 @@ from tactilevision.press.timed import Chain
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch, watch
 from tactilevision.recording import BadFrame, Recording, iter_frames, require
-from tactilevision.records import Estimate, Footprint, ForceSeries, Indenter, Press
+from tactilevision.records import Estimate, Footprint, ForceSeries, Gel, Indenter, Press
 
 Progress = Callable[[int, int], None]
 _LONG, _LOOKS = 250, 12  # frames of a press beyond which their maps are not kept, and those looked at first
+_SILICONE = 0.48  # Poisson's ratio, to tell how much harder a wider punch presses
 _MARGIN_S = 0.5  # of frames before and after the press that the table names: the free gel, where there are any
 
 
@@ -49,7 +52,9 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
         level = levelled(forces, (window.tare for window in windows.values() if window is not None))
-        offset = estimate_offset(_seen(watches, windows, touches), level, start_s=offset.value)
+        offset = estimate_offset(
+            _seen(watches, windows, touches, recording.sensor.gel), level, start_s=offset.value
+        )
         windows = _windows(recording, forces, watches, offset.value or 0.0)
         touches = find_all(watches, windows, offset.value or 0.0, before=touches)
     offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
@@ -116,7 +121,7 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
     if recording.clock_offset_s is not None:
         known = recording.clock_offset_s
         return Estimate(known, 0.0, (known, known), "s")
-    seen = _seen(watches, {}, {})
+    seen = _seen(watches, {}, {}, recording.sensor.gel)
     if not seen:
         return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
     start, sure = coarse_offset(seen, forces)
@@ -126,7 +131,7 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
 
 
 def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None],
-          touches: Mapping[str, Touched]) -> list[Seen]:  # fmt: skip
+          touches: Mapping[str, Touched], gel: Gel | None) -> list[Seen]:  # fmt: skip
     """The presses for the clocks; the depth that the camera read at the touch is where the force passed
     through it.
     """
@@ -140,7 +145,10 @@ def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow
             level = float("inf")
             if touched.onset is not None and touched.onset.gain > SURE:
                 level = float(touched.law.force(touched.onset.at))
-        found.append(Seen(seen.time_s, seen.depth_mm, seen.indenter.radius_mm, level))
+        radius = stiffness = seen.indenter.radius_mm
+        if gel is not None:
+            stiffness *= float(fast_kappa(_SILICONE, np.clip(radius / gel.thickness_mm, *A_OVER_H_RANGE)))
+        found.append(Seen(seen.time_s, seen.depth_mm, radius, level, stiffness))
     return found
 
 

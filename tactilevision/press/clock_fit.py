@@ -104,13 +104,15 @@ class ClockProblem:
         return np.stack(columns, axis=1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
-    """Offset and its std; `misfit` is twice the negative logarithm of the likelihood, for comparing models."""
+    """Offset and its std; `misfit` (presses,) is twice the negative logarithm of the likelihood of each press'
+    frames, for comparing models.
+    """
 
     offset_s: float
     std_s: float
-    misfit: float
+    misfit: Floats
 
 
 def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
@@ -139,8 +141,9 @@ def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
     scores = jacobian * (weights * residual)[:, None]
     pulls = np.array([scores[problem.press == k].sum(axis=0) for k in range(problem.presses)]) @ inverse[0]
     variance = max(float(inverse[0, 0]) * noise**2, float((pulls**2).sum()))
-    misfit = float(np.sum(np.log1p((residual / (3 * noise)) ** 2))) * 9 + 2 * residual.size * np.log(noise)
-    return ClockFit(float(parameters[0]), float(np.sqrt(max(variance, 0.0))), float(misfit))
+    by_frame = 9 * np.log1p((residual / (3 * noise)) ** 2) + 2 * np.log(noise)
+    misfit = np.bincount(problem.press, weights=by_frame, minlength=problem.presses).astype(np.float64)
+    return ClockFit(float(parameters[0]), float(np.sqrt(max(variance, 0.0))), misfit)
 
 
 def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:

@@ -8,7 +8,7 @@ are the corners (first contact, end of the ramp) and the difference between load
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ _AROUND_S = 0.6
 _COVERED = 0.3  # of the frames must have force readings
 _SMOOTH_S = 0.045
 _SURE = 10.0  # by which the likelihood must favour a relaxing gel beyond the criterion of Schwarz
+_AGREE = 2.0  # standard deviations of that by what presses say of it one by one
 _CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known yet
 
 
@@ -31,29 +32,31 @@ class Seen:
 
     `kind` names presses that share their reading of depth: those of one punch radius. `touch_N` is the normal
     force at the bevel's touch, in the zero of the readings it goes with, inf where there is none, NaN where that
-    is not known yet.
+    is not known yet. `stiffness` is how much harder this punch presses than others at one depth, in any unit.
     """
 
     time_s: Floats
     depth_mm: Floats
     kind: float = 0.0
     touch_N: float = float("nan")
+    stiffness: float = 1.0
 
     def clear(self) -> Seen:
         """Where the touch is not known: the frames that hardly feel the bevel."""
         keep = np.isfinite(self.depth_mm)
         if np.isnan(self.touch_N) and keep.any():
             keep &= self.depth_mm <= _CLEAR * float(np.nanmax(self.depth_mm))
-        return Seen(self.time_s[keep], self.depth_mm[keep], self.kind, self.touch_N)
+        return replace(self, time_s=self.time_s[keep], depth_mm=self.depth_mm[keep])
 
 
 def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, float]:
-    """Offset at which depth and normal force correlate best, to about a frame, and that correlation.
+    """Offset at which depth times stiffness and normal force correlate best, to about a frame, and that
+    correlation.
 
     Looks within two seconds first, then over all offsets at which the forces cover the frames.
     """
     time = np.concatenate([seen.time_s for seen in presses])
-    depth = np.concatenate([seen.depth_mm for seen in presses])
+    depth = np.concatenate([seen.stiffness * seen.depth_mm for seen in presses])
     good = np.isfinite(depth)
     time, depth = time[good], depth[good]
     smooth = _smooth(forces)
@@ -106,7 +109,11 @@ def near_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float)
 
 
 def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> Estimate:
-    """Offset near `start_s` with its standard deviation."""
+    """Offset near `start_s` with its standard deviation.
+
+    A gel that relaxes within a few frames looks like a clock that is late: it is believed where the presses agree
+    on it, for the frames of one press err together.
+    """
     clear = [seen.clear() for seen in presses]
     clear = [seen for seen in clear if seen.time_s.size >= 4 and np.ptp(seen.depth_mm) > 0]
     if sum(seen.time_s.size for seen in clear) < 12:
@@ -114,13 +121,15 @@ def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: fl
     plain = fit_clock(_problem(clear, forces, ()), start_s)
     fading = fit_clock(_problem(clear, forces, _MEMORIES_S), plain.offset_s)
     needed = len(_MEMORIES_S) * np.log(sum(seen.time_s.size for seen in clear)) + _SURE
-    best = fading if fading.misfit < plain.misfit - needed else plain
+    gain = plain.misfit - fading.misfit
+    scatter = float(np.std(gain, ddof=1)) * np.sqrt(gain.size) if gain.size > 1 else 0.0
+    best = fading if gain.sum() - _AGREE * scatter > needed else plain
     std = max(best.std_s, 1e-4)
     return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
 
 
 def _problem(presses: Sequence[Seen], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
-    smooth = _smooth(forces)
+    smooth, slow = _smooth(forces), _smooth(forces, min(_MEMORIES_S))
     zero = float(np.median(smooth[smooth <= np.quantile(smooth, 0.3)]))
     time = np.concatenate([seen.time_s for seen in presses])
     scale = max(float(np.ptp(smooth)), 1e-9)
@@ -131,14 +140,15 @@ def _problem(presses: Sequence[Seen], forces: ForceSeries, memories: Sequence[fl
         time_s=time, depth_mm=np.concatenate([seen.depth_mm for seen in presses]),
         press=np.repeat(np.arange(len(presses)), counts), kind=number_of([seen.kind for seen in presses], counts),
         touch=np.repeat(touch, counts), force_time_s=forces.time_s,
-        series=np.array([normal, *(memory(forces.time_s, normal, fade) for fade in memories)]),
+        # a memory of the readings' own noise would smooth it, which fits better whatever the gel does
+        series=np.array([normal, *(memory(forces.time_s, slow / scale, fade) for fade in memories)]),
     )  # fmt: skip
 
 
-def _smooth(forces: ForceSeries) -> Floats:
+def _smooth(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:
     """Normal force, averaged over what rounds the ramps' corners only where no frame would tell."""
     force = forces.force_N[:, 2]
     interval = max(float(np.median(np.diff(forces.time_s))), 1e-9)
-    half = min(int(0.5 * _SMOOTH_S / interval), max(force.size // 20, 0))
+    half = min(int(0.5 * width_s / interval), max(force.size // 20, 0))
     padded = np.pad(force, half, mode="edge")
     return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid"))

@@ -115,3 +115,35 @@ def test_a_zero_that_drifts_is_no_lag() -> None:
 def test_forces_without_a_known_zero_stay_as_they_are() -> None:
     _, forces = presses(0.0, np.random.default_rng(0))
     assert levelled(forces, [Tare(None, np.nan, None, np.nan, np.full(3, np.nan))]) is forces
+
+
+def slow_presses(
+    rng: np.random.Generator, harder: tuple[float, float] = (1.0, 1.0)
+) -> tuple[list[Seen], ForceSeries]:
+    """Six slow presses by two punches in turn, two of each, filmed at 12 frames a second; clocks .03 s apart."""
+    force_time, tops = np.arange(0, 74, 0.005), (0.2, 0.3, 0.2, 0.3, 0.2, 0.3)
+    normal, seen = 0.2 + 0.012 * rng.standard_normal(force_time.size), []
+    for k, top in enumerate(tops):
+        corners = np.cumsum([2 + 12 * k, top / 0.15, 0.5, top / 0.15])
+        here, stiffness = np.interp(force_time, corners, [0, top, top, 0]), harder[k // 2 % 2]
+        normal += 2.9 * stiffness * here * (1 + 0.28 * here)
+        time = np.arange(0.7 + 12 * k + rng.uniform(0, 0.08), 10 + 12 * k, 1 / 12)
+        true = np.interp(time, corners, [0, top, top, 0])
+        read = true * rng.normal(1, 0.01) + np.where(true > 0, 0.0018, 0.0006) * rng.standard_normal(time.size)
+        seen.append(Seen(time, read, stiffness, np.inf, stiffness))
+    return seen, ForceSeries(force_time + 0.03, np.c_[0 * normal, 0 * normal, normal], (0.006, 0.006, 0.012))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_noise_of_the_force_is_no_relaxing_gel(seed: int) -> None:
+    """A memory of .2 s less a delay of as much smooths the readings: taken for a gel, it was 20 ms off."""
+    found = estimate_offset(*slow_presses(np.random.default_rng(seed)), start_s=0.03)
+    assert found.value == pytest.approx(0.03, abs=0.003)
+
+
+def test_a_wide_punch_presses_harder_at_one_depth() -> None:
+    """Of punches in turn that press unlike, the wrong pair once went together better than the right one."""
+    seen, forces = slow_presses(np.random.default_rng(1), (1.0, 6.0))
+    start, sure = coarse_offset(seen, forces)
+    assert start == pytest.approx(0.03, abs=0.05)
+    assert sure > 0.98
