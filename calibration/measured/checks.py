@@ -32,7 +32,7 @@ def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterat
     for indenter in (data.indenters[k] for k in np.unique(data.presses.indenter)):
         yield from _indenter(data, indenter, shape)
     yield from _depths(data, one_depth=one_depth)
-    yield from _forces(data)
+    yield from _forces(data, one_depth=one_depth)
 
 
 def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
@@ -104,7 +104,7 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
             yield _of_one_depth(radius, mine)
 
 
-def _forces(data: Observations) -> Iterator[InputError]:
+def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     force, depth = data.normal_N, data.depth_mm
     if not data.is_curves and (force <= 0).any():
         k = int(np.flatnonzero(force <= 0)[0])
@@ -112,7 +112,7 @@ def _forces(data: Observations) -> Iterator[InputError]:
                          value=float(force[k]), remedy="fz_N is positive when the indenter pushes.")  # fmt: skip
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
-    for radius in np.unique(data.presses.radius_mm):
+    for radius in () if one_depth else np.unique(data.presses.radius_mm):
         mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
         if mine.sum() > 1 and _falls(depth[mine], force[mine]):
             if np.ptp(depth[mine]) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
@@ -190,13 +190,18 @@ def lacks(data: Observations) -> Iterator[str]:
 
 
 def at_one_depth(data: Observations) -> bool:
-    """True where several points of each radius have one depth: they tell a secant, and no more."""
+    """True where several points of each radius have one depth: they tell a secant, and no more.
+
+    Depths that lie no further apart than their zeros scatter are one depth, too.
+    """
     radii = np.unique(data.presses.radius_mm)
     repeated = all(np.count_nonzero(data.presses.radius_mm == radius) > 1 for radius in radii)
-    return not data.is_curves and repeated and all(_one_depth(data, float(radius)) for radius in radii)
+    stated = data.depth_std_mm[np.isfinite(data.depth_std_mm)]
+    scatter = 2 * TOUCH * (float(np.median(stated)) if stated.size else TYPICAL_ZERO_MM)
+    return not data.is_curves and repeated and all(_one_depth(data, float(radius), scatter) for radius in radii)
 
 
-def _one_depth(data: Observations, radius_mm: float) -> bool:
+def _one_depth(data: Observations, radius_mm: float, scatter_mm: float = 0.0) -> bool:
     mine = (data.phase != "free") & (data.radius_mm == radius_mm)
     depth = data.depth_mm[mine]
-    return bool(depth.size and np.ptp(depth) < SAME_DEPTH * np.max(depth))
+    return bool(depth.size and np.ptp(depth) < max(SAME_DEPTH * np.max(depth), scatter_mm))
