@@ -12,6 +12,7 @@ Colours are in the order red, green, blue.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -178,7 +179,7 @@ class HeightMap:
                 where="HeightMap",
                 value=(self.depth_mm.shape, self.valid.shape),
             )
-        if not all(np.isfinite(s) and s > 0 for s in self.mm_per_px):
+        if not all(0 < s < math.inf for s in self.mm_per_px):
             raise InputError("a height map needs its scale in mm per pixel, x and y, above 0", where="HeightMap",
                              value=self.mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
 

@@ -81,14 +81,14 @@ class CalmReader:
         full = method.change.maps
         x, y = (np.asarray(places[:end].reshape(-1, px).mean(axis=1))
                 for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop)))  # fmt: skip
-        self.maps = ChangeMaps(self._means(full.mean), x, y)
-        noise = self._means(method.change.noise)
+        self.maps = ChangeMaps(self._over(full.mean), x, y)
+        noise = self._over(method.change.noise)
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
         self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
-        self.calm = self._means(method.calm[None])[0]
-        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - self._means(np.stack(method.rest))
-        self.bias = self._means(method.bias) + rest * self.calm
-        noise = self._means(method.noise[None])[0]
+        self.calm = self._over(method.calm[None])[0]
+        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - self._over(np.stack(method.rest))
+        self.bias = self._over(method.bias) + rest * self.calm
+        noise = self._over(method.noise[None])[0]
         self.loud = LOUD * noise
         self.per_noise = np.where(self.calm > 0.5, noise, np.float32(np.inf)) ** -2
         self._change = np.empty_like(self.maps.mean)
@@ -97,9 +97,9 @@ class CalmReader:
         blocks = [-(-n // self.block) for n in self.calm.shape]
         self._seen = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
 
-    def follow(self) -> None:
-        """To be called when the method's reference has moved."""
-        self.maps.mean[...] = self._means(self.method.change.level)
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
+        self.maps.mean += np.float32(share) * (self._means(rgb) - self.maps.mean)
         self.maps.settle()
 
     def read(self, rgb: Bytes) -> Reading:
@@ -152,10 +152,10 @@ class CalmReader:
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
-        greys = self._means(self.method.change.greys)
+        greys = self._means(self.method.change.rgb)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
-            self.evaluate.strip(self.maps.changes(greys, window, change), window, part)
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, change), window, part)
             part *= self.calm[window]
             part -= self.bias[:, window[0]]
 
@@ -182,19 +182,20 @@ class CalmReader:
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
         return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 
-    def _means(self, planes: npt.NDArray[np.generic]) -> Picture:
-        """Means (n, h, w) over `px` by `px` pixels of planes (n, H, W), exact for whole numbers."""
+    def _means(self, picture: npt.NDArray[np.generic]) -> Planes:
+        """Means (n, h, w) over `px` by `px` pixels of a picture (H, W, n), exact for whole numbers."""
         rows, columns = self.even
-        number, height, width = len(planes), self.size[1], self.size[0]
-        total = np.add.reduce(
-            planes[:, rows].reshape(number, height, self.px, -1)[..., columns],
-            axis=2,
-            dtype=np.uint16 if planes.dtype == np.uint8 else np.float32,
-        )
-        long = np.asarray(total.reshape(number * height, -1), np.float32)
-        means = cv2.resize(long, (width, number * height), interpolation=cv2.INTER_AREA)
-        means *= np.float32(1.0 / self.px)
-        return np.asarray(means).reshape(number, height, width)
+        lines = picture[rows].reshape(self.size[1], self.px, -1)
+        total = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32)
+        across = np.asarray(total.reshape(self.size[1], *picture.shape[1:])[:, columns], np.float32)
+        means = cv2.resize(across, self.size, interpolation=cv2.INTER_AREA).reshape(*self.size[::-1], -1)
+        out: Planes = np.empty((picture.shape[2], *self.size[::-1]), np.float32)
+        np.multiply(means.transpose(2, 0, 1), np.float32(1.0 / self.px), out=out)
+        return out
+
+    def _over(self, planes: Planes) -> Planes:
+        """Means (n, h, w) of planes (n, H, W)."""
+        return self._means(planes.transpose(1, 2, 0))
 
 
 def _scatter(slopes: Planes) -> Picture:

@@ -10,7 +10,7 @@ Marks on the gel are filled from around, in I0 once and in u frame by frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import cv2
@@ -55,15 +55,12 @@ class ChangeMaps:
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
         self.rest = np.asarray(SOFTENING_GREY - gains[:, 3, None, None] * share[:, :, None], np.float32)
 
-    def changes(self, greys: npt.NDArray[Any], window: Window, out: Planes) -> Planes:
-        """Changes (3, h, w) of a window of channels (3, H, W): ((I - b) gain + s) / (I0 + s) - 1, into `out`."""
+    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, out: Planes) -> Planes:
+        """Changes ((I - b) gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
-        if greys.dtype == np.float32:
-            out *= greys[:, rows, columns]
-        else:
-            for grey, plane in zip(greys, out, strict=True):
-                cv2.multiply(grey[window], plane, dst=plane, dtype=cv2.CV_32F)
+        for grey, plane in zip(greys, out, strict=True):
+            cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
         out += self.rest
         out *= self.scale[:, rows, columns]
         out -= np.float32(1.0)
@@ -82,9 +79,8 @@ class ColourChange:
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self.greys: Bytes = np.empty((3, *reference.shape), np.uint8)
+        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
         self._whole: Planes = np.empty_like(mean)
-        self._strip = np.empty(3 * max(STRIP_PX, reference.shape[1]), np.float32)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """Changes (3, H, W), drift, and validity (H, W) of a frame.
@@ -93,7 +89,7 @@ class ColourChange:
         """
         drift, valid = self.take(rgb)
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
-            self.maps.changes(self.greys, window, self._whole[:, window[0]])
+            self.maps.changes(cv2.split(rgb[window]), window, self._whole[:, window[0]])
         if self.reference.marks is not None:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
@@ -103,21 +99,21 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        cv2.split(rgb, list(self.greys))
+        self.rgb = rgb
         if rgb.max() < SATURATED:
             return drift, self.reference.usable.copy()
-        brightest = cv2.max(cv2.max(self.greys[0], self.greys[1]), self.greys[2])
-        return drift, self.reference.usable & (brightest < SATURATED)
+        red, green, blue = cv2.split(rgb)
+        return drift, self.reference.usable & (cv2.max(cv2.max(red, green), blue) < SATURATED)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
-        """The changes (3, h, w) of the frame taken in, strip by strip of a window, each good until the next.
+        """The changes (3, h, w) of the frame taken in, strip by strip of a window.
 
         Not where marks have to be filled: `measure` sees the whole picture.
         """
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
-            out = self._strip[: 3 * size[0] * size[1]].reshape(3, *size)
-            yield window, self.maps.changes(self.greys, window, out)
+            out: Planes = np.empty((3, *size), np.float32)
+            yield window, self.maps.changes(cv2.split(self.rgb[window]), window, out)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""

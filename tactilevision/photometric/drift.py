@@ -60,6 +60,9 @@ class DriftTracker:
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
         self.inside = min(SAMPLED, block)
+        lines = self.inside * self.size[1]
+        self.rows = np.arange(lines) * height // lines
+        self.across = np.tile(np.eye(3) / self.inside**2, self.inside)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)[:, None]
@@ -143,10 +146,11 @@ class DriftTracker:
 
     def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
         """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
-        few = (self.size[0] * self.inside, self.size[1] * self.inside)
-        sampled = cv2.resize(picture, few, interpolation=cv2.INTER_NEAREST).astype(np.float32)
-        blocks = cv2.resize(sampled, self.size, interpolation=cv2.INTER_AREA)
-        return np.array(blocks.reshape(-1, 3).T, np.float64, order="C")
+        lines = picture[self.rows].reshape(self.size[1], self.inside, -1)
+        total = np.add.reduce(lines, axis=1, dtype=np.uint16 if lines.dtype == np.uint8 else np.float32)
+        few = self.size[0] * self.inside, self.size[1]
+        sampled = cv2.resize(total.reshape(self.size[1], -1, 3), few, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(self.across @ sampled.reshape(-1, 3 * self.inside).T)
 
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
@@ -162,7 +166,8 @@ class DriftTracker:
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
         gains = np.zeros((3, 4))
-        gains[:, :3] = np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0]
+        for found, left, wanted in zip(gains, normal.reshape(3, 3, 3), right[:, :, None], strict=True):
+            found[:3] = cv2.solve(left, wanted, flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
         return gains
 
     def _check(self, blocks: Floats, change: Floats) -> None:

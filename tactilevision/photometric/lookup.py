@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.change import STRIP_PX, Window, strips
+from tactilevision.photometric.change import Window, strips
 from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
@@ -105,9 +105,6 @@ class LookupEvaluator:
         self.slopes = lookup.fine.view(np.complex64).ravel()
         self.per, self.shift = lookup.per, -lookup.lowest * lookup.per
         self.lookup = lookup
-        most = max(STRIP_PX, shape[1])
-        self._cells, self._total = np.empty(3 * most, np.uint8), np.empty(3 * most, np.float32)
-        self._index, self._found = np.empty(most, np.intp), np.empty(most, np.complex64)
 
     def __call__(self, change: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
@@ -118,26 +115,22 @@ class LookupEvaluator:
 
     def strip(self, change: npt.NDArray[np.float32], window: Window, out: npt.NDArray[np.float32]) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        index, found = self._entries(change), self._found[: change[0].size].reshape(change.shape[1:])
-        self.slopes.take(index, out=found, mode="clip")  # not "raise", which copies `out`
+        found = self.slopes.take(self._entries(change), mode="clip")
         out[0], out[1] = found.real, found.imag
 
     def _entries(self, change: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
         """Entries (h, w) for changes (3, h, w); float32 counts to FINE^3 exactly."""
-        cells, total = (held[: change.size].reshape(change.shape) for held in (self._cells, self._total))
+        cells = np.empty(change.shape, np.uint8)
         for seen, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
             # rounded, and held between 0 and 255
             cv2.addWeighted(seen, float(per), seen, 0.0, float(shift), dst=cell, dtype=cv2.CV_8U)
         np.minimum(cells, FINE - 1, out=cells)
-        np.copyto(total, cells)
-        red, green, blue = total
+        red, green, blue = cells.astype(np.float32)
         red *= FINE
         red += green
         red *= FINE
         red += blue
-        index = self._index[: red.size].reshape(red.shape)
-        np.copyto(index, red, casting="unsafe")
-        return index
+        return np.asarray(red, np.intp)
 
     def noise(self, noise: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""

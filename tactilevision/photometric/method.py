@@ -147,7 +147,7 @@ class CalibratedMethod:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
         self.change.follow(rgb_rectified, share)
         if self.calm_reader:
-            self.calm_reader.follow()
+            self.calm_reader.follow(rgb_rectified, share)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""

@@ -27,7 +27,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.change import STRIP_PX, Window, strips
+from tactilevision.photometric.change import Window, strips
 from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
@@ -157,9 +157,7 @@ class PolynomialEvaluator:
         self.per_row: Picture = per_row.reshape(shape[0], 8, len(PRODUCTS)).astype(np.float32)
         self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        most = max(STRIP_PX, shape[1])
         self._x = np.repeat(self.x[None, :], shape[0], axis=0)
-        self._products, self._sums = np.empty(len(PRODUCTS) * most, np.float32), np.empty(8 * most, np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
@@ -170,12 +168,13 @@ class PolynomialEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        size, pixels = change.shape[1:], change[0].size
-        products = self._products[: len(PRODUCTS) * pixels].reshape(-1, *size)
-        np.copyto(products[:3], change)
+        size = change.shape[1:]
+        # made anew for each strip: so it lies where the last one's was, which is still in the cache
+        products = np.empty((len(PRODUCTS), *size), np.float32)
+        products[:3] = change
         for first, below, above in RAISED:
             np.multiply(products[below], products[first], out=products[above])
-        by_row = self._sums[: 8 * pixels].reshape(8, *size)
+        by_row = np.empty((8, *size), np.float32)
         np.matmul(self.per_row[window[0]], products.transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
         sums, x = by_row.reshape(4, 2, *size), self._x[window]
         found = sums[3]
