@@ -11,9 +11,10 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
@@ -27,6 +28,8 @@ from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_o
 
 TABLE = "depth.csv"
 MAPS, STORE = "depth", "depth.zarr"
+WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
+STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
 JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms")
 Form = Literal["tiff", "zarr"]
@@ -150,7 +153,8 @@ def measure(height: HeightMap) -> tuple[float, float]:
 
     The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set. Pressed in: deeper
     than five robust standard deviations of the map's shallower half, and than 10 µm; specks below a tenth of the
-    largest region do not count.
+    largest region do not count. Slow waves of untouched gel go as deep as that over wide areas: a region counts
+    where it is deeper than they are to be expected anywhere in the picture (`_surely_mm`).
     """
     from skimage.measure import label
 
@@ -159,10 +163,25 @@ def measure(height: HeightMap) -> tuple[float, float]:
         return float("nan"), float("nan")
     quiet = depth[depth <= np.median(depth)]
     noise = 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
-    pressed = height.valid & (height.depth_mm > max(5 * noise, 0.01))
-    sizes = np.bincount(label(pressed, connectivity=1).ravel())[1:]
+    regions = label(height.valid & (height.depth_mm > max(5 * noise, 0.01)), connectivity=1)
+    sizes = np.bincount(regions.ravel())
+    sure = np.bincount(regions.ravel(), (height.depth_mm > _surely_mm(height)).ravel(), len(sizes)) > 0
+    sizes = np.where(sure, sizes, 0)[1:]
     pixels = sizes[sizes >= 0.1 * sizes.max()].sum() if sizes.size else 0
     return float(np.percentile(depth, 99.9)), float(pixels * height.mm_per_px[0] * height.mm_per_px[1])
+
+
+def _surely_mm(height: HeightMap) -> npt.NDArray[np.floating[Any]] | float:
+    """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
+
+        sqrt(2 ln N) standard deviations
+
+    above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
+    """
+    if height.std_mm is None:
+        return 0.0
+    patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
+    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * height.std_mm)
 
 
 def table(rows: Iterable[FrameResult]) -> str:

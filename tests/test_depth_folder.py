@@ -129,3 +129,23 @@ def test_measure_finds_a_pressed_disc() -> None:
     peak, area = measure(HeightMap(depth, np.ones_like(inside), (0.05, 0.05)))
     assert peak == pytest.approx(0.3, abs=0.02)
     assert area == pytest.approx(np.pi * 4, rel=0.02)
+
+
+def test_waves_of_untouched_gel_are_no_contact_and_a_gentle_touch_is() -> None:
+    """Waves as deep as their stated deviation says, over 3 mm; then a ball that goes 30 um in among them."""
+    rng, scale, std_mm = np.random.default_rng(4), 0.0634, 0.004
+    y, x = (np.indices((320, 427)) - np.array([160, 213])[:, None, None]) * scale
+    touch = np.maximum(0.03 - (x**2 + y**2) / 8.0, 0.0)
+    areas = []
+    for _ in range(20):
+        waves = cv2.GaussianBlur(rng.standard_normal(x.shape), (0, 0), 1.5 / scale)
+        waves *= std_mm / waves.std()
+        std = np.full(x.shape, std_mm, np.float32)
+        maps = [
+            HeightMap(depth, np.ones(x.shape, np.bool_), (scale, scale), std) for depth in (waves, waves + touch)
+        ]
+        areas.append([measure(height)[1] for height in maps])
+    free, touched = np.array(areas).T
+    assert np.count_nonzero(free) <= 1
+    assert touched.min() > 0.2
+    assert np.median(touched) < 1.5, "of .75 mm2 above the waves"
