@@ -1,0 +1,103 @@
+"""Contacts cut by a region of interest or by the picture's border, against exact surfaces: right, or refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactilevision.errors import InputError
+from tactilevision.flat_border import integrate_flat_border
+from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.surface import integrate
+
+SHAPE, STEP, DEEP, WIDE = (120, 160), 0.1, 0.4, 1.6
+
+
+def dent(centre_mm: Pair, shape: tuple[int, int] = SHAPE) -> tuple[Floats, SlopeMap, Floats]:
+    """Depth DEEP exp(-r^2/WIDE^2), its slopes as written down, and r."""
+    y, x = np.indices(shape) * STEP
+    x, y = x - centre_mm[0], y - centre_mm[1]
+    depth = DEEP * np.exp(-(x**2 + y**2) / WIDE**2)
+    return depth, SlopeMap(-2 * x / WIDE**2 * depth, -2 * y / WIDE**2 * depth), np.hypot(x, y)
+
+
+def off(found: npt.NDArray[np.floating[Any]], true: Floats, where: Bools, away: Bools) -> float:
+    """Greatest error in parts of DEEP, counted from the untouched gel."""
+    level = float(np.median((found - true)[where & away]))
+    return float(np.abs(found - true - level)[where].max()) / DEEP
+
+
+@pytest.mark.parametrize("left_mm", [5.0, 7.0, 8.0, 8.8])
+def test_a_region_that_cuts_a_contact_keeps_its_depth(left_mm: float) -> None:
+    """Slopes outside the region are nonsense; the cut goes beside, through and past the middle."""
+    true, slopes, r = dent((8.0, 6.0))
+    region = np.indices(SHAPE)[1] * STEP >= left_mm
+    nonsense = np.random.default_rng(0).normal(0.0, 3.0, (2, *SHAPE))
+    p, q = (np.where(region, s, n) for s, n in zip((slopes.dz_dx, slopes.dz_dy), nonsense, strict=True))
+    assert off(integrate(SlopeMap(p, q, region), (STEP, STEP)), true, region, r > 4.0) < 0.01
+    assert off(integrate(SlopeMap(p, q), (STEP, STEP)), true, region, r > 4.0) > 0.05, "left out, it spoils all"
+
+
+def test_a_region_with_a_hole_carries_the_depth_round_it() -> None:
+    true, slopes, r = dent((8.0, 6.0))
+    region = np.hypot(*(np.indices(SHAPE) * STEP - np.array([6.0, 9.0])[:, None, None])) > 0.7
+    p = np.where(region, slopes.dz_dx, np.nan)
+    assert off(integrate(SlopeMap(p, slopes.dz_dy), (STEP, STEP)), true, region, r > 4.0) < 0.02
+
+
+@pytest.mark.parametrize("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (0.5, 0.5)])
+def test_a_free_border_keeps_the_depth_of_a_contact_that_it_cuts(centre_mm: Pair) -> None:
+    true, slopes, r = dent(centre_mm)
+    everywhere = np.ones(SHAPE, np.bool_)
+    assert off(integrate(slopes, (STEP, STEP)), true, everywhere, r > 4.0) < 0.01
+
+
+@pytest.mark.parametrize("centre_mm", [(0.0, 6.0), (1.0, 6.0), (8.0, 0.2), (1.5, 1.5)])
+def test_a_border_that_cuts_a_contact_is_not_called_flat(centre_mm: Pair) -> None:
+    with pytest.raises(InputError, match="not flat"):
+        integrate_flat_border(dent(centre_mm)[1], (STEP, STEP))
+
+
+def test_a_tilt_is_not_called_flat() -> None:
+    with pytest.raises(InputError, match="not flat"):
+        integrate_flat_border(SlopeMap(np.full(SHAPE, 0.01), np.zeros(SHAPE)), (STEP, STEP))
+
+
+@pytest.mark.parametrize("shape", [(120, 160), (101, 163)])
+def test_a_contact_within_a_flat_border_comes_out_whole(shape: tuple[int, int]) -> None:
+    true, slopes, _ = dent((8.0, 5.0), shape)
+    found = integrate_flat_border(slopes, (STEP, STEP))
+    assert np.abs(found - true).max() < 0.005 * DEEP
+    assert np.abs(found[[0, -1]]).max() == np.abs(found[:, [0, -1]]).max() == 0.0
+
+
+def test_its_error_falls_with_the_square_of_the_pixel() -> None:
+    misses = []
+    for finer in (1, 2, 4):
+        y, x = np.indices((40 * finer + 1, 60 * finer + 1)) * (0.1 / finer)
+        depth = np.sin(np.pi * x / 6.0) * np.sin(np.pi * y / 4.0)
+        p = np.pi / 6.0 * np.cos(np.pi * x / 6.0) * np.sin(np.pi * y / 4.0)
+        q = np.pi / 4.0 * np.sin(np.pi * x / 6.0) * np.cos(np.pi * y / 4.0)
+        found = integrate_flat_border(SlopeMap(p, q), (0.1 / finer, 0.1 / finer))
+        misses.append(float(np.abs(found - depth).max()))
+    assert np.log2(misses[0] / misses[1]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(misses[1] / misses[2]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_slow_errors_of_slope_float_less_within_a_flat_border() -> None:
+    """A slope that is wrong by the same all over the picture: a free border takes it for a tilt."""
+    true, slopes, _ = dent((8.0, 6.0))
+    wrong = SlopeMap(slopes.dz_dx + 0.001, slopes.dz_dy)
+    assert np.abs(integrate_flat_border(wrong, (STEP, STEP)) - true).max() < 0.01 * DEEP
+    free = integrate(wrong, (STEP, STEP))
+    assert np.abs(free - np.median(free) - true).max() > 0.015 * DEEP
+
+
+def test_slopes_that_are_not_there_are_refused() -> None:
+    _, slopes, _ = dent((8.0, 6.0))
+    slopes.dz_dx[4, 5] = np.nan
+    with pytest.raises(InputError, match="slopes everywhere"):
+        integrate_flat_border(slopes, (STEP, STEP))
