@@ -49,12 +49,12 @@ if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
     from tactilevision.recording import Recording
 
+Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None]
 DEFAULT = "polynomial"
 SLOPE_BLOCKS = 600
 MOST_WAVES = 8
-READABLE = (
-    0.8  # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
-)
+# of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
+READABLE = 0.8
 
 
 class Reconstructor:
@@ -83,8 +83,8 @@ class Reconstructor:
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them.
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        height = self.rectified_map(self.rectified(frame))
-        return dataclasses.replace(height, time_s=frame.time_s, name=frame.name)
+        surface, valid, std = self._mapped(self.rectified(frame))
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name)
 
     def rectified(self, frame: Frame) -> Bytes:
         """The rectified picture of a raw frame."""
@@ -92,6 +92,11 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
+        surface, valid, std = self._mapped(rgb)
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std)
+
+    def _mapped(self, rgb: Bytes) -> Mapped:
+        """Depth, validity and deviation (H, W) each of a rectified picture."""
         if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
             return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
         slopes, untouched, steepest, surface = self._glance(rgb)
@@ -104,12 +109,10 @@ class Reconstructor:
         if self.error:
             std = self.error.std_mm(surface, slopes if self.error.too_steep(steepest) else None, self.zero, walls)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std)
+        return surface, valid, std
 
-    def _on_two_grids(
-        self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids
-    ) -> HeightMap:
-        """As `rectified_map`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+    def _on_two_grids(self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids) -> Mapped:
+        """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
         fine, walls = self._restored(look, reader)
         coarse = grids.coarse(look.coarse, look.windows, fine)
@@ -121,7 +124,7 @@ class Reconstructor:
         if self.error:
             hidden = not walls and self.error.too_steep(look.steepest)
             std = self.error.std_mm(surface, reader.whole(look) if hidden else None, self.zero, walls)
-        return HeightMap(surface, look.valid, self.sensor.mm_per_px, std)
+        return surface, look.valid, std
 
     def _restored(self, look: Look, reader: CalmReader) -> tuple[list[Planes], list[Wall]]:
         """The fine slopes of a look with its walls restored, and these."""

@@ -107,7 +107,7 @@ def _profiles(
     inward = slopes.dz_dx[window] * dx
     inward += slopes.dz_dy[window] * dy
     inward /= -np.maximum(r, np.float32(1e-9))
-    sectors = int(np.clip(0.8 * circle[2] / px, 8, 32))
+    sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
     bins = int((bounds_mm[1] - bounds_mm[0]) / step)
     # what lies nearer or farther goes to one more bin at either end, which is left out
     r -= np.float32(bounds_mm[0] - step)
@@ -197,7 +197,12 @@ def _solved(terms: Floats, values: Floats, weights: Floats) -> Floats:
     """Weighted least squares of values (n,) over terms (3, n)."""
     heavy = terms * weights
     normal = heavy @ terms.T + STIFFENING
-    return np.asarray(cv2.solve(normal, (heavy @ values)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+    return solved(normal, heavy @ values)
+
+
+def solved(normal: Floats, right: Floats) -> Floats:
+    """The solution (k,) of normal equations (k, k)."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
 def _trust(off: Floats, scale: float) -> Floats:

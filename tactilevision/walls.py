@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.rim import Rim, find_rims, part_of, window_of
+from tactilevision.rim import Rim, find_rims, part_of, solved, window_of
 
 Picture = npt.NDArray[np.floating[Any]]
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
@@ -198,10 +198,11 @@ def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Flo
     for _ in range(ROUNDS):
         slope = (left[1:] - left[0]) / steps[:, None]
         normal, uphill = slope @ slope.T, slope @ left[0]
-        if uphill @ np.linalg.solve(normal, uphill) < SETTLED:
+        if uphill @ solved(normal, uphill) < SETTLED:
             break
         for _ in range(5):
-            trial = unknown - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), uphill)
+            damped = 1.0 + damping * np.eye(len(start))
+            trial = unknown - solved(normal * damped, uphill)
             after = misfit(trial + aside)
             if after[0] @ after[0] < left[0] @ left[0]:
                 break

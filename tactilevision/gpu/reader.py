@@ -49,8 +49,7 @@ class TorchReader:
             depth = self.solver.surface(slopes).cpu().numpy()
             found: Planes = slopes.cpu().numpy()
             steepest = _steepest(slopes)
-        valid &= method.readable
-        return Reading(SlopeMap(found[0], found[1], valid), drift, steepest), depth
+        return Reading(SlopeMap(found[0], found[1], valid & method.readable), drift, steepest), depth
 
     def look(self, rgb: Bytes) -> Look:
         """What a frame says, calm gel in means, as the method's own reader of calm gel gives it."""
@@ -66,7 +65,7 @@ class TorchReader:
             slopes = self.whole.slopes(greys) if windows else coarse
             fine = [slopes[:, *window] for window in windows]
             steepest = max(_steepest(part) for part in (coarse, *fine))
-        valid &= self.method.readable
+        valid = valid & self.method.readable
         return Look(coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest)
 
     def _greys(self, rgb: Bytes) -> torch.Tensor:

@@ -118,8 +118,7 @@ class CalmReader:
             slopes, steep = self.method.read_window(window)
             steepest = max(steepest, steep)
             fine.append(slopes)
-        valid &= self.method.readable
-        return Look(self._slopes, windows, fine, valid, drift, steepest)
+        return Look(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
 
     def whole(self, look: Look) -> SlopeMap:
         """The slopes of a look pixel by pixel."""

@@ -95,13 +95,13 @@ class ColourChange:
         return self._whole, drift, valid
 
     def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
-        """Take a frame in: its drift, and validity (H, W); `within` then tells its changes."""
+        """Take a frame in: its drift, and validity (H, W), to be left so; `within` then tells its changes."""
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
         self.rgb = rgb
         if rgb.max() < SATURATED:
-            return drift, self.reference.usable.copy()
+            return drift, self.reference.usable
         red, green, blue = cv2.split(rgb)
         return drift, self.reference.usable & (cv2.max(cv2.max(red, green), blue) < SATURATED)
 

@@ -112,8 +112,7 @@ class CalibratedMethod:
             parts = ((window, changes[:, window[0]]) for window in strips(whole))
         slopes: Planes = np.empty((2, height, width), np.float32)
         steepest = self._read_into(slopes, parts)
-        valid &= self.readable
-        return Reading(SlopeMap(slopes[0], slopes[1], valid), drift, steepest)
+        return Reading(SlopeMap(slopes[0], slopes[1], valid & self.readable), drift, steepest)
 
     def glance(self, rgb_rectified: Bytes) -> Reading:
         """As `read`, calm gel in means of pixels: for surfaces, in which single pixels do not matter."""
