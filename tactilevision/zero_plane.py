@@ -71,8 +71,10 @@ def find_zero_plane(
     terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
     if count < len(free):
         terms, blocks = terms[:, free], blocks[free]
-    spread = terms.max(axis=1) - terms.min(axis=1)
-    used = [0, *(k for k in (1, 2) if spread[k] > 1.0), *((3, 4) if terms[3].max() > 0 else ())]
+    tilts = [1, 2]
+    if 3 * count < 2 * len(free):  # two thirds of them never lie within half of the picture
+        tilts = [k for k in tilts if np.ptp(terms[k]) > 1.0]
+    used = [0, *tilts, *((3, 4) if count < len(free) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
     solution, std = _robust(terms[used], blocks, rises=4 in used, decay_std=decay_std)
     full = np.zeros(5)
