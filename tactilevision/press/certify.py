@@ -15,7 +15,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.press.certificate import Certificate
 from tactilevision.press.checks import rests
-from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
+from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, jumps, near_offset, said_of_jumps
 from tactilevision.press.conclude import conclude
 from tactilevision.press.copies import allow_for_copies, copied, noting
 from tactilevision.press.force_window import ForceWindow, force_window
@@ -52,12 +52,14 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
         level = levelled(forces, (window.tare for window in windows.values() if window is not None))
-        offset = estimate_offset(
-            _seen(watches, windows, touches, recording.sensor.gel), level, start_s=offset.value
-        )
+        seen = _seen(watches, windows, touches, recording.sensor.gel)
+        offset = estimate_offset(list(seen.values()), level, start_s=offset.value)
         windows = _windows(recording, forces, watches, offset.value or 0.0)
         touches = find_all(watches, windows, offset.value or 0.0, before=touches)
     offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
+    if offset.value is not None:
+        strays = jumps(_seen(watches, windows, touches, recording.sensor.gel), forces, offset.value)
+        notes = (*notes, *said_of_jumps(strays))
     rest_s = dict(zip(watches, rests(recording.presses), strict=True))
     return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes))
 
@@ -121,7 +123,7 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
     if recording.clock_offset_s is not None:
         known = recording.clock_offset_s
         return Estimate(known, 0.0, (known, known), "s")
-    seen = _seen(watches, {}, {}, recording.sensor.gel)
+    seen = list(_seen(watches, {}, {}, recording.sensor.gel).values())
     if not seen:
         return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
     start, sure = coarse_offset(seen, forces)
@@ -131,11 +133,11 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
 
 
 def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None],
-          touches: Mapping[str, Touched], gel: Gel | None) -> list[Seen]:  # fmt: skip
-    """The presses for the clocks; the depth that the camera read at the touch is where the force passed
+          touches: Mapping[str, Touched], gel: Gel | None) -> dict[str, Seen]:  # fmt: skip
+    """The presses for the clocks, by label; the depth that the camera read at the touch is where the force passed
     through it.
     """
-    found = []
+    found = {}
     for name, seen in watches.items():
         if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
             continue
@@ -148,7 +150,7 @@ def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow
         radius = stiffness = seen.indenter.radius_mm
         if gel is not None:
             stiffness *= float(fast_kappa(_SILICONE, np.clip(radius / gel.thickness_mm, *A_OVER_H_RANGE)))
-        found.append(Seen(seen.time_s, seen.depth_mm, radius, level, stiffness))
+        found[name] = Seen(seen.time_s, seen.depth_mm, radius, level, stiffness)
     return found
 
 

@@ -7,7 +7,7 @@ are the corners (first contact, end of the ramp) and the difference between load
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ _MEMORIES_S = (0.2, 1.0, 5.0)
 _NEAR_S, _STEP_S = 2.0, 0.01
 _WIDE = 20000  # offsets tried at most where the clocks have different origins
 _AROUND_S = 0.6
+_JUMP_S, _ELSEWHERE = 0.15, 9.0  # s, and times the mean square: what no press of one clock does
 _COVERED = 0.3  # of the frames must have force readings
 _SMOOTH_S = 0.045
 _SURE = 10.0  # by which the likelihood must favour a relaxing gel beyond the criterion of Schwarz
@@ -94,18 +95,51 @@ def near_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float)
     """A better start: the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
     grid = start_s + np.arange(-_AROUND_S, _AROUND_S + 1e-9, _STEP_S)
     force, total = _smooth(forces), np.zeros(grid.size)
-    for seen in presses:
-        clear = seen.clear()
-        if clear.time_s.size < 6 or np.ptp(clear.depth_mm) <= 0:
-            continue
-        moved = np.interp(clear.time_s[None, :] + grid[:, None], forces.time_s, force)
-        basis = np.stack([np.ones_like(moved), moved, moved**2], axis=-1)
-        normal = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(3)
-        right = basis.transpose(0, 2, 1) @ clear.depth_mm
-        fitted = (np.linalg.solve(normal, right[..., None])[..., 0] * right).sum(axis=1)
-        square = np.maximum((clear.depth_mm**2).sum() - fitted, 0)
-        total += clear.time_s.size * np.log(square / clear.time_s.size + 1e-8)
+    for clear in (seen.clear() for seen in presses):
+        if _ramps(clear):
+            total += clear.time_s.size * np.log(_beside_parabola(clear, grid, forces.time_s, force) + 1e-8)
     return float(grid[int(total.argmin())])
+
+
+def jumps(presses: Mapping[str, Seen], forces: ForceSeries, offset_s: float) -> dict[str, float]:
+    """By how much the clocks of single presses are off `offset_s` (s), of those that fit far better elsewhere.
+
+    One clock was set anew between them and the others, or readings were lost and the rest moved up.
+    """
+    grid = np.r_[offset_s, offset_s + np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)]
+    force, found = _smooth(forces), {}
+    for name, clear in ((name, seen.clear()) for name, seen in presses.items()):
+        if not _ramps(clear):
+            continue
+        square = _beside_parabola(clear, grid, forces.time_s, force)
+        away = float(grid[int(square.argmin())]) - offset_s
+        if abs(away) > _JUMP_S and square[0] > _ELSEWHERE * square.min() + 1e-8:
+            found[name] = away
+    return found
+
+
+def said_of_jumps(strays: Mapping[str, float]) -> Iterator[str]:
+    """A warning that names the presses whose force comes too late or too early."""
+    if strays:
+        named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in strays.items())
+        yield (
+            "forces.csv: depth and force of some presses go together only at another offset of the clocks than "
+            f"those of the others: {named}. Was a clock set anew, or were readings lost? Give these a recording of their own."
+        )
+
+
+def _ramps(clear: Seen) -> bool:
+    return clear.time_s.size >= 6 and bool(np.ptp(clear.depth_mm) > 0)
+
+
+def _beside_parabola(seen: Seen, offsets: Floats, force_time: Floats, force: Floats) -> Floats:
+    """Mean square (offsets,) in mm² of the depth beside the best parabola of the force at each offset."""
+    moved = np.interp(seen.time_s[None, :] + offsets[:, None], force_time, force)
+    basis = np.stack([np.ones_like(moved), moved, moved**2], axis=-1)
+    normal = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(3)
+    right = basis.transpose(0, 2, 1) @ seen.depth_mm
+    fitted = (np.linalg.solve(normal, right[..., None])[..., 0] * right).sum(axis=1)
+    return np.asarray(np.maximum((seen.depth_mm**2).sum() - fitted, 0) / seen.time_s.size)
 
 
 def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> Estimate:

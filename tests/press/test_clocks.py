@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, near_offset
+from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, jumps, near_offset, said_of_jumps
 from tactilevision.press.tare import Tare, find_tare, levelled
 from tactilevision.records import Floats, ForceSeries
 
@@ -147,3 +147,14 @@ def test_a_wide_punch_presses_harder_at_one_depth() -> None:
     start, sure = coarse_offset(seen, forces)
     assert start == pytest.approx(0.03, abs=0.05)
     assert sure > 0.98
+
+
+def test_a_clock_that_jumps_is_named_with_its_presses() -> None:
+    rng = np.random.default_rng(3)
+    seen, forces = presses(0.05, rng, relaxing=0.2)
+    labels = [f"P{k}" for k in range(len(seen))]
+    assert jumps(dict(zip(labels, seen, strict=True)), forces, 0.05) == {}
+    late = [replace(one, time_s=one.time_s - 0.5) if k < 2 else one for k, one in enumerate(seen)]
+    strays = jumps(dict(zip(labels, late, strict=True)), forces, 0.05)
+    assert strays == pytest.approx({"P0": 0.5, "P1": 0.5}, abs=0.05)
+    assert "P0 (+0." in next(said_of_jumps(strays))
