@@ -13,6 +13,7 @@ exactly the form that it is given here.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from calibration.missing.refit import CANNOT_FIT, Candidate, adopt, hold_out, pr
 from calibration.missing.screen import Scored, Screen, screen
 from calibration.model import Model
 from calibration.noise import Whitener
+from calibration.repeats.products import Weighing
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.stages import Effect
 from tactilevision.records import Floats
@@ -31,6 +33,7 @@ from tactilevision.records import Floats
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
 TOLD_APART = 3.0  # std
 REFITTED, MOST = 8, 3
+NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 FEW = 49  # draws where the statistic alone is asked for
 
@@ -194,18 +197,45 @@ def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, l
 
 def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
-    for best in turn.candidates:
+    may = [c for c in turn.candidates
+           if turn.scored[c.effect.key].p_adjusted <= level and _inside(c) and c.cost <= current.chi2]  # fmt: skip
+    keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
+    again = _weighed_again(current, may[0], turn.candidates) if may else ()
+    for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
-        if scored.p_adjusted > level or not _inside(best) or best.cost > current.chi2:
-            continue  # chance, at the end of its range, or held back by what is known of it beforehand
         try:
             fitted = adopt(current, best)
             skill = _skill(replace(current, noise=fitted.noise), best)
             if skill > 0:
-                return Step(best, scored, skill, fitted, _equals(current, best, turn.candidates))
+                return Step(best, scored, skill, fitted, _equals(current, best, again))
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None
+
+
+def _weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+    """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
+    the effect takes it for noise, and its first touch for another.
+    """
+    room = max(AS_GOOD, NEAR * (current.chi2 - first.cost))
+    near = [c for c in candidates if c.cost - first.cost < room]
+    if len(near) < 2:
+        return candidates
+    own = {}
+    for one in near:
+        with suppress(*CANNOT_FIT):
+            fitted = adopt(current, one)
+            cost = fitted.chi2 + _log_volume(fitted)
+            own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
+    least = min((one.cost for one in own.values()), default=0.0)
+    moved = [own.get(c.effect.key, replace(c, chi2=c.chi2 - first.cost + least)) for c in candidates]
+    return sorted(moved, key=lambda c: c.cost)
+
+
+def _log_volume(fitted: Fit) -> float:
+    """ln det V of a fit's own noise."""
+    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
+    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
 
 
 def _inside(candidate: Candidate) -> bool:

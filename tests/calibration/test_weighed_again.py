@@ -1,0 +1,39 @@
+"""Rivals near the best are held against it by the likelihood of their own fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_screen import MODEL, TRUTH, measured, presses, pure
+
+from calibration.effects import EFFECTS
+from calibration.missing import search as module
+from calibration.missing.refit import refit_with
+
+
+def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:
+    """25 um of depth at one radius, with the order turned round as under the noise of a model that lacks it."""
+    data = presses(12)
+    force = (MODEL + EFFECTS["depth_zero"]).predict(np.array([*TRUTH, 0.025]), data)
+    base = pure(measured(data, force, np.random.default_rng(2)))
+    truth, other = (refit_with(base, EFFECTS[key]) for key in ("depth_zero", "tilt"))
+    wrong = replace(other, chi2=truth.chi2 - 5)
+    far = replace(other, effect=EFFECTS["stiffening"], chi2=base.chi2)
+    again = module._weighed_again(base, wrong, (wrong, truth, far))
+    assert [c.effect.key for c in again] == ["depth_zero", "tilt", "stiffening"]
+    assert far.cost - wrong.cost == pytest.approx(again[2].cost - again[0].cost)
+    alone = module._weighed_again(base, truth, (truth, far))
+    assert [c.chi2 for c in alone] == [truth.chi2, far.chi2], "nothing near it: as it was"
+
+
+def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
+    data = presses(4)
+    fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)))
+    noise, about = fitted.noise, fitted.about
+    same = fitted.data.press[:, None] == fitted.data.press
+    covariance = same * (noise.gain**2 * np.outer(about.force_N, about.force_N)
+                         + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm))  # fmt: skip
+    covariance += np.diag((noise.scale * about.base_N) ** 2)
+    assert module._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
