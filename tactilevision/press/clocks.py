@@ -124,7 +124,8 @@ def said_of_jumps(strays: Mapping[str, float]) -> Iterator[str]:
         named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in strays.items())
         yield (
             "forces.csv: depth and force of some presses go together only at another offset of the clocks than "
-            f"those of the others: {named}. Was a clock set anew, or were readings lost? Give these a recording of their own."
+            f"those of the others: {named}. Was a clock set anew, or were readings lost? Give these a recording "
+            "of their own."
         )
 
 
