@@ -61,9 +61,10 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
 
 
 def _certified(recording: Recording) -> Taken:
-    from tactilevision.press.certify import certify
+    from tactilevision.press.certify import certify, require_all
     from tactilevision.reconstruct import build_reconstructor
 
+    require_all(recording)
     with console.progress_bar("calibrating the light"):
         reconstructor = build_reconstructor(recording)
     with console.progress_bar("certifying presses") as progress:

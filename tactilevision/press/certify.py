@@ -40,8 +40,7 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     Raises RecordingError where frames, their times, forces or presses are missing, or an indenter is not
     described.
     """
-    for need in ("frames", "frame_times", "forces", "presses", "indenters"):
-        require(recording, need, step="certifying the presses")
+    require_all(recording)
     alike: list[float] = []
     watches = _watch_all(recording, reconstructor, progress or (lambda done, of: None), alike)
     forces = recording.forces
@@ -62,6 +61,11 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
         notes = (*notes, *said_of_jumps(strays))
     rest_s = dict(zip(watches, rests(recording.presses), strict=True))
     return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes))
+
+
+def require_all(recording: Recording) -> None:
+    """Raise RecordingError for what a certificate needs and the recording lacks, before any work is done."""
+    require(recording, "frames", "frame_times", "forces", "presses", "indenters", step="certifying the presses")
 
 
 def _watch_all(

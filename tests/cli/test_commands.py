@@ -63,6 +63,16 @@ def test_the_page_needs_no_second_file(tmp_path: Path, monkeypatch: pytest.Monke
     assert "<script" not in text
 
 
+def test_what_a_certificate_needs_is_asked_for_before_the_light_is_calibrated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without forces and without a reference: the forces are named, the light was not begun."""
+    for name in ("recording.toml", "frames", "frames.csv", "presses.csv", "maps.npz"):
+        (tmp_path / name).symlink_to(ROOT / "sample_frames" / "gelslim3" / name)
+    assert run(monkeypatch, "calibrate", tmp_path, "--out", tmp_path / "out") == 2
+    assert "forces.csv" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
