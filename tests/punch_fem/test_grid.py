@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from tactilevision.mechanics.tables.build import build_blocks, on_one_grid
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
 from tactilevision.mechanics.tables.edges import deepened
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
-from tactilevision.mechanics.tables.solve import Press, agreed
+from tactilevision.mechanics.tables.solve import Press, agreed, before_a_jam, solve_case
 from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, straight, write_table
 from tactilevision.records import Floats
 
@@ -66,6 +67,30 @@ def test_beyond_a_fold_stands_what_a_second_mesh_confirms() -> None:
     assert agreed(folded, pressed([4.0], 1)) == 2
 
 
+@pytest.mark.parametrize(("lost", "kept"), [(False, 4), (True, 2)])
+def test_a_finer_mesh_confirms_what_a_coarser_one_does_not_reach(
+    monkeypatch: pytest.MonkeyPatch, lost: bool, kept: int
+) -> None:
+    """Not where the law has lost its ellipticity: there no mesh says anything of the law."""
+    meshes = {1.0: pressed([4.0, 4.4, 4.8, 5.2], sound=2), 2.0: pressed([4.0, 4.4], 2),
+              0.6: pressed([4.01, 4.41, 4.81, 5.21], 3)}  # fmt: skip
+    meshes[1.0] = replace(meshes[1.0], lost=lost)
+    monkeypatch.setattr("tactilevision.mechanics.tables.solve._press", lambda _case, _depths, size: meshes[size])
+    solved = solve_case(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.48, 1.0), DEPTHS[:4])
+    assert len(solved.depth) == kept
+    assert solved.sound == DEPTHS[1]
+
+
+def test_a_case_ends_where_sliding_gel_jams_and_not_where_the_gel_stiffens() -> None:
+    depths = np.array(DEPTHS)
+    gel = 5 + 2 * depths + 8 * depths**2
+    case = Case("neo-hooke", 0.1, 1 / 30, 5.0, 0.487, 1.0)
+    assert before_a_jam(case, DEPTHS, gel) == len(DEPTHS)
+    jammed = gel * np.where(depths > 0.2, 1.005, 1.0)
+    assert DEPTHS[before_a_jam(case, DEPTHS, jammed) - 1] == 0.2
+    assert before_a_jam(replace(case, a_over_h=0.45), DEPTHS, jammed) == len(DEPTHS)  # so deep it is not tested
+
+
 def test_a_blunter_edge_leads_a_sharper_one_on() -> None:
     """The edge's share falls as a power of depth, which is what is assumed; made here, it comes back exactly."""
     nodes = Axes(np.array([0.3, 0.4999]), np.array([0.45, 1.0]), np.array(DEPTHS))
@@ -112,6 +137,29 @@ def test_what_was_not_solved_is_not_known_and_disturbs_nothing_far_away() -> Non
     np.testing.assert_allclose(
         np.diff(straight[7:]) / np.diff(DEPTHS[7:]), np.diff(straight)[7] / np.diff(DEPTHS)[7]
     )
+
+
+def test_a_place_on_a_node_is_known_from_either_side() -> None:
+    values = on_grid()
+    values[4, :, 9:] = np.nan
+    spline = fit_grid(AXES, values)
+    assert spline.reach(0.48, 0.9) == pytest.approx(DEPTHS[-1])
+    assert spline.reach(0.4801, 0.9) == pytest.approx(DEPTHS[8])
+    whole = on_grid()
+    whole[0, :, 9:] = np.nan
+    assert fit_grid(AXES, whole).reach(0.4, 0.9) == pytest.approx(DEPTHS[-1])
+    assert fit_grid(AXES, whole).reach(0.3, 0.9) == pytest.approx(DEPTHS[8])
+
+
+def test_what_a_block_solved_itself_does_not_end_with_its_relative() -> None:
+    solved = solved_blocks(edges=(1 / 60,))
+    short = {case: made_up(case, 6) if case.friction == 0.3 and case.poisson_ratio > 0.48 else one
+             for case, one in solved.items()}  # fmt: skip
+    carried = {b.friction: b for b in on_one_grid(build_blocks(short))}[math.inf]
+    assert np.isfinite(carried.stiffness[4:, FINE_A.index(1.0)]).all()
+    assert np.isnan(carried.stiffness[4:, FINE_A.index(0.67), 6:]).all()
+    np.testing.assert_allclose(carried.stiffness[5, 4] * hayes_stiffness(0.4999, 1.0, 1 / 60),
+                               made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.4999, 1.0)).force)  # fmt: skip
 
 
 def test_a_block_solved_at_few_nodes_is_carried_to_all() -> None:

@@ -67,12 +67,12 @@ def test_what_it_does_not_hold_is_met_within_what_the_card_says(fresh: dict[str,
 
 
 def test_every_block_says_how_far_off_it_was() -> None:
-    """No worse than .31 % of force anywhere, and every block against a solution of its own."""
+    """No worse than .3 % of force anywhere, and every block against a solution of its own."""
     card = shipped_table().card
     name = "law", "friction", "edge_over_h"
     rows = {tuple(row[key] for key in name): row for row in card["errors"]["held_out_by_block"]}
     assert rows.keys() == {tuple(block[key] for key in name) for block in card["blocks"]}
-    assert all(row["held_out"] >= 1 and row["force"] <= 0.0031 for row in rows.values())
+    assert all(row["held_out"] >= 1 and row["force"] <= 0.003 for row in rows.values())
 
 
 def test_an_edge_between_two_tabulated_ones_lies_between_them_and_rounding_takes_no_reach() -> None:

@@ -62,6 +62,8 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
     beyond = block.surface - relative.surface[np.ix_(rows, columns)]
     carried = relative.stiffness * _carry(block.axes, ratio, axes)
     surface = relative.surface + _carry(block.axes, beyond, axes)
+    for carry, own_values in ((carried, block.stiffness), (surface, block.surface)):
+        carry[np.ix_(rows, columns)] = own_values  # may go deeper than the relative
     return replace(block, axes=axes, stiffness=carried, surface=surface)
 
 

@@ -8,6 +8,7 @@ on; what lies in a cell with such a corner is marked as not known.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,13 +85,15 @@ def inside_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
 
 
 def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
-    cells, on_grid = [], np.ones(len(places), dtype=bool)
+    """A place on a node belongs to the cells on both sides of it: one of them known is enough."""
+    sides, on_grid = [], np.ones(len(places), dtype=bool)
     for k, nodes in enumerate(axes.stretched):
         slack = 1e-9 * (nodes[-1] - nodes[0])
         on_grid &= (places[:, k] >= nodes[0] - slack) & (places[:, k] <= nodes[-1] + slack)
-        # a place on a node belongs to the cell below it: a depth that was just reached is known
-        cells.append(np.clip(np.searchsorted(nodes + slack, places[:, k]) - 1, 0, len(nodes) - 2))
-    return on_grid & np.asarray(known[tuple(cells)])
+        below, above = (np.searchsorted(nodes + move, places[:, k]) - 1 for move in (slack, -slack))
+        sides.append([np.clip(cell, 0, len(nodes) - 2) for cell in (below, above)])
+    found = np.any([known[cell] for cell in product(*sides)], axis=0)
+    return np.asarray(on_grid & found)
 
 
 def solved_nodes(values: Floats) -> Bools:

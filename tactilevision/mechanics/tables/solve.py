@@ -2,8 +2,13 @@
 
 Where the gel leaves a sharp edge one corner of the mesh turns inside out at w/h of .08 to .25. A neo-Hookean gel's
 force grows on as if nothing had been; Hencky's law has lost its ellipticity there. So it is not the fold that ends
-a case, but that the force hangs on it: beyond, a depth is kept while a mesh twice as coarse at the edge says the
-same of how the force grows from the last depth without a fold, to SAME_GROWTH.
+a case, but that the force hangs on it: beyond, a depth is kept while a mesh twice as coarse at the edge, or, where
+that one ends early and the law is still elliptic, a finer one says the same of how the force grows from the last
+depth without a fold, to SAME_GROWTH.
+
+Shortly before the elements break down, gel that slides round the edge jams there, and the force of the last depths
+may be .3 to 2 % high. So a case also ends where P/w rises above the parabola in sqrt(w) through the four depths
+before by SAME_GROWTH; deeper than a third of the punch's radius it bends as much by itself, and is not tested.
 """
 
 from __future__ import annotations
@@ -27,10 +32,12 @@ from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCas
 from tactilevision.records import Floats, Material
 
 LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
-COARSER = 2.0  # edge elements of the second mesh over those of the first
+COARSER, FINER = 2.0, 0.6  # edge elements of the other meshes over those of the first
 SAME_GROWTH = 0.003
+FIRST_JAM, WINDOW = 0.09, 0.1  # w/h: before it first touch bends P/w; the four depths lie no further back
 BRINK = 1.02  # a depth this near to where the elements break down is not kept
 HANGS = "the surface folds, and the force hangs on its mesh"
+JAMS = "gel that slides jams under the punch's edge"
 LOST = "the law loses ellipticity at the punch's edge, and the force hangs on its mesh"
 
 
@@ -63,8 +70,12 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
     kept, ended = len(press.force), press.ended
     if 0 < press.sound < kept:
         kept = agreed(press, _press(case, depths, COARSER))
+        if kept < len(press.force) and not press.lost:
+            kept = max(kept, agreed(press, _press(case, depths, FINER)))
         ended = HANGS if kept < len(press.force) else ended
     ended = LOST if ended and press.lost else ended
+    steady = before_a_jam(case, depths[:kept], press.force[:kept])
+    kept, ended = steady, ended if steady == kept else JAMS
     depth = np.array(depths[:kept])
     sound = float(depth[press.sound - 1]) if press.sound else 0.0
     return SolvedCase(depth, press.force[:kept], press.surface[:kept, 0], press.surface[:kept, 1], sound, ended)
@@ -78,6 +89,18 @@ def agreed(press: Press, other: Press) -> int:
     growth = press.force[last:common] / press.force[last] / (other.force[last:common] / other.force[last])
     off = np.abs(growth - 1) > SAME_GROWTH
     return last + int(np.argmax(off)) if off.any() else common
+
+
+def before_a_jam(case: Case, depths: Sequence[float], force: Floats) -> int:
+    """How many of `depths` come before P/w (`force`) rises above the line of the four before."""
+    root, log = np.sqrt(depths), np.log(force)
+    for k in range(4, len(root)):
+        near = depths[k] - depths[k - 4] <= WINDOW * (1 + 1e-9)
+        if near and FIRST_JAM <= depths[k] <= case.a_over_h / 3:
+            line = np.polynomial.polynomial.polyfit(root[k - 4 : k] - root[k], log[k - 4 : k], 2)
+            if log[k] - line[0] > SAME_GROWTH:
+                return k
+    return len(root)
 
 
 def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
