@@ -18,7 +18,7 @@ from tactilevision.mechanics.tables.build import build_blocks, on_one_grid
 from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, Grid, SolvedCase
 from tactilevision.mechanics.tables.edges import deepened
 from tactilevision.mechanics.tables.grid import Axes, continued, fit_grid
-from tactilevision.mechanics.tables.solve import Press, agreed, before_a_jam, solve_case
+from tactilevision.mechanics.tables.solve import JAMS, Press, agreed, before_a_jam, solve_case
 from tactilevision.mechanics.tables.table import Table, read_table, stiffness_ratio, straight, write_table
 from tactilevision.records import Floats
 
@@ -81,7 +81,9 @@ def test_a_finer_mesh_confirms_what_a_coarser_one_does_not_reach(
     assert solved.sound == DEPTHS[1]
 
 
-def test_a_case_ends_where_sliding_gel_jams_and_not_where_the_gel_stiffens() -> None:
+def test_a_case_ends_where_sliding_gel_jams_and_not_where_the_gel_stiffens(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     depths = np.array(DEPTHS)
     gel = 5 + 2 * depths + 8 * depths**2
     case = Case("neo-hooke", 0.1, 1 / 30, 5.0, 0.487, 1.0)
@@ -89,6 +91,10 @@ def test_a_case_ends_where_sliding_gel_jams_and_not_where_the_gel_stiffens() -> 
     jammed = gel * np.where(depths > 0.2, 1.005, 1.0)
     assert DEPTHS[before_a_jam(case, DEPTHS, jammed) - 1] == 0.2
     assert before_a_jam(replace(case, a_over_h=0.45), DEPTHS, jammed) == len(DEPTHS)  # so deep it is not tested
+    whole = pressed(jammed.tolist(), len(DEPTHS))
+    monkeypatch.setattr("tactilevision.mechanics.tables.solve._press", lambda *_: whole)
+    solved = solve_case(case)
+    assert (solved.depth[-1], solved.sound, solved.ended) == (0.2, 0.2, JAMS)
 
 
 def test_a_blunter_edge_leads_a_sharper_one_on() -> None:

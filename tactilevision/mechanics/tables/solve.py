@@ -74,10 +74,10 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
             kept = max(kept, agreed(press, _press(case, depths, FINER)))
         ended = HANGS if kept < len(press.force) else ended
     ended = LOST if ended and press.lost else ended
-    steady = before_a_jam(case, depths[:kept], press.force[:kept])
-    kept, ended = steady, ended if steady == kept else JAMS
+    if (steady := before_a_jam(case, depths[:kept], press.force[:kept])) < kept:
+        kept, ended = steady, JAMS
     depth = np.array(depths[:kept])
-    sound = float(depth[press.sound - 1]) if press.sound else 0.0
+    sound = float(depth[: press.sound].max(initial=0.0))
     return SolvedCase(depth, press.force[:kept], press.surface[:kept, 0], press.surface[:kept, 1], sound, ended)
 
 
