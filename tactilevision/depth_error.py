@@ -1,12 +1,14 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + max(gain^2 depth^2, spread <gain^2 depth^2>) + wall^2
+    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + drift^2 + max(gain^2 depth^2, spread <gain^2 depth^2>)
+            + wall^2
 
 noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
 the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures,
 as errors of the light's colour over wide areas make it; untouched: how far, place by place, single frames of the
 free gel were from flat. Their noise is alike over many pixels (blur, compression), and drawn noise is not:
 integrated, slow waves of it come to several times as much, most of all in dark corners. zero: the zero plane's;
+drift: what is not known of the light's (`drift_error.py`);
 gain: how far the depth scale of balls scatters that are in the calibration, which no map escapes, and, place by
 place, what other balls would have made of it (`photometric/jackknife.py`); < > over a thickness of gel, as errors
 of slope spread to the gel beside, where they have nothing to fall off with: how far, leaving out balls shows
@@ -19,12 +21,15 @@ Assumes these to be independent. Blur of contacts only a few pixels wide is not 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.drift_error import DriftError
+from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.rim import window_of
@@ -46,7 +51,7 @@ class DepthError:
     """Standard deviation of the depths that one method gives; what depends on the place alone is made once."""
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
-        self.mm_per_px = mm_per_px
+        self.method, self.mm_per_px = method, mm_per_px
         gain = place_gain_std(method.card, method.relative_error)
         self.spread = float(method.card.get("spread", 1.0))
         self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
@@ -64,9 +69,11 @@ class DepthError:
     def std_mm(
         self,
         depth: npt.NDArray[np.floating[Any]],
-        slopes: SlopeMap | None,
         zero: ZeroPlane,
+        *,
+        slopes: SlopeMap | None = None,
         walls: Sequence[Wall] = (),
+        drift: Drift | None = None,
     ) -> Picture:
         """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
 
@@ -75,6 +82,9 @@ class DepthError:
         few = np.array(depth[:: self.every, :: self.every], np.float32)
         total = self._nearby(few)
         cv2.addWeighted(total, 1.0, self.variance, 1.0, zero.std_mm**2, dst=total)
+        if drift is not None and drift.covariance is not None:
+            light = self.drift.variance(drift.covariance, zero)
+            total += cv2.resize(light, total.shape[::-1], interpolation=cv2.INTER_LINEAR)
         for restored in walls:
             step = (self.every * self.mm_per_px[0], self.every * self.mm_per_px[1])
             window, x, y = window_of(few.shape, restored.centre_mm, step, restored.radius_mm)
@@ -84,6 +94,11 @@ class DepthError:
             total += np.float32(wall**2) * (few > 0.5 * few.max())
         cv2.sqrt(total, dst=total)
         return np.asarray(cv2.resize(total, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    @cached_property
+    def drift(self) -> DriftError:
+        """How depth answers to the drift of the light."""
+        return DriftError(self.method, self.mm_per_px)
 
     def too_steep(self, steepest: float) -> bool:
         """Whether a picture whose greatest |slope| is `steepest` may hide depth behind its walls."""

@@ -7,13 +7,12 @@ untouched gel.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -33,6 +32,7 @@ from tactilevision.photometric import (
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.calm import CalmReader, Look, within
 from tactilevision.photometric.change import Planes
+from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.light import check_view, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.samples import far_from
@@ -43,7 +43,7 @@ from tactilevision.surface import integrate
 from tactilevision.two_grids import TwoGrids
 from tactilevision.walls import Wall, find_walls, restore
 from tactilevision.weights import find_model
-from tactilevision.zero_plane import ZeroPlane, find_zero_plane, level, slope_of
+from tactilevision.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None]
 DEFAULT = "polynomial"
-SLOPE_BLOCKS = 600
 MOST_WAVES = 8
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
@@ -99,15 +98,13 @@ class Reconstructor:
         """Depth, validity and deviation (H, W) each of a rectified picture."""
         if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
             return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
-        slopes, untouched, steepest, surface = self._glance(rgb)
+        slopes, untouched, drift, steepest, surface = self._glance(rgb)
         walls = self._walls(slopes, steepest)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
-        std = None
-        if self.error:
-            std = self.error.std_mm(surface, slopes if self.error.too_steep(steepest) else None, self.zero, walls)
+        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return surface, valid, std
 
@@ -120,11 +117,22 @@ class Reconstructor:
         level(coarse, self.zero)
         tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
         surface = grids.whole(coarse, look.windows, fine, tilt=tilt)
-        std = None
-        if self.error:
-            hidden = not walls and self.error.too_steep(look.steepest)
-            std = self.error.std_mm(surface, reader.whole(look) if hidden else None, self.zero, walls)
+        std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
         return surface, look.valid, std
+
+    def _std_mm(
+        self,
+        depth: Planes,
+        steepest: float,
+        slopes: Callable[[], SlopeMap],
+        *,
+        walls: list[Wall],
+        drift: Drift | None,
+    ) -> Planes | None:
+        if self.error is None or self.zero is None:
+            return None
+        hidden = slopes() if not walls and self.error.too_steep(steepest) else None
+        return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
 
     def _restored(self, look: Look, reader: CalmReader) -> tuple[list[Planes], list[Wall]]:
         """The fine slopes of a look with its walls restored, and these."""
@@ -178,26 +186,14 @@ class Reconstructor:
                 return True
         return False
 
-    def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, float, npt.NDArray[Any] | None]:
-        """Slopes, untouched blocks, the greatest |slope|, and the surface, where they are known."""
+    def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
+        """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
         if not isinstance(self.method, CalibratedMethod):
             slopes = self.method.slopes(rgb)
-            return slopes, _flat_blocks(slopes), np.inf, None
+            return slopes, flat_blocks(slopes), None, np.inf, None
         reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.read(rgb), None)
-        return reading.slopes, reading.drift.untouched & self.method.told, reading.steepest, surface
-
-
-def _flat_blocks(slopes: SlopeMap) -> Bools:
-    """Blocks (h, w) of the picture where the mean slope does not stand out."""
-    height, width = slopes.dz_dx.shape
-    block = max(4, int(np.sqrt(height * width / SLOPE_BLOCKS)))
-    size = (max(2, width // block), max(2, height // block))
-    p, q = (
-        cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
-        for s in (slopes.dz_dx, slopes.dz_dy)
-    )
-    steep = np.hypot(p - np.median(p), q - np.median(q))
-    return np.asarray(steep < 4.0 * np.median(steep) + 1e-3)
+        untouched = reading.drift.untouched & self.method.told
+        return reading.slopes, untouched, reading.drift, reading.steepest, surface
 
 
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:

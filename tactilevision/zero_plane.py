@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.middle import median
-from tactilevision.records import Bools, Floats, Pair
+from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9
@@ -34,7 +34,7 @@ USUAL_THICKNESS_MM, THICKNESS_STD = 3.0, 0.3  # relative, where nobody has told 
 FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
 NONE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
-LEAST_BLOCKS = 12
+BLOCKS, LEAST_BLOCKS = 600, 12
 ROUNDS = 4
 SETTLED = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)
@@ -45,13 +45,15 @@ SAMPLED = 8  # places along each side of a block that stand for it
 class ZeroPlane:
     """`offset_mm`, `tilt` (per X, Y from -1 to 1, mm).
 
-    `std_mm` of the plane at the picture's centre; `share` untouched.
+    `std_mm` of the plane at the picture's centre; `share` untouched. `takes` (3, blocks): what offset and tilt
+    take of each block's depth, None where the plane is no fit.
     """
 
     offset_mm: float
     tilt_mm: Pair
     std_mm: float
     share: float
+    takes: npt.NDArray[np.float32] | None = None
 
 
 def find_zero_plane(
@@ -76,10 +78,12 @@ def find_zero_plane(
         tilts = [k for k in tilts if np.ptp(terms[k]) > 1.0]
     used = [0, *tilts, *((3, 4) if count < len(free) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std = _robust(terms[used], blocks, rises=4 in used, decay_std=decay_std)
-    full = np.zeros(5)
+    solution, std, takes = _robust(terms[used], blocks, rises=4 in used, decay_std=decay_std)
+    full, taken = np.zeros(5), np.zeros((3, len(free)), np.float32)
     full[used] = solution
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free))
+    places = [k for k in used if k < 3]
+    taken[np.ix_(places, np.flatnonzero(free))] = takes[: len(places)]
+    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free), taken)
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -100,6 +104,19 @@ def slope_of(zero: ZeroPlane, shape: tuple[int, ...], mm_per_px: Pair) -> Pair:
     return 2.0 * zero.tilt_mm[0] / across, 2.0 * zero.tilt_mm[1] / down
 
 
+def flat_blocks(slopes: SlopeMap) -> Bools:
+    """Blocks (h, w) of the picture where the mean slope does not stand out."""
+    height, width = slopes.dz_dx.shape
+    block = max(4, int(np.sqrt(height * width / BLOCKS)))
+    size = (max(2, width // block), max(2, height // block))
+    p, q = (
+        cv2.resize(np.asarray(s, np.float32), size, interpolation=cv2.INTER_AREA)
+        for s in (slopes.dz_dx, slopes.dz_dy)
+    )
+    steep = np.hypot(p - np.median(p), q - np.median(q))
+    return np.asarray(steep < 4.0 * np.median(steep) + 1e-3)
+
+
 def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
     """Means (rows * columns,) of a smooth picture over its blocks (rows, columns), from places spread evenly."""
     size = (blocks[1], blocks[0])
@@ -110,7 +127,7 @@ def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def _plane(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
+def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
     """Terms 1, X, Y (3, blocks) of a picture of `shape`; X and Y are -1 and 1 at its ends."""
     x, y = np.meshgrid(np.linspace(-1, 1, shape[1]), np.linspace(-1, 1, shape[0]))
     places = [_means(ramp, blocks) for ramp in (x, y)]
@@ -135,7 +152,7 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     """Terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 where nothing is touched."""
     rows, columns = untouched.shape
     terms = np.zeros((5, rows * columns))
-    terms[:3] = _plane(tuple(shape), untouched.shape)
+    terms[:3] = plane_terms(tuple(shape), untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
         away = cv2.distanceTransform(untouched.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
@@ -145,8 +162,9 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     return terms
 
 
-def _robust(terms: Floats, depth: Floats, *, rises: bool, decay_std: float) -> tuple[Floats, float]:
-    """Reweighted least squares of terms (k, n); the coefficients, and the deviation of the plane at the centre.
+def _robust(terms: Floats, depth: Floats, *, rises: bool, decay_std: float) -> tuple[Floats, float, Floats]:
+    """Reweighted least squares of terms (k, n): the coefficients, the deviation of the plane at the centre, and
+    what each coefficient takes (k, n) of the depths.
 
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
@@ -171,5 +189,6 @@ def _robust(terms: Floats, depth: Floats, *, rises: bool, decay_std: float) -> t
         left += 1.0
         left *= left
         heavy = terms / left
-    variance = correlated * cv2.invert(normal)[1][0, 0]
-    return np.asarray(solution, np.float64), float(scale * np.sqrt(variance))
+    inverse = cv2.invert(normal)[1]
+    std = float(scale * np.sqrt(correlated * inverse[0, 0]))
+    return np.asarray(solution, np.float64), std, np.asarray(inverse @ heavy)

@@ -42,7 +42,7 @@ class TorchReader:
         with torch.inference_mode():
             if method.reference.marks is None:
                 drift, valid = method.change.take(rgb)
-                slopes = self.whole.slopes(self._greys(rgb))
+                slopes = self.whole.slopes(self._greys())
             else:
                 changes, drift, valid = method.change.measure(rgb)
                 slopes = self.whole.read(torch.from_numpy(changes).to(self.device))
@@ -59,7 +59,7 @@ class TorchReader:
         self.calm.maps.light(drift.gains)
         rows, columns = self.calm.even
         with torch.inference_mode():
-            greys = self._greys(rgb)
+            greys = self._greys()
             coarse = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.calm.px))
             windows = self.calm.windows(coarse.cpu().numpy())
             slopes = self.whole.slopes(greys) if windows else coarse
@@ -68,8 +68,9 @@ class TorchReader:
         valid = valid & self.method.readable
         return Look(coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest)
 
-    def _greys(self, rgb: Bytes) -> torch.Tensor:
-        return torch.from_numpy(rgb).to(self.device).permute(2, 0, 1).float()
+    def _greys(self) -> torch.Tensor:
+        """Grey levels (3, H, W) of the frame that the method has taken in."""
+        return torch.from_numpy(self.method.change.rgb).to(self.device).permute(2, 0, 1).float()
 
 
 def _steepest(slopes: torch.Tensor) -> float:

@@ -1,7 +1,8 @@
 """Colour change against the untouched gel: the quantity that slope is read from.
 
-    u_c = ((I_c - b_c) / (1 + drift_c) - I0_c) / (I0_c + s)
+    u_c = ((W I - b)_c / (1 + drift_c) - I0_c) / (I0_c + s)
 
+W unmixes the channels where lamps have faded apart (`drift.py`), and mostly is left out.
 Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
@@ -79,7 +80,7 @@ class ColourChange:
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
-        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
+        self.rgb: npt.NDArray[Any] = np.empty((0, 0, 3), np.uint8)
         self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
@@ -89,7 +90,7 @@ class ColourChange:
         """
         drift, valid = self.take(rgb)
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
-            self.maps.changes(cv2.split(rgb[window]), window, self._whole[:, window[0]])
+            self.maps.changes(cv2.split(self.rgb[window]), window, self._whole[:, window[0]])
         if self.reference.marks is not None:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
@@ -99,7 +100,7 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        self.rgb = rgb
+        self.rgb = rgb if drift.unmix is None else cv2.transform(rgb.astype(np.float32), drift.unmix)
         if rgb.max() < SATURATED:
             return drift, self.reference.usable
         red, green, blue = cv2.split(rgb)

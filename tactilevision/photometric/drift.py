@@ -1,7 +1,8 @@
 """Follows the light: how brightness has drifted since the reference was taken, seen on the untouched gel.
 
-    I = I_0 (1 + g_0 + g_x X + g_y Y) + b      per channel; X, Y from -1 to 1 over the picture
+    I = M I_0 (1 + g_0 + g_x X + g_y Y) + b      per channel; X, Y from -1 to 1 over the picture
 
+where M mixes the channels a little, as lamps leave it that fade apart (`drift_kind.py`). It is
 fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
 pattern) and what lies close to it do not count. The gel's gentle slopes round a contact look much like an
 uneven drift; so the plane terms are held to a part of the constant one until it is known which blocks count, and
@@ -19,7 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.middle import median
-from tactilevision.photometric.drift_kind import drift_of, slopes_beside
+from tactilevision.photometric.drift_kind import TERMS, drift_of, slopes_beside
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats
 
@@ -37,19 +38,24 @@ LEAST_UNEVEN = 2e-4
 LITTLE = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
+OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
 CORRELATED = 20.0  # blocks whose errors, gentle slopes of the gel among them, hang together
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """`gains` (3 channels, 4): constant, x, y in parts of the brightness, and grey levels added to it.
+    """`gains` (3 channels, 4): constant, x, y in parts of the brightness, and grey levels added to it, all of a
+    picture that `unmix` (3, 3) has been applied to; None: as it is.
 
-    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise.
+    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise. `covariance` (3, 6, 6): of constant,
+    x, y, grey levels, and parts of the other two channels; None where nothing has drifted.
     """
 
     gains: Floats
     untouched: Bools
     strangeness: Floats
+    unmix: Floats | None = None
+    covariance: Floats | None = None
 
 
 class DriftTracker:
@@ -73,7 +79,7 @@ class DriftTracker:
         self.level = self._planes(reference.rgb)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown = np.empty((2, *self.level.shape))
-        self._terms, self._normal = np.empty((3, 4, len(x.ravel()))), np.empty((len(x.ravel()), 27))
+        self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._settle()
 
     def follow(self, rgb: Bytes, share: float) -> None:
@@ -87,7 +93,7 @@ class DriftTracker:
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
-        gains = np.zeros((3, 4))
+        gains = np.zeros((3, TERMS))
         gains[:, 0] = median(self._among_usable(change / self._bright))
         change /= self.noise
         heavy = change * self._shown
@@ -106,11 +112,19 @@ class DriftTracker:
             before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
             if np.abs(gains - before).max() < SETTLED:
                 break
+        covariance: Floats | None = None
         if np.abs(gains[:, 0]).max() > LITTLE:
-            gains = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
+            gains, covariance = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
         squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
-        return Drift(gains, (usable & (squares < 16.0 * scale)).reshape(shape), np.sqrt(squares).reshape(shape))
+        untouched = (usable & (squares < 16.0 * scale)).reshape(shape)
+        following, unmix = self._unmixed(gains)
+        return Drift(following, untouched, np.sqrt(squares).reshape(shape), unmix, covariance)
+
+    @property
+    def effects(self) -> Floats:
+        """Grey levels (3, 6, blocks) that a unit of each coefficient in a drift's covariance adds to a channel."""
+        return np.asarray(self._terms * self.noise[:, :, None])
 
     def _settle(self) -> None:
         """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
@@ -120,6 +134,11 @@ class DriftTracker:
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
         self._terms[:, 3] = 1.0 / self.noise
         self.grey = self._among_usable(self.level).mean(axis=1)
+        for c, (one, other) in enumerate(OTHERS):
+            for term, j in ((4, one), (5, other)):
+                self._terms[c, term] = (
+                    self.level[j] * (self.grey[c] / self.grey[j]) - self.level[c]
+                ) / self.noise[c]
         squares = self._normal.reshape(-1, 3, 9).transpose(1, 0, 2)
         np.multiply(np.square(self._shown)[:, :, None], self.squares, out=squares)
 
@@ -134,8 +153,23 @@ class DriftTracker:
         solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
         return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
-    def _parted(self, change: Floats, weights: Floats, constant: Floats, touched: Bools) -> Floats:
-        """The drift (3, 4) without the gel's own slopes beside what is `touched` (blocks,), lone blocks aside."""
+    def _unmixed(self, gains: Floats) -> tuple[Floats, Floats | None]:
+        """Gains (3, 4) of the picture after unmixing, out of (3, 6), and what unmixes it."""
+        if np.abs(gains[:, 4:]).max() < SETTLED:
+            return gains[:, :4], None
+        mix = np.eye(3)
+        for c, others in enumerate(OTHERS):
+            for part, j in zip(gains[c, 4:] / (1.0 + gains[c, 0]), others, strict=True):
+                mix[c, j] += part * self.grey[c] / self.grey[j]
+                mix[c, c] -= part
+        unmix: Floats = np.linalg.inv(mix).astype(np.float64)
+        return np.column_stack([gains[:, :3], unmix @ gains[:, 3]]), unmix
+
+    def _parted(self, change: Floats, weights: Floats, constant: Floats, touched: Bools) -> tuple[Floats, Floats]:
+        """The drift (3, 6) and its covariance, told from the gel's own slopes beside what is `touched` (blocks,).
+
+        Lone blocks are noise.
+        """
         picture = touched.reshape(self.size[1], self.size[0]).view(np.uint8)
         solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, SOLID) > 0
         terms = self._terms
@@ -165,7 +199,7 @@ class DriftTracker:
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        gains = np.zeros((3, 4))
+        gains = np.zeros((3, TERMS))
         for found, left, wanted in zip(gains, normal.reshape(3, 3, 3), right[:, :, None], strict=True):
             found[:3] = cv2.solve(left, wanted, flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
         return gains

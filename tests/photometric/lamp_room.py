@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tactilevision.records import Bytes, Floats
@@ -27,16 +29,20 @@ def picture(
     noise: float = 0.7,
     stray_grey: float = 15.0,
     bright: float = 1.0,
+    lamps: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> Bytes:
-    """The frame (H, W, 3) of a gel of slopes p, q; of its light `stray_grey` does not come from the lamps."""
+    """The frame (H, W, 3) of a gel of slopes p, q; of its light `stray_grey` does not come from the lamps.
+
+    `lamps` is what each still gives of its light.
+    """
     x, y = places()
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
     light = np.zeros((*SHAPE, 3))
-    for (lx, ly, lz), tint in zip(LAMPS, TINTS, strict=True):
+    for (lx, ly, lz), tint, still in zip(LAMPS, TINTS, lamps, strict=True):
         ray = np.stack([lx - x, ly - y, np.full_like(x, lz)])
         distance = np.sqrt((ray**2).sum(axis=0))
         shade = np.maximum((normal * ray).sum(axis=0), 0.0) / distance**3 * lz**2
-        light += shade[..., None] * tint
+        light += still * shade[..., None] * tint
     grey = stray_grey + 150.0 * bright * gain * light + rng.normal(0.0, noise, light.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 

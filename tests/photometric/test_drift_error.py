@@ -1,0 +1,87 @@
+"""What is not known of the drift of the light, as depth: as much as a wrong drift really makes of a map."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
+from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Bytes, Floats
+from tactilevision.sensors import get_sensor
+
+BALL_MM = 4.0
+
+
+@cache
+def method() -> CalibratedMethod:
+    rng = np.random.default_rng(0)
+    shots = []
+    for centre, contact in presses(8, rng):
+        _, p, q = ball(centre, contact, BALL_MM)
+        shots.append(BallPicture(picture(p, q, rng), BALL_MM))
+    reference = make_reference([flat(rng) for _ in range(3)])
+    found = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC["polynomial"])
+    return found.method
+
+
+def reader() -> Reconstructor:
+    sensor = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
+    return Reconstructor(sensor, dataclasses.replace(method()))
+
+
+def pressed(contact_mm: float, gain: float) -> Bytes:
+    _, p, q = ball((1.0, -0.5), contact_mm, 10.0)
+    return picture(p, q, np.random.default_rng(1), gain=gain)
+
+
+@pytest.mark.parametrize(("channel", "number", "size"), [(2, 1, 0.004), (0, 2, -0.004), (1, 3, 0.4)])
+def test_depth_moves_as_a_wrong_coefficient_moves_it(
+    channel: int, number: int, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lean and stray light of one channel put wrong by hand; the robust plane moves a little on its own."""
+    made, rgb = reader(), flat(np.random.default_rng(1), gain=1.03)
+    assert isinstance(made.method, CalibratedMethod)
+    assert made.error is not None
+    before, tracker = made.rectified_map(rgb).depth_mm.copy(), made.method.change.tracker
+    assert made.zero is not None
+    covariance = np.zeros((3, 6, 6))
+    covariance[channel, number, number] = size**2
+    said = np.sqrt(made.error.drift.variance(covariance, made.zero))
+    right = tracker.measure(rgb)
+
+    def wrong(_: Bytes) -> Drift:
+        gains: Floats = right.gains.copy()
+        gains[channel, number] += size
+        return dataclasses.replace(right, gains=gains)
+
+    monkeypatch.setattr(tracker, "measure", wrong)
+    moved = made.rectified_map(rgb).depth_mm - before
+    rows, columns = said.shape
+    blocks = cv2.resize(moved, (columns, rows), interpolation=cv2.INTER_AREA)
+    most = float(np.abs(blocks).max())
+    assert most > 0.003
+    assert said == pytest.approx(np.abs(blocks), abs=0.2 * most)
+
+
+def test_it_grows_with_the_contact_and_is_none_where_nothing_drifted() -> None:
+    made = reader()
+    assert isinstance(made.method, CalibratedMethod)
+    assert made.error is not None
+    middle = []
+    for contact_mm in (1.0, 2.0, 3.5):
+        made.rectified_map(pressed(contact_mm, 1.05))
+        drift = made.method.change.tracker.measure(pressed(contact_mm, 1.05))
+        assert drift.covariance is not None
+        assert made.zero is not None
+        said = np.sqrt(made.error.drift.variance(drift.covariance, made.zero))
+        middle.append(float(said[said.shape[0] // 2, said.shape[1] // 2]))
+    assert middle[0] < middle[1] < middle[2]
+    assert made.method.change.tracker.measure(flat(np.random.default_rng(3))).covariance is None
