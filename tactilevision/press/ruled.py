@@ -68,7 +68,8 @@ def _groups(
             key = indenter.bevel, one.touched.distance_mm, indenter.radius_mm
             begun.setdefault(key, {})[name] = first
     pace = _paces(chain, sound)
-    return {key: _travels(chain, timed, group, pace) for key, group in begun.items()}
+    ways = {key: _travels(chain, timed, group, pace) for key, group in begun.items()}
+    return {key: group for key, group in ways.items() if group}
 
 
 def _travels(

@@ -54,11 +54,15 @@ def begin_of(window: ForceWindow, touch_s: float) -> FirstContact | None:
 def travel_of(
     window: ForceWindow, begun: FirstContact, *, stage: StageSeries | None, pace_mm_s: float
 ) -> Travel | None:
-    """The travel of one press since its first contact; None where neither stage nor pace is known."""
+    """The travel of one press since its first contact; None where neither stage nor pace is known, or where the
+    stage still approached faster than it pressed.
+    """
     end = top_s(window)
     inside = window.time_s[(window.time_s > begun.time_s) & (window.time_s < end)]
     times = np.concatenate([[begun.time_s], inside, [max(end, begun.time_s)]])
     if stage is not None and stage.time_s[0] <= times[0] and times[-1] <= stage.time_s[-1]:
+        if _hurries(stage, times[0], times[-1]):
+            return None
         place = np.interp(times, stage.time_s, stage.z_mm)
         travel = np.maximum.accumulate(place - place[0])
     elif np.isfinite(pace_mm_s):
@@ -70,3 +74,15 @@ def travel_of(
     if not pace > 0:
         return None
     return Travel(times, np.asarray(travel, dtype=np.float64), pace, pace * begun.std_s, pace * begun.shared_s)
+
+
+def _hurries(stage: StageSeries, begun_s: float, end_s: float) -> bool:
+    """Whether the stage moves further between two readings about first contact than ever on the way in.
+
+    Its place at first contact, the zero of the travel, lies then anywhere between those readings.
+    """
+    step = np.abs(np.diff(stage.z_mm))
+    first = int(np.searchsorted(stage.time_s, begun_s))
+    last = int(np.searchsorted(stage.time_s, end_s))
+    about, later = step[max(first - 2, 0) : first + 1], step[first + 1 : last]
+    return bool(later.size and about.size and about.max() > 2 * later.max())

@@ -133,6 +133,22 @@ def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> 
     assert travel_of(window, begun, stage=None, pace_mm_s=float("nan")) is None
 
 
+def test_a_stage_that_still_approaches_fast_at_first_contact_is_no_ruler() -> None:
+    """.05 mm between two readings about first contact: its place there, and so every touch, was .05 mm off."""
+    series, press = ramp(np.random.default_rng(3))
+    window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
+    assert window is not None
+    begun = begin_of(window, 1.2345 + 0.5 / 0.25 - 0.2)
+    assert begun is not None
+    times = np.arange(0.0, 8.0, 0.02)
+    pressing = np.interp(times, [1.2345, 1.2345 + 0.5 / 0.25], [0.0, 0.5])
+    noise = 0.0004 * np.random.default_rng(1).standard_normal(times.size)
+    steady = 7.0 + np.where(times < 1.2345, np.maximum(0.25 * (times - 1.2345), -0.05), pressing) + noise
+    fast = 7.0 + np.where(times < 1.2345, -0.05, pressing) + noise
+    assert travel_of(window, begun, stage=StageSeries(times, steady), pace_mm_s=float("nan")) is not None
+    assert travel_of(window, begun, stage=StageSeries(times, fast), pace_mm_s=float("nan")) is None
+
+
 def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
     errors, stds = [], []
     for seed in range(40):
