@@ -57,7 +57,10 @@ def calibrate(
         if not _holds_a_recording(out):
             _describe(outcomes[-1].taken, stage)
         for number, outcome in enumerate(outcomes[:-1], start=1):
-            _write(outcome, stage / f"{number:02d}_{plain_name(outcome.taken.recording.name)}")
+            older = f"{number:02d}_{plain_name(outcome.taken.recording.name)}"
+            _write(outcome, stage / older)
+            if not _holds_a_recording(out / older):
+                _describe(outcome.taken, stage / older)
         if sum(outcome.result is not None for outcome in outcomes) > 1:
             _write_history(outcomes, law.value, stage)
         earlier = _left_by_an_earlier_run(out, stage)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.recording import read_recording
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "sample_frames" / "paper_points"
@@ -210,4 +211,6 @@ def test_no_name_of_a_recording_leads_out_of_the_folder_of_results(
     out = tmp_path / "results" / "out"
     assert run(monkeypatch, "calibrate", *(tmp_path / "in" / str(day) for day in (1, 2)), "--out", out) == 0
     assert (out / "01_a_.._.._b" / "calibration.json").is_file()
+    assert read_recording(out / "01_a_.._.._b").points, "each folder of results is a recording of points"
+    assert read_recording(out).points
     assert [path.name for path in (tmp_path / "results").iterdir()] == ["out"]
