@@ -53,6 +53,8 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
         lower.set(xlabel="measured depth (mm)", ylabel="error (%)")
     for row in (above, below):
         _share_limits(row)
+    for panel, lower in zip(panels, below, strict=True):
+        _shade(lower, panel)
     most = max(range(len(panels)), key=lambda k: sum(np.isfinite(one.error).sum() for one in panels[k].series))
     below[most].legend(fontsize=8, loc="best", ncols=2)
     return figure
@@ -78,14 +80,21 @@ def _errors(axes: Axes, panel: Panel) -> None:
         axes.plot(panel.depth_mm[order], 100 * one.error[order], marker + line, ms=4.5, mfc="white", mew=1.2, lw=1,
                   color=colour, label=one.name)  # fmt: skip
     axes.set_xlim(0, 1.05 * float(panel.depth_mm.max()))
+
+
+def _shade(axes: Axes, panel: Panel) -> None:
+    """Depths that no series reaches, named at the end away from the line of no error."""
     reached = np.any([np.isfinite(one.error) for one in panel.series], axis=0)
-    if not reached.all():
-        deepest = float(panel.depth_mm[reached].max(initial=0.0))
-        axes.axvspan(deepest, axes.get_xlim()[1], color=style.INVALID, alpha=0.5, lw=0)
-        below = np.nansum([one.error for one in panel.series]) < 0  # the line of no error is at the other end
-        axes.annotate("no elements\nso deep", (deepest, 0 if below else 1), xytext=(4, 4 if below else -4),
-                      xycoords=("data", "axes fraction"), textcoords="offset points",
-                      va="bottom" if below else "top", fontsize=8, color=style.GREY)  # fmt: skip
+    if reached.all():
+        return
+    deepest = float(panel.depth_mm[reached].max(initial=0.0))
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    axes.axvspan(deepest, right, color=style.INVALID, alpha=0.5, lw=0)
+    below = low + high < 0
+    axes.annotate("no elements\nso deep", (deepest, 0 if below else 1), xytext=(4, 4 if below else -4),
+                  xycoords=("data", "axes fraction"), textcoords="offset points",
+                  va="bottom" if below else "top", fontsize=8, color=style.GREY)  # fmt: skip
+    axes.set_xlim(left, right)
 
 
 def _share_limits(row: Sequence[Axes]) -> None:
