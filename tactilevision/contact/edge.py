@@ -82,9 +82,9 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
         return 0.0
     step = float(radii[1] - radii[0])
     reach = np.arange(-0.3 * radii[-1], 0.3 * radii[-1], step)
-    walls = [np.interp(place + reach, radii, row, left=0, right=0) for place, row in zip(at, slope, strict=True)]
-    whole = [wall for wall in walls if np.isfinite(wall).all()]  # not cut by the view's border
-    if not whole:
+    walls = _between(slope, (at[:, None] + reach - radii[0]) / step)
+    whole = walls[np.isfinite(walls).all(axis=1)]  # not cut by the view's border
+    if not len(whole):
         return 0.0
     wall = np.median(whole, axis=0)
     middle, half = reach.size // 2, 0.5 * float(wall.max())
@@ -94,6 +94,16 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
     outward = _half_width(wall[middle:], half) * step
     ratios, offsets = _wall_family()
     return inward * float(np.interp(outward / max(inward, step), ratios, offsets))
+
+
+def _between(rows: Floats, places: Floats) -> Floats:
+    """Values of each of `rows` (n, k) at fractional indices (n, m) of its own, straight between; 0 beyond its ends."""
+    last = rows.shape[1] - 1
+    left = np.clip(places.astype(np.intp), 0, last - 1)
+    share = places - left
+    low, high = (np.take_along_axis(rows, at, axis=1) for at in (left, left + 1))
+    value = np.where(share == 0, low, np.where(share == 1, high, low + share * (high - low)))
+    return np.where((places < 0) | (places > last), 0.0, value)
 
 
 def _half_width(flank: Floats, half: float) -> float:

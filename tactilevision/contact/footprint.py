@@ -126,9 +126,12 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     x_px, y_px = place_px(height, np.asarray(circle.centre_mm))
     x = (np.arange(columns) - x_px)[None, :] * height.mm_per_px[0]
     y = (np.arange(rows) - y_px)[:, None] * height.mm_per_px[1]
-    mask = np.hypot(x, y) <= circle.radius_mm
-    face = height.valid & (np.hypot(x, y) < 0.8 * circle.radius_mm)
-    plane, std = _plane(height, face, (x, y))
+    mask = x**2 + y**2 <= circle.radius_mm**2
+    reach = 0.8 * circle.radius_mm
+    there = (slice(*_span(y, reach)), slice(*_span(x, reach)))
+    x, y = x[:, there[1]], y[there[0]]
+    face = height.valid[there] & (x**2 + y**2 < reach**2)
+    plane, std = _plane(height.depth_mm[there], face, (x, y), height.mm_per_px)
     lever = 0.4 * circle.radius_mm  # rms distance from the middle of the face along one axis
     return Footprint(
         mask=mask, centre_mm=circle.centre_mm, centre_std_mm=circle.centre_std_mm, radius_mm=circle.radius_mm,
@@ -138,7 +141,14 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     )  # fmt: skip
 
 
-def _plane(height: HeightMap, face: Bools, offsets: tuple[Floats, Floats]) -> tuple[Floats, float]:
+def _span(offset: Floats, reach: float) -> tuple[int, int]:
+    """First index within `reach` of the middle, and the first beyond it."""
+    near = np.flatnonzero(np.abs(offset.ravel()) < reach)
+    return (int(near[0]), int(near[-1]) + 1) if near.size else (0, 0)
+
+
+def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats],
+           mm_per_px: Pair) -> tuple[Floats, float]:  # fmt: skip
     """Plane (depth at the centre, d/dx, d/dy) through the face, and the standard deviation of its depth.
 
     Twice, the second time without what lies beyond 3 sigma. Residuals are alike over the length that their own
@@ -147,7 +157,7 @@ def _plane(height: HeightMap, face: Bools, offsets: tuple[Floats, Floats]) -> tu
     x, y = np.broadcast_to(offsets[0], face.shape)[face], np.broadcast_to(offsets[1], face.shape)[face]
     if x.size < 10:
         return np.array([np.nan, np.nan, np.nan]), float("nan")
-    depth = np.asarray(height.depth_mm, dtype=np.float64)[face]
+    depth = np.asarray(depth_mm[face], dtype=np.float64)
     basis = np.c_[np.ones_like(x), x, y]
     keep = np.ones(x.size, dtype=bool)
     plane = np.zeros(3)
@@ -159,8 +169,8 @@ def _plane(height: HeightMap, face: Bools, offsets: tuple[Floats, Floats]) -> tu
     spread = float(residual[keep].std())
     whole = np.full(face.shape, np.nan)
     whole[face] = residual
-    steps = np.diff(whole, axis=1) / height.mm_per_px[0]
+    steps = np.diff(whole, axis=1) / mm_per_px[0]
     rough = float(np.nanstd(steps)) if np.isfinite(steps).any() else 0.0
-    length = spread / rough if rough > 0 else max(height.mm_per_px)
-    independent = max(keep.sum() * np.prod(height.mm_per_px) / (2 * np.pi * length**2), 3.0)
+    length = spread / rough if rough > 0 else max(mm_per_px)
+    independent = max(keep.sum() * np.prod(mm_per_px) / (2 * np.pi * length**2), 3.0)
     return plane, spread / float(np.sqrt(independent))
