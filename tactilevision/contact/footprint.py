@@ -131,7 +131,7 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     there = (slice(*_span(y, reach)), slice(*_span(x, reach)))
     x, y = x[:, there[1]], y[there[0]]
     face = height.valid[there] & (x**2 + y**2 < reach**2)
-    plane, std = _plane(height.depth_mm[there], face, (x, y), height.mm_per_px)
+    plane, std = _plane(height.depth_mm[there].astype(np.float64), face, (x, y), height.mm_per_px)
     lever = 0.4 * circle.radius_mm  # rms distance from the middle of the face along one axis
     return Footprint(
         mask=mask, centre_mm=circle.centre_mm, centre_std_mm=circle.centre_std_mm, radius_mm=circle.radius_mm,
@@ -157,7 +157,7 @@ def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats],
     x, y = np.broadcast_to(offsets[0], face.shape)[face], np.broadcast_to(offsets[1], face.shape)[face]
     if x.size < 10:
         return np.array([np.nan, np.nan, np.nan]), float("nan")
-    depth = np.asarray(depth_mm[face], dtype=np.float64)
+    depth = depth_mm[face]
     basis = np.c_[np.ones_like(x), x, y]
     keep = np.ones(x.size, dtype=bool)
     plane = np.zeros(3)
