@@ -97,7 +97,7 @@ def _offset(slope: Floats, at: Floats, radii: Floats) -> float:
 
 
 def _between(rows: Floats, places: Floats) -> Floats:
-    """Values of each of `rows` (n, k) at its own fractional indices (n, m), straight between; 0 beyond its ends."""
+    """Values of each of `rows` (n, k) at fractional indices (n, m), straight between; 0 beyond its ends."""
     last = rows.shape[1] - 1
     left = np.clip(places.astype(np.intp), 0, last - 1)
     share = places - left
