@@ -13,13 +13,14 @@ error. The error on a smooth surface falls with the square of the pixel. The mea
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.cosine import transform_solver
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.flat_border import integrate_flat_border
 from tactilevision.records import Pair, SlopeMap
 
 Array = npt.NDArray[np.floating[Any]]
@@ -27,17 +28,21 @@ FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's l
 
 
 def integrate(
-    slopes: SlopeMap, mm_per_px: Pair, *, weights: Array | None = None, tolerance: float = 1e-6
-) -> Array:
+    slopes: SlopeMap, mm_per_px: Pair, *, weights: Array | None = None, tolerance: float = 1e-6,
+    border: Literal["free", "flat"] = "free",
+) -> Array:  # fmt: skip
     """Depth (H, W) in mm of `slopes`, its mean 0; float32 slopes are integrated in float32, others in float64.
 
     `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is
     then carried over from the other pixels); None trusts all alike, which is one pair of cosine transforms.
     Pixels outside `slopes.valid`, or not finite, count as weight 0. `tolerance` is the relative residual
-    at which the weighted solution stops.
+    at which the weighted solution stops. `border="flat"`: the outermost pixels are known to lie at depth 0, and
+    slopes everywhere (`flat_border.py`).
     Raises InputError on shapes that do not match, ConvergenceError where the weighted solution does not settle.
     """
     dz_dx, dz_dy = _checked(slopes)
+    if border == "flat":
+        return integrate_flat_border(slopes, mm_per_px)
     known = None if slopes.valid is None and weights is None else _known(slopes)
     if known is None and weights is None:
         solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)
