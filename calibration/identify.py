@@ -188,8 +188,10 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
 
 
 def stiffness_of(fitted: Fit, radius: float) -> Estimate:
-    """c of one radius, N/mm: where the line through P/w begins."""
-    return _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    """c of one radius, N/mm: where the line through P/w begins. No gel pulls a punch in, so it is not below 0."""
+    found = _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    low, high = found.interval95 or (0.0, 0.0)
+    return replace(found, interval95=(max(low, 0.0), high))
 
 
 def bend_of(fitted: Fit, radius: float) -> Estimate:
@@ -254,7 +256,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
     """E (or E*) with its interval; no value where nu has none."""
     if nu.value is None:
         reach = spread.reach * spread.relative_std
-        low, high = spread.modulus.min() * (1 - reach) / (1 + surplus), spread.modulus.max() * (1 + reach)
+        low, high = spread.modulus.min() * max(1 - reach, 0.0) / (1 + surplus), spread.modulus.max() * (1 + reach)
         why = "it follows from c only at a known Poisson's ratio: see youngs_modulus_of_nu"
         return Estimate(None, None, (float(low), float(high)), unit, why)
     if spread.reach * spread.relative_std >= 1:  # an interval that reaches 0 knows nothing

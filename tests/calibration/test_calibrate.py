@@ -214,6 +214,13 @@ def test_too_few_points_answer_wide_and_say_so() -> None:
     assert any("no more measurements than parameters" in w for w in result.warnings)
 
 
+def test_no_interval_of_a_stiffness_reaches_below_nothing() -> None:
+    result = calibrate(points_of(np.array([0.15, 0.4]), np.array([0.55, 1.5])))
+    for found in (result.c, result.youngs_modulus):
+        low, high = found.interval95 or (-1, -1)
+        assert 0 <= low < 0.1 * high
+
+
 def test_indenters_that_differ_more_than_repeats_widen_the_interval() -> None:
     truth = replace(WELL, depth_std_mm=0.0003, force_std_N=0.0003, height_std_mm=0.006)
     measured = draw(truth, np.random.default_rng(11))
