@@ -58,7 +58,8 @@ SLOW = [pytest.param(k, marks=pytest.mark.slow) for k in ("depth_zero", "thickne
 def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> None:
     effect = EFFECTS[key]
     data = data_for(effect).take(np.arange(RICH.count if key in ("ageing", "thickness_wedge") else 18))
-    force = planted(effect, effect.starts(data)[2 if key == "tilt" else 0], data)  # 2 mrad would not be seen
+    values = np.array([0.015, 0.0]) if key == "tilt" else effect.starts(data)[0]  # 10 mrad would not be seen
+    force = planted(effect, values, data)
     found = diagnose(noisy(data, force, 10), np.random.default_rng(0))
     assert found.verdict in ("IDENTIFIED", "AMBIGUOUS")
     assert key in found.candidates
