@@ -58,9 +58,8 @@ def beyond_stated(fitted: Fit) -> float | None:
     dof = fitted.data.size - int(np.count_nonzero(fitted.free))
     if not fitted.noise.stated or dof < 1:
         return None
-    own = (
-        (dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF
-    ) / dof  # the estimate was held to the stated one
+    # the estimate was held to the stated one, which is taken out again
+    own = ((dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF) / dof
     return float(np.sqrt(own)) if own > 0 and f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
 
 

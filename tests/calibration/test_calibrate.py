@@ -295,36 +295,6 @@ def test_bad_measurements_are_named(measured: Measured, message: str) -> None:
         calibrate(measured)
 
 
-@pytest.mark.parametrize("beta", [0.15, 0.6, 0.87, 1.1])
-def test_one_depth_leaves_the_curvature_to_theory_and_says_so(beta: float) -> None:
-    depth, noise = np.full(5, 0.3), 0.003 * np.array([0.4, -1.2, 0.9, 0.3, -0.6])
-    gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
-    measured = points_of(depth, 3.5 * depth * (1 + beta * depth / 3) + noise, gel=gel)
-    result = calibrate(measured)
-    low, high = result.c.interval95 or (0, 0)
-    assert low < 3.5 < high
-    assert 0.03 < (high - low) / 3.5 < 0.2, "as wide as theory's curvature leaves it"
-    assert result.youngs_modulus.value is not None
-    assert result.beta.value is None
-    assert result.beta.why
-    assert result.beta.interval95 == pytest.approx((0.1, 1.23), abs=0.05)
-    assert "one_depth" in result.flags
-    with pytest.raises(InputError, match="one depth"):
-        calibrate(measured, law="paper")
-
-
-def test_depths_apart_by_their_scatter_are_one_depth() -> None:
-    aside = 0.003 * np.array([0.6, -0.9, -1.4, -2.1, 0.3, 0.1])
-    gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
-    falling = 3.5 * 0.3 * 1.085 - 0.1 * aside  # by chance
-    result = calibrate(points_of(0.3 + aside, falling, gel=gel))
-    assert "one_depth" in result.flags
-    low, high = result.c.interval95 or (0, 0)
-    assert low < 3.5 < high
-    few = calibrate(points_of(np.array([0.146, 0.152, 0.158]), np.array([0.58, 0.57, 0.56]), gel=gel))
-    assert "one_depth" in few.flags
-
-
 def test_depths_beyond_the_elements_are_flagged() -> None:
     for deepest, said in ((0.72, False), (1.2, True)):
         depth = deepest * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
