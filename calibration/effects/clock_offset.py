@@ -58,5 +58,5 @@ class ClockOffset(EffectBase):
         """Read the depth at another time."""
         if values[0] == 0:
             return state
-        steady = data.shifted(steady_depth(data) - data.depth_mm)  # differences of readings are of their noise
+        steady = replace(data, depth_mm=steady_depth(data))  # differences of readings are of their noise
         return replace(state, depth_mm=state.depth_mm + depth_at(steady, -values[0]) - steady.depth_mm)

@@ -7,7 +7,9 @@ so fast that one sample alone hit it goes at the speed of its press.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,12 +21,44 @@ COMING_S = 1.0  # longer than any clock is off
 CORNERS = ((LOAD, HOLD), (HOLD, UNLOAD), (LOAD, UNLOAD))
 
 
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Corners of all presses: times since each press's first sample, the presses one after the other, and depths;
+    the first and the last such time of each press, and where its samples lie.
+    """
+
+    time_s: Floats
+    depth_mm: Floats
+    begin_s: Floats
+    end_s: Floats
+    samples_s: Floats
+
+
+_KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
+
+
 def depth_at(data: Observations, later_s: float) -> Floats:
     """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in
     the punch comes at that press's speed, after one that was left on its way out it goes on; else it stands still.
     """
-    branch = ways(data)
-    parts = []
+    course, press = _course(data), data.press
+    asked = np.clip(course.samples_s + later_s, course.begin_s[press], course.end_s[press])
+    return np.asarray(np.interp(asked, course.time_s, course.depth_mm))
+
+
+def _course(data: Observations) -> _Course:
+    """Kept for the last few data sets: the fit of a clock asks again and again."""
+    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
+    for known, course in _KEPT:
+        if all(a is b for a, b in zip(known, key, strict=True)):
+            return course
+    course = _drawn(data)
+    _KEPT.append((key, course))
+    return course
+
+
+def _drawn(data: Observations) -> _Course:
+    branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
     for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
         one = slice(start, end)
         time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
@@ -32,8 +66,12 @@ def depth_at(data: Observations, later_s: float) -> Floats:
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
         if branch[end - 1] == UNLOAD and (going := _line(time[-2:], depth[-2:])) is not None:
             time, depth = np.append(time, time[-1] + COMING_S), np.append(depth, depth[-1] + going * COMING_S)
-        parts.append(np.interp(data.time_s[start:end] + later_s, time, depth))
-    return np.concatenate(parts)
+        times.append(time - time[0] + after)
+        depths.append(depth)
+        samples.append(data.time_s[one] - time[0] + after)
+        after = float(times[-1][-1]) + COMING_S
+    ends = np.array([(time[0], time[-1]) for time in times])
+    return _Course(np.concatenate(times), np.concatenate(depths), ends[:, 0], ends[:, 1], np.concatenate(samples))
 
 
 def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:
