@@ -12,12 +12,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
+from tactilevision.errors import InputError
 from tactilevision.gpu.device import find_gpu
+from tactilevision.middle import median
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact
 LEAST_PIXELS = 20  # that reach it; fewer are noise
+UNKNOWN_MM = 0.02  # deviation of a map that states none
+BLIND_MM = 0.5  # a picture in which a contact as deep may hide says nothing of the untouched gel
+RENEW = 0.002  # five seconds at 90 frames a second: lamps warm in minutes, presses take less
 EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, np.inf])
 
 
@@ -25,7 +30,9 @@ EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, np.inf])
 class Moment:
     """What one frame says. `contact` is True where the gel is pressed; `peak_mm` its greatest depth there, else 0.
 
-    `footprint` is None without contact or without an indenter to look for; `latency_ms` from frame to result.
+    `least_mm` is the depth from which a contact would be seen in half of the picture: where none is seen, one less
+    deep may be there. `footprint` is None without contact or without an indenter to look for; `latency_ms` from
+    frame to result.
     """
 
     height: HeightMap
@@ -33,6 +40,7 @@ class Moment:
     peak_mm: float
     footprint: Footprint | None
     latency_ms: float
+    least_mm: float
 
 
 @dataclass
@@ -40,45 +48,55 @@ class Stream:
     """Turns frames into moments. Not thread-safe.
 
     `indenter`: what to look for, None for contact alone. `renew` is the share by which each frame without contact
-    renews the reference, so that slow changes of light and temperature are followed; 0 leaves it as it is.
+    renews the reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The
+    larger it is the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is
+    seen late, or never, where v / renew is less than what noise hides (some 10 um).
     """
 
     reconstructor: Reconstructor
     indenter: Indenter | None = None
-    renew: float = 0.0
+    renew: float = RENEW
     latencies: Floats = field(default_factory=lambda: np.zeros(len(EDGES_MS)))
     frames: int = 0
     _last: Footprint | None = None
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.renew <= 1.0:
+            raise InputError("is a share, from 0 to 1", where="Stream renew", value=self.renew)
         device = find_gpu()
         if device is not None:
             self.reconstructor.use(device)
 
     def take(self, frame: Frame) -> Moment:
         """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
+        if not isinstance(frame, Frame):
+            raise InputError("a stream takes frames", where="Stream.take", value=type(frame).__name__,
+                             remedy="Hand over Frame(rgb).")  # fmt: skip
         began = time.perf_counter()
         height = self.reconstructor.height_map(frame)
-        contact, peak_mm = self._contact(height)
+        contact, peak_mm, least_mm = self._contact(height)
         self._last = self._footprint(height) if contact else None
-        if not contact and self.renew > 0:
+        if not contact and least_mm < BLIND_MM and self.renew > 0:
             self._follow(frame)
         latency_ms = 1e3 * (time.perf_counter() - began)
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
         self.frames += 1
-        return Moment(height, contact, peak_mm, self._last, latency_ms)
+        return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm)
 
     def histogram(self) -> list[tuple[float, int]]:
         """(upper edge in ms, frames) of the latencies so far."""
         return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
 
-    def _contact(self, height: HeightMap) -> tuple[bool, float]:
+    def _contact(self, height: HeightMap) -> tuple[bool, float, float]:
+        """Whether there is a contact, its depth, and the depth that would show as one in half of the picture."""
         # every second pixel of every second row
-        depth, spread = height.depth_mm[::2, ::2], 0.02 if height.std_mm is None else height.std_mm[::2, ::2]
-        pressed = (depth > SIGMAS * spread) & height.valid[::2, ::2]
+        depth, valid = height.depth_mm[::2, ::2], height.valid[::2, ::2]
+        spread = np.full(depth.shape, UNKNOWN_MM) if height.std_mm is None else height.std_mm[::2, ::2]
+        least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
+        pressed = (depth > SIGMAS * spread) & valid
         if 4 * np.count_nonzero(pressed) < LEAST_PIXELS:
-            return False, 0.0
-        return True, float(depth[pressed].max())
+            return False, 0.0, least_mm
+        return True, float(depth[pressed].max()), least_mm
 
     def _footprint(self, height: HeightMap) -> Footprint | None:
         if self.indenter is None:

@@ -135,11 +135,13 @@ class Frame:
     name: str = ""
 
     def __post_init__(self) -> None:
-        if self.rgb.ndim != 3 or self.rgb.shape[2] != 3 or self.rgb.dtype != np.uint8:
+        rgb: Any = self.rgb
+        array = isinstance(rgb, np.ndarray)
+        if not array or rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
             raise InputError(
                 "a frame is an array (H, W, 3) of uint8, colours in the order red, green, blue",
                 where=self.name or "Frame",
-                value=f"{self.rgb.shape} {self.rgb.dtype}",
+                value=f"{rgb.shape} {rgb.dtype}" if array else type(rgb).__name__,
                 remedy="Read it with tactilevision.recording, or convert it first.",
             )
 

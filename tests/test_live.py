@@ -82,6 +82,7 @@ BAD: dict[str, Callable[[Bytes], Bytes]] = {
     "px, not as its sensor": lambda rgb: rgb[:-2].copy(),
     "order blue, green, red": lambda rgb: rgb[..., ::-1].copy(),
     "black": lambda rgb: rgb // 40,
+    "one of its channels": lambda rgb: rgb * np.array([1, 0, 1], np.uint8),
     "saturated": lambda rgb: np.full_like(rgb, 255),
     "nothing like the reference": lambda rgb: (
         np.where(np.indices(rgb.shape[:2]).sum(0)[..., None] % 32 < 16, 240, 4).repeat(3, axis=2).astype(np.uint8)
@@ -133,3 +134,44 @@ def test_memory_does_not_grow() -> None:
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 20_000
+
+
+def test_a_picture_that_says_nothing_is_not_followed() -> None:
+    """Half of it black: no contact is claimed, but one could hide, and the reference stays as it was."""
+    rng = np.random.default_rng(8)
+    live = stream(0.3)
+    before = live.take(Frame(flat(rng)))
+    torn = flat(rng)
+    torn[SHAPE[0] // 2 :] = 0
+    level = live.reconstructor.method.change.level.copy()  # type: ignore[attr-defined]
+    blind = live.take(Frame(torn))
+    assert not blind.contact
+    assert blind.least_mm > 10 * before.least_mm
+    assert not blind.height.valid[SHAPE[0] // 2 :].any()
+    np.testing.assert_array_equal(live.reconstructor.method.change.level, level)  # type: ignore[attr-defined]
+
+
+def test_a_slow_press_is_not_taken_for_light() -> None:
+    """It grows by .2 um a frame, which following faster takes for untouched gel."""
+    rng = np.random.default_rng(9)
+    live = Stream(stream().reconstructor)
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    seen = []
+    for step in range(250):
+        share = 0.0002 * step / depth.max()
+        seen.append(live.take(Frame(picture(share * p, share * q, rng))).contact)
+    assert all(seen[150:])
+
+
+@pytest.mark.parametrize("renew", [-0.1, 1.5, float("nan")])
+def test_a_share_to_renew_by_lies_between_0_and_1(renew: float) -> None:
+    with pytest.raises(InputError, match="from 0 to 1"):
+        stream(renew)
+
+
+def test_an_array_is_told_to_become_a_frame() -> None:
+    rgb: Any = flat(np.random.default_rng(7))
+    with pytest.raises(InputError, match=r"Frame\(rgb\)"):
+        stream().take(rgb)
+    with pytest.raises(InputError, match="list"):
+        Frame(rgb.tolist())

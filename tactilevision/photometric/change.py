@@ -21,10 +21,11 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.photometric.drift import Drift, DriftTracker
 from tactilevision.photometric.marks import fill, marked
-from tactilevision.photometric.reference import SATURATED, Reference
+from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
 from tactilevision.records import Bools, Bytes, Floats
 
 SOFTENING_GREY = 20.0
+SHADOW_PX = 4  # pixels apart that shadows are looked for
 STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
@@ -80,6 +81,7 @@ class ColourChange:
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.darkest = darkest_grey(reference.noise_grey)
         self.rgb: npt.NDArray[Any] = np.empty((0, 0, 3), np.uint8)
         self._whole: Planes = np.empty_like(mean)
 
@@ -101,10 +103,10 @@ class ColourChange:
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
         self.rgb = rgb if drift.unmix is None else cv2.transform(rgb.astype(np.float32), drift.unmix)
-        if rgb.max() < SATURATED:
+        if rgb.max() < SATURATED and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
             return drift, self.reference.usable
-        red, green, blue = cv2.split(rgb)
-        return drift, self.reference.usable & (cv2.max(cv2.max(red, green), blue) < SATURATED)
+        brightest = _brightest(rgb)
+        return drift, self.reference.usable & (brightest < SATURATED) & (brightest > self.darkest)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
         """The changes (3, h, w) of the frame taken in, strip by strip of a window.
@@ -143,6 +145,11 @@ class ColourChange:
                 value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
                 remedy="Use frames and reference of the same sensor and stream.",
             )
+
+
+def _brightest(rgb: Bytes) -> Bytes:
+    """Of the three channels (H, W, 3), pixel by pixel."""
+    return np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
 
 
 def strips(window: Window) -> Iterator[Window]:

@@ -207,10 +207,10 @@ class DriftTracker:
     def _check(self, blocks: Floats, change: Floats) -> None:
         blocks = self._among_usable(blocks)
         level, usual, clear = float(blocks.mean()), self.usual, self.clear
-        dark = level < 0.1 * usual
+        dark = bool((blocks.mean(axis=1) < 0.1 * self.grey).any())
         if dark or (blocks.max() > 252.0 > usual + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
             raise InputError(
-                "the frame is " + ("black" if dark else "saturated"),
+                "the frame is " + ("black, or one of its channels is" if dark else "saturated"),
                 where="frame",
                 value=f"mean grey {level:.0f}, the reference has {usual:.0f}",
                 remedy="Leave the frame out; check lights and exposure.",

@@ -65,6 +65,12 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     return Reference(mean, noise, usable, marks)
 
 
+def darkest_grey(noise_grey: tuple[float, float, float]) -> float:
+    """Grey level of its brightest channel up to which a frame's pixel lies in shadow and tells nothing of slope: a
+    signal of LEAST_SIGNAL where all three are alike."""
+    return LEAST_SIGNAL / 3**0.5 * float(np.mean(noise_grey))
+
+
 def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]:
     spread = np.sqrt(np.mean(np.var(stack, axis=0, ddof=1), axis=(0, 1)))
     return _floored(spread)
