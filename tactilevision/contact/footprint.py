@@ -33,7 +33,8 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
     if prior is not None:
         start: tuple[Pair, float] | None = (prior.centre_mm, prior.radius_mm)
     else:
-        start = _search(height, indenter.radius_mm)
+        # a ball or a cone touches the less the less deep it is pressed: its own radius says nothing
+        start = _search(height, indenter.radius_mm if indenter.shape == "flat_cylinder" else float("nan"))
     if start is None:
         return None
     circle, drawn = None, 0.0

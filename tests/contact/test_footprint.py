@@ -64,6 +64,16 @@ def test_another_radius_than_the_stated_one_is_measured() -> None:
         assert face.radius_mm == pytest.approx(2.0, rel=0.01)
 
 
+def test_a_balls_own_radius_is_not_looked_for() -> None:
+    """It touches a circle of 1 mm, whatever its own radius."""
+    scene = Scene(radius_mm=1.0)
+    height = height_map(scene, np.random.default_rng(0))
+    for radius_mm in (4.0, 20.0):
+        face = find_footprint(height, replace(scene.indenter(), shape="sphere", radius_mm=radius_mm))
+        assert face is not None
+        assert face.radius_mm == pytest.approx(1.0, rel=0.02)
+
+
 def test_a_hole_in_the_map_is_not_read() -> None:
     scene = Scene()
     height = height_map(scene, np.random.default_rng(0))
