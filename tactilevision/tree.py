@@ -38,12 +38,13 @@ class Branch:
 def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
     """Recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
 
-    Hidden folders are left alone, and `leave`, where results go. Raises InputError where there is no such folder.
+    Hidden folders are left alone, and `leave`, where results go, and links that lead back to where they are.
+    Raises InputError where there is no such folder.
     """
     root = Path(root)
     if not root.is_dir():
         raise InputError("there is no such folder", where=root)
-    return tuple(_walk(root, None if leave is None else leave.resolve()))
+    return tuple(_walk(root, set() if leave is None else {leave.resolve()}))
 
 
 def reconstruct_tree(
@@ -125,8 +126,9 @@ def _rows_of_finished(place: Path, recording: Recording, form: Form) -> tuple[Fr
     return tuple(FrameResult.of(row) for row in rows)
 
 
-def _walk(folder: Path, leave: Path | None) -> Iterator[Path]:
-    if folder.resolve() == leave:
+def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:
+    here = folder.resolve()
+    if here in leave:
         return
     names = sorted(name for name in os.listdir(folder) if not name.startswith("."))
     if layout.SETTINGS in names:
@@ -140,7 +142,7 @@ def _walk(folder: Path, leave: Path | None) -> Iterator[Path]:
         if path == own or (path.is_dir() and name in (layout.FRAMES, REFERENCE)):
             continue
         if path.is_dir():
-            yield from _walk(path, leave)
+            yield from _walk(path, {*leave, here})
         elif path.suffix.lower() in layout.VIDEO_SUFFIXES:
             yield path
 

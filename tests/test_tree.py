@@ -72,6 +72,19 @@ def test_sources_are_found_and_nothing_inside_a_recording_or_the_results(tmp_pat
         find_sources(tmp_path / "nowhere")
 
 
+def test_links_that_lead_back_are_not_followed(tmp_path: Path) -> None:
+    root = tmp_path / "in"
+    for name in ("a", "b"):
+        pictures(root / name, 1)
+    (root / "a" / "up").symlink_to(root)
+    (root / "a" / "over").symlink_to(root / "b")
+    (root / "b" / "over").symlink_to(root / "a")
+    pictures(tmp_path / "elsewhere", 1)
+    (root / "c").symlink_to(tmp_path / "elsewhere")
+    found = [path.relative_to(root).as_posix() for path in find_sources(root)]
+    assert found == ["a", "a/over", "b", "b/over", "c"]
+
+
 def test_a_mixed_tree_becomes_maps_and_one_table(tmp_path: Path) -> None:
     root, out = mixed(tmp_path / "in"), tmp_path / "out"
     told: list[tuple[int, int]] = []
