@@ -33,9 +33,9 @@ from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE
 from tactilevision.press.usual import lean_scatter, usual_of
 from tactilevision.press.watch import Watch
+from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
 
-_NAMED = 5
 _GENTLE = 0.3  # a slope that most calibrations hold
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
 
@@ -233,8 +233,7 @@ def _warnings(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise
         yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
     torn = [bad.name for watch in chain.watches.values() if watch is not None for bad in watch.missing]
     if torn:
-        more = f" and {len(torn) - _NAMED} more" if len(torn) > _NAMED else ""
-        yield f"Frames that cannot be read were passed over: {', '.join(torn[:_NAMED])}{more}."
+        yield f"Frames that cannot be read were passed over: {some(torn)}."
     untared = [name for name, window in chain.windows.items() if window is not None and not window.tare.known]
     if untared:
         yield f"No force reading of the free gel for presses {', '.join(untared)}: their zero is as recorded."

@@ -11,6 +11,7 @@ import numpy as np
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
+from tactilevision.recording.names import some
 from tactilevision.records import Press
 
 _SPARE = 0.1  # share of a press that the readings may miss at its end: free gel, where only the zero is read
@@ -73,7 +74,7 @@ def _doubts_of_frames(recording: Recording) -> Iterator[str]:
         yield f"{layout.FRAME_TABLE}: {equal} frames have the very time of the frame before"
     blind = [p.press for p in recording.presses if p.start_s > times[-1] or p.end_s < times[0]]
     if blind:
-        yield f"{layout.PRESSES}: no frames were taken during {_some(blind)}"
+        yield f"{layout.PRESSES}: no frames were taken during {some(blind)}"
 
 
 def _doubts_of_forces(recording: Recording) -> Iterator[str]:
@@ -98,7 +99,3 @@ def _doubts_of_depths(recording: Recording) -> Iterator[str]:
     for table, deepest in ((layout.POINTS, in_points), (layout.CURVES, in_curves)):
         if deepest > gel.thickness_mm:
             yield f"{table}: depth_mm = {deepest:g} exceeds the gel's thickness of {gel.thickness_mm:g} mm"
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

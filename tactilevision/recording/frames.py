@@ -25,7 +25,7 @@ def iter_frames(
 ) -> Iterator[Frame | BadFrame]:
     """Stream the frames with start_s <= time <= end_s, in order, as they are on disk (not rectified).
 
-    A frame of unknown time is part of every stream. A picture that is torn comes as a BadFrame. Raises
+    A frame of unknown time is part of every stream. A picture that is absent or torn comes as a BadFrame. Raises
     RecordingError where the recording has no frames, where a picture is of another kind (grey, floating
     point beyond its range), or of another size than the ones before.
     """
@@ -38,7 +38,7 @@ def iter_frames(
 def read_frame(recording: Recording, index: int) -> Frame:
     """Read one frame by its place in `recording.frame_names`; negative ones count from the end.
 
-    Raises RecordingError where the picture is torn, InputError where there is no such frame.
+    Raises RecordingError where the picture is absent or torn, InputError where there is no such frame.
     """
     require(recording, "frames", step="reading frames")
     count = len(recording.frame_names)

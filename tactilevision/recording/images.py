@@ -23,14 +23,14 @@ _REMEDY_TORN = "Copy it again from where it came, or take it out of the list."
 
 
 class TornImageError(RecordingError):
-    """The file is damaged or cut short, so that this one picture is lost; others may be sound."""
+    """The file is absent, damaged or cut short, so that this one picture is lost; others may be sound."""
 
 
 def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
     """Read a picture as (height, width, 3) uint8 in the order red, green, blue.
 
-    Raises TornImageError for a file that is cut short or damaged, RecordingError for one that is absent, grey,
-    or of a kind that is not read.
+    Raises TornImageError for a file that is absent, cut short or damaged, RecordingError for one that is grey or
+    of a kind that is not read.
     """
     path = Path(path)
     return as_rgb(read_stored(path), path, white_level)
@@ -40,6 +40,8 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
     """The picture as the file has it, any shape and type, red first. Raises as `read_image` does."""
     try:
         data = path.read_bytes()
+    except FileNotFoundError as fault:
+        raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
     if not data:

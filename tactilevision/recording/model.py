@@ -29,7 +29,7 @@ class BallPress:
 
 @dataclass(frozen=True, slots=True)
 class BadFrame:
-    """A picture that is listed but cannot be read whole: `name`, `time_s` as listed, and `why`."""
+    """A picture that is listed but absent, or cannot be read whole: `name`, `time_s` as listed, and `why`."""
 
     name: str
     time_s: float

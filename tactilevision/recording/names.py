@@ -1,9 +1,9 @@
-"""Which known name was probably meant by an unknown one."""
+"""Names in messages: the first of many, and which known one was probably meant by an unknown one."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def nearest(name: str, among: Iterable[str]) -> str:
@@ -14,3 +14,8 @@ def nearest(name: str, among: Iterable[str]) -> str:
             return folded[other]
     close = difflib.get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.8)
     return folded[close[0]] if close else ""
+
+
+def some(names: Sequence[str]) -> str:
+    """The first three, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,13 @@ from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.images import TornImageError, as_rgb, read_stored
 from tactilevision.recording.model import BallPress
+from tactilevision.recording.names import some
 from tactilevision.recording.series import read_frame_table
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.recording.video import count_frames, iter_video, stated_frames
 
 _LOOKS = 10  # pictures to try before their size is given up
+_LOST = 0.5  # share of the listed pictures that may be missing
 
 
 def list_images(folder: Path) -> list[str]:
@@ -58,23 +61,35 @@ def find_frames(root: Path) -> Path | None:
 
 
 def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
-    """frames.csv, every picture in it known to be there; and what is there without being listed."""
+    """frames.csv; and, as warnings, which pictures it lists that are gone, and how many are there unlisted.
+
+    A frame or two that got lost are no reason to refuse thousands: readers meet them as BadFrame. Raises
+    RecordingError where most are missing, since such a list is of other pictures.
+    """
     table = read_frame_table(root / layout.FRAME_TABLE)
     names = table.words["frame"]
     if frames_path.is_file():
         _check_indices(table, frames_path)
         return table, ()
     present = set(_image_names(frames_path))
-    _check_present(table, names, present)
-    left = len(present) - len(names)
-    return table, (f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",) if left else ()
+    gone = _check_present(table, names, present, spare=_LOST)
+    left = len(present - set(names))
+    lost = f"{len(gone)} of {len(names)} pictures listed are missing and are passed over: {some(gone)}"
+    return table, (f"{layout.FRAME_TABLE}: {lost}",) * bool(gone) + (
+        f"{layout.FRAMES}/: {left} pictures are not listed in {layout.FRAME_TABLE}",
+    ) * bool(left)
 
 
-def _check_present(table: Table, names: Sequence[str], present: set[str]) -> None:
+def _check_present(
+    table: Table, names: Sequence[str], present: set[str], *, spare: float = 0.0
+) -> tuple[str, ...]:
+    """Names that are not there; raises where they are more than the share `spare`, or lack but their ending."""
     missing = [row for row, name in enumerate(names) if name not in present]
     if missing:
         name = names[missing[0]]
         ended = sorted(other for other in present if other.rsplit(".", 1)[0] == name)
+        if not ended and len(missing) <= spare * len(names):
+            return tuple(names[row] for row in missing)
         raise table.fault(
             missing[0],
             f"{len(missing)} of {len(names)} pictures listed are missing, the first is {name}",
@@ -82,6 +97,7 @@ def _check_present(table: Table, names: Sequence[str], present: set[str]) -> Non
             if ended
             else "Copy them, or take them off the list.",
         )
+    return ()
 
 
 def _check_indices(table: Table, video: Path) -> None:
@@ -152,7 +168,8 @@ def first_look(
         if rgb is not None:
             return (rgb.shape[1], rgb.shape[0]), ()
     else:
-        for name in names[:_LOOKS]:
+        names = list(islice((name for name in names if (frames_path / name).is_file()), _LOOKS))
+        for name in names:
             with suppress(TornImageError):
                 stored = read_stored(frames_path / name)
                 height, width, _ = as_rgb(stored, frames_path / name, white_level).shape

@@ -39,12 +39,6 @@ EDITS = [
     ("forces.csv", "fy_N", "fx_N", "column fx_N stands twice"),
     ("frames.csv", "f2.png,0.2", "f2.png,0.05", "frames.csv, line 4: time_s goes backwards, from 0.1 to 0.05"),
     ("frames.csv", "f2.png,0.2", "f1.png,0.2", "frames.csv, line 4: the frame is listed twice, first in line 3"),
-    (
-        "frames.csv",
-        "f2.png",
-        "f99.png",
-        "frames.csv, line 4: 1 of 10 pictures listed are missing, the first is f99.png",
-    ),
     ("frames.csv", "f2.png", "f2", "Write its name with its ending: f2.png"),
     ("frames.csv", "f2.png", "", "frames.csv, line 4: column frame is empty"),
     ("presses.csv", "1,A1,0.1,0.4", "1,A1,0.4,0.1", "presses.csv, line 2: the press does not end after it starts"),

@@ -82,7 +82,7 @@ def test_pictures_of_no_use_are_named(tmp_path: Path, array: npt.NDArray[Any], s
 
 
 def test_a_picture_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"gone.png: cannot be read: No such file"):
+    with pytest.raises(RecordingError, match=r"gone.png: the file is missing"):
         read_image(tmp_path / "gone.png")
 
 

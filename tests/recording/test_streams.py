@@ -228,3 +228,22 @@ def test_a_file_that_is_no_video_is_named(folder: Path) -> None:
     (folder / "frames.avi").write_bytes(b"no video")
     with pytest.raises(RecordingError, match=r"frames.avi: the video cannot be opened"):
         read_recording(folder)
+
+
+def test_a_listed_picture_that_is_gone_is_named_and_passed_over(folder: Path) -> None:
+    for name in ("f0.png", "f3.png"):
+        (folder / "frames" / name).unlink()
+    read = read_recording(folder)
+    said = "frames.csv: 2 of 10 pictures listed are missing and are passed over: f0.png, f3.png"
+    assert said in read.warnings
+    frames = list(iter_frames(read))
+    assert [frame.name for frame in frames if isinstance(frame, BadFrame)] == ["f0.png", "f3.png"]
+    assert [frame.why for frame in frames if isinstance(frame, BadFrame)] == ["the file is missing"] * 2
+    assert len(frames) == 10
+
+
+def test_a_list_of_which_most_is_missing_is_of_other_pictures(folder: Path) -> None:
+    for k in range(6):
+        (folder / f"frames/f{k}.png").rename(folder / f"frames/g{k}.png")
+    with pytest.raises(RecordingError, match=r"line 2: 6 of 10 pictures listed are missing, the first is f0.png"):
+        read_recording(folder)
