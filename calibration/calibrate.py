@@ -17,12 +17,13 @@ from calibration.identify import beta_name, identify, main_radius
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
+from calibration.material.lines import own_lines
 from calibration.material.published import published_route
 from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.material.round_result import of_round
 from calibration.material.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.material.unstated_edge import allow_for_edge
-from calibration.measured.checks import at_one_depth, check, of_shape
+from calibration.measured.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.model import Model
 from calibration.observe import observe_curves, observe_points
 from calibration.plausible import FLAG, outside_gels
@@ -54,6 +55,8 @@ def calibrate(
     seen = observe(sets)
     chosen = _chosen(law, seen)
     stated = _sized(of_shape(seen, shape_of(chosen)))
+    if shape_of(chosen) == FLAT:
+        stated = of_several_depths(stated)
     data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
@@ -111,7 +114,8 @@ def conclude(fitted: Fit) -> CalibrationResult:
 
 def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
     """The result with what rests on theory said, and no value of beta."""
-    why = "the presses have one depth: stiffness and curvature cannot be told apart"
+    there = "there is one press" if result.fitted.data.count == 1 else "the presses have one depth"
+    why = f"{there}: stiffness and curvature cannot be told apart"
     low, high = result.beta.interval95 or (float("nan"), float("nan"))
     said = (
         f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
@@ -136,18 +140,19 @@ def _free(law: Law, data: Observations, *, single: bool) -> Law:
 
 def _of_default(fitted: Fit) -> CalibrationResult:
     known = identify(fitted)
-    radius = main_radius(fitted)
+    radius, lines = main_radius(fitted), own_lines(fitted)
     beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
     h_mm = fitted.data.gel.thickness_mm
     outside = beta_outside_theory(beta, known.poisson_ratio, radius / h_mm)
+    c, bend = next((c, bend) for one, c, bend in lines if one == radius)
     deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
     return CalibrationResult(
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
-        c=known.c, beta=known.beta, reduced_modulus=known.reduced_modulus,
+        c=c, beta=bend, reduced_modulus=known.reduced_modulus,
         youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
         r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted),
         clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
-        by_radius=known.by_radius, assumptions=(*common_assumptions(fitted), *known.assumptions),
+        by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
         warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
         flags=("beta_outside_theory",) if outside else (),
     )  # fmt: skip

@@ -41,7 +41,6 @@ class Identified:
     source: str
     covariance: Floats
     modulus_of_nu: tuple[Pair, ...]
-    by_radius: tuple[tuple[float, Estimate, Estimate], ...]
     assumptions: tuple[str, ...]
 
 
@@ -62,12 +61,10 @@ def identify(fitted: Fit) -> Identified:
         spread = _spread(other.fitted, own, radius)
         modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
         reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
-    radii = np.unique(fitted.data.presses.radius_mm).tolist()
     return Identified(
         youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=bend_of(fitted, radius),
         source=source, covariance=_covariance(fitted, radius),
         modulus_of_nu=modulus_of_nu(fitted, NU_TABLE, radius),
-        by_radius=tuple((r, stiffness_of(fitted, r), bend_of(fitted, r)) for r in radii),
         assumptions=tuple(assumptions),
     )  # fmt: skip
 

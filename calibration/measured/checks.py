@@ -144,16 +144,22 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
     Phases that nobody recorded are read from the depth. What is left out and what these measurements lack is said
     in the warnings. Raises InputError where nothing is left to fit.
     """
-    kept = of_shape(data, shape)
-    single = [r for r in np.unique(kept.presses.radius_mm) if _one_depth(kept, float(r))]
-    if single and len(single) < np.unique(kept.presses.radius_mm).size:
-        named = ", ".join(f"{r:g} mm" for r in single)
-        warning = f"presses of radius {named} are left out: at one depth stiffness and curvature look alike"
-        kept = kept.take(~np.isin(kept.presses.radius_mm, single))
-        kept = replace(kept, warnings=(*kept.warnings, warning))
+    kept = of_several_depths(of_shape(data, shape))
     check(kept, shape=shape)
     phase = np.array(BRANCHES)[branches(kept)]
     return replace(kept, phase=phase, warnings=(*kept.warnings, *lacks(kept)))
+
+
+def of_several_depths(data: Observations) -> Observations:
+    """Without the presses of radii pressed to one depth, where others have several; a warning names them."""
+    radii = np.unique(data.presses.radius_mm)
+    single = [r for r in radii if _one_depth(data, float(r))]
+    if not 0 < len(single) < radii.size:
+        return data
+    named = ", ".join(f"{r:g} mm" for r in single)
+    warning = f"presses of radius {named} are left out: at one depth stiffness and curvature look alike"
+    kept = data.take(~np.isin(data.presses.radius_mm, single))
+    return replace(kept, warnings=(*kept.warnings, warning))
 
 
 def clear_of_touch(data: Observations) -> Observations:
@@ -190,15 +196,14 @@ def lacks(data: Observations) -> Iterator[str]:
 
 
 def at_one_depth(data: Observations) -> bool:
-    """True where several points of each radius have one depth: they tell a secant, and no more.
+    """True where the points of each radius have one depth, be it a single point: they tell a secant, and no more.
 
     Depths that lie no further apart than their zeros scatter are one depth, too.
     """
     radii = np.unique(data.presses.radius_mm)
-    repeated = all(np.count_nonzero(data.presses.radius_mm == radius) > 1 for radius in radii)
     stated = data.depth_std_mm[np.isfinite(data.depth_std_mm)]
     scatter = 2 * TOUCH * (float(np.median(stated)) if stated.size else TYPICAL_ZERO_MM)
-    return not data.is_curves and repeated and all(_one_depth(data, float(radius), scatter) for radius in radii)
+    return not data.is_curves and all(_one_depth(data, float(radius), scatter) for radius in radii)
 
 
 def _one_depth(data: Observations, radius_mm: float, scatter_mm: float = 0.0) -> bool:

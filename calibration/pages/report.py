@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,7 +42,8 @@ def summary(result: CalibrationResult) -> list[str]:
         f"Poisson's ratio  nu = {wording.estimate(result.poisson_ratio)}, from {source_in_words(result)}",
         f"stiffness        c  = {wording.estimate(result.c)}",
         f"slope         beta  = {wording.estimate(result.beta)}",
-        f"R^2 = {result.r_squared:.4f}, rms error {1e3 * result.rms_error_N:.1f} mN, law: {law}",
+        (f"R^2 = {result.r_squared:.4f}, " if math.isfinite(result.r_squared) else "")
+        + f"rms error {1e3 * result.rms_error_N:.1f} mN, law: {law}",
     ]
     if result.clock_offset.value is not None:
         lines.append(f"F/T clock minus camera clock = {wording.estimate(result.clock_offset)}")
@@ -95,8 +97,12 @@ def _head(result: CalibrationResult) -> str:
         ("slope β of P/w over w/h", wording.estimate(result.beta), ""),
         ("reduced modulus E/(1 − ν²)", wording.estimate(result.reduced_modulus), ""),
         ("F/T clock − camera clock", wording.estimate(result.clock_offset), ""),
-        ("rms error of the force", f"{1e3 * result.rms_error_N:.1f} mN", f"R² of the line {result.r_squared:.4f}"),
-        ("repeats scatter by", f"{wording.number(1e3 * result.noise_floor_N)} mN", "no law can do better"),
+        (
+            "rms error of the force",
+            f"{1e3 * result.rms_error_N:.1f} mN",
+            f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else "",
+        ),
+        ("repeats and noise alone", f"{wording.number(1e3 * result.noise_floor_N)} mN", "no law can do better"),
     ]
     return page.table(("", "value and 95 % interval", ""), rows)
 

@@ -279,7 +279,6 @@ FORCES = 3.5 * DEPTHS * (1 + DEPTHS / 3)
 @pytest.mark.parametrize(
     ("measured", "message"),
     [
-        (points_of(DEPTHS[:1], FORCES[:1]), "one depth"),
         (points_of(-DEPTHS, FORCES), "above 0 mm"),
         (points_of(DEPTHS, -FORCES), "above 0 N"),
         (points_of(DEPTHS, FORCES[::-1]), "falls as the depth grows"),

@@ -7,6 +7,7 @@ import pytest
 from made_recordings import points_of
 
 from calibration.calibrate import calibrate
+from calibration.pages.report import summary
 from tactilevision.errors import InputError
 from tactilevision.records import Gel
 
@@ -39,3 +40,28 @@ def test_depths_apart_by_their_scatter_are_one_depth() -> None:
     assert low < 3.5 < high
     few = calibrate(points_of(np.array([0.146, 0.152, 0.158]), np.array([0.58, 0.57, 0.56]), gel=gel))
     assert "one_depth" in few.flags
+
+
+@pytest.mark.parametrize("beta", [0.15, 0.6, 1.1])
+@pytest.mark.parametrize("depth", [0.15, 0.6])
+def test_one_point_tells_what_its_secant_allows_and_says_so(depth: float, beta: float) -> None:
+    gel = Gel(3.0, shape="disc", radius_mm=15.0, poisson_ratio=0.48, poisson_ratio_std=0.002)
+    force = 3.5 * depth * (1 + beta * depth / 3)
+    result = calibrate(points_of(np.array([depth]), np.array([force]), gel=gel))
+    low, high = result.c.interval95 or (0, 0)
+    assert low < 3.5 < high
+    assert 0.05 < (high - low) / 3.5 < 0.4
+    assert "one_depth" in result.flags
+    assert any("there is one press" in warning for warning in result.warnings)
+    low, high = result.youngs_modulus.interval95 or (0, 0)
+    sliding = result.youngs_modulus.value or 0
+    assert low < sliding * 3.5 / (result.c.value or 1) < high
+    assert result.beta.value is None
+    assert not any("nan" in line for line in summary(result))
+
+
+def test_one_point_with_nothing_said_of_nu_leaves_e_open() -> None:
+    result = calibrate(points_of(np.array([0.4]), np.array([1.6])))
+    assert result.c.value is not None
+    assert result.youngs_modulus.value is None
+    assert result.youngs_modulus.interval95 is not None

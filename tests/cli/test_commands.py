@@ -132,35 +132,29 @@ def test_ctrl_c_leaves_the_old_results(tmp_path: Path) -> None:
         assert set(after) == set(before)
 
 
-@pytest.mark.parametrize(("kept", "code", "said"), [(0, 3, "no press can be trusted"), (1, 2, "one depth")])
-def test_too_few_presses_say_which_were_rejected_and_why(
-    kept: int,
-    code: int,
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_without_a_sound_press_each_reason_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording, out, told = tmp_path / "recording", tmp_path / "out", tmp_path / "r.json"
     recording.mkdir()
     (recording / "recording.toml").write_text((PAPER / "recording.toml").read_text())
     head, *rows = (PAPER / "points.csv").read_text().splitlines()
-    spoilt = [row if k < kept else row.replace("true,", "false,bevel_not_touched") for k, row in enumerate(rows)]
+    spoilt = [row.replace("true,", "false,bevel_not_touched") for row in rows]
     (recording / "points.csv").write_text("\n".join([head, *spoilt]) + "\n")
-    assert run(monkeypatch, "calibrate", recording, "--out", out, "--json", told) == code
+    assert run(monkeypatch, "calibrate", recording, "--out", out, "--json", told) == 3
     captured = capsys.readouterr()
-    assert said in captured.err
-    assert f"{kept} of 5 presses accepted" in captured.out
+    assert "no press can be trusted" in captured.err
+    assert "0 of 5 presses accepted" in captured.out
     assert "rejected 5: bevel not touched" in captured.out
     content = json.loads(told.read_text())
     assert content == json.loads((out / "calibration.json").read_text())
     assert content["presses_rejected"][-1] == {"press": "5", "reason": "bevel_not_touched"}
-    assert len(content["presses_rejected"]) == 5 - kept
+    assert len(content["presses_rejected"]) == 5
     for key in ("youngs_modulus_MPa", "poisson_ratio", "c_N_per_mm", "beta", "reduced_modulus_MPa"):
         assert content[key]["value"] is None
-        assert said in content[key]["why"]
+        assert "no press can be trusted" in content[key]["why"]
     assert (out / "points.csv").exists()
-    assert said in (out / "report.html").read_text()
+    assert "no press can be trusted" in (out / "report.html").read_text()
     assert run(monkeypatch, "calibrate", PAPER, "--out", tmp_path / "good") == 0
     assert set(content) == set(json.loads((tmp_path / "good" / "calibration.json").read_text()))
 
