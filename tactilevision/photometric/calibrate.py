@@ -26,6 +26,7 @@ from tactilevision.photometric.samples import (
     untouched,
     with_noise,
 )
+from tactilevision.photometric.two_ways import Told, told_slopes
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3
@@ -122,7 +123,8 @@ def calibrate_from_balls(
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    warnings += _coverage(touching) + _ghost(change, pictures, balls)
+    light = told_slopes(touching)
+    warnings += _coverage(touching) + _hidden(light) + _ghost(change, pictures, balls)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),
@@ -133,6 +135,8 @@ def calibrate_from_balls(
         "place_gain_std": np.round(gain_map(law, _each_once(unseen.values()), touching), 5).tolist(),
         "fitted_by": getattr(way, "__name__", type(way).__name__),
         "ridge": ridge,
+        "slope_of_one_pixels_noise_best": light.best,
+        "slope_of_one_pixels_noise_worst": light.worst,
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
     }
     return Calibration(
@@ -269,6 +273,17 @@ def _ghost(change: ColourChange, pictures: Sequence[BallPicture], balls: Sequenc
     x, y = block * (np.median(columns) + 0.5), block * (np.median(rows) + 0.5)
     return [f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a "
             "contact in the reference, or all balls at one place"]  # fmt: skip
+
+
+def _hidden(light: Told) -> list[str]:
+    """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
+    if light.worst < GENTLE:
+        return []
+    return [
+        f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "
+        f"{light.worst:.2g} changes the colours by a pixel's noise, across it {light.best:.2g} does. Do lamps of "
+        "one colour face each other, or are all of one colour? Light each side in a colour of its own"
+    ]
 
 
 def _coverage(contact: Samples) -> list[str]:

@@ -30,15 +30,17 @@ def picture(
     stray_grey: float = 15.0,
     bright: float = 1.0,
     lamps: Sequence[float] = (1.0, 1.0, 1.0),
+    at: Sequence[tuple[float, float, float]] = LAMPS,
+    tints: Floats = TINTS,
 ) -> Bytes:
     """The frame (H, W, 3) of a gel of slopes p, q; of its light `stray_grey` does not come from the lamps.
 
-    `lamps` is what each still gives of its light.
+    `lamps` is what each still gives of its light; `at` and `tints` are their places and colours.
     """
     x, y = places()
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
     light = np.zeros((*SHAPE, 3))
-    for (lx, ly, lz), tint, still in zip(LAMPS, TINTS, lamps, strict=True):
+    for (lx, ly, lz), tint, still in zip(at, tints, lamps, strict=True):
         ray = np.stack([lx - x, ly - y, np.full_like(x, lz)])
         distance = np.sqrt((ray**2).sum(axis=0))
         shade = np.maximum((normal * ray).sum(axis=0), 0.0) / distance**3 * lz**2
