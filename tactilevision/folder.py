@@ -20,7 +20,7 @@ from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import write_text
 from tactilevision.height_files import masked, write_tiff
-from tactilevision.press.anchor import FaceAnchor
+from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Frame, HeightMap
@@ -65,7 +65,7 @@ class DepthJob:
     reconstructor: Reconstructor
     maps: Path
     scratch: Path | None = None
-    anchor: FaceAnchor | None = None
+    anchor: FaceAnchor = UNHELD
     columns: int = len(COLUMNS)
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
@@ -74,9 +74,7 @@ class DepthJob:
             return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
         try:
             start = time.perf_counter()
-            height = self.reconstructor.height_map(frame)
-            if self.anchor is not None:
-                height = self.anchor(height)
+            height = self.anchor(self.reconstructor.height_map(frame))
             spent = 1e3 * (time.perf_counter() - start)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
@@ -104,7 +102,7 @@ def reconstruct_folder(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
-    anchor: FaceAnchor | None = None,
+    anchor: FaceAnchor = UNHELD,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
 
@@ -122,12 +120,7 @@ def reconstruct_folder(
     scratch = out / SCRATCH if form == "zarr" else None
     journal = Journal(
         out / JOURNAL,
-        fingerprint_of(
-            recording,
-            form,
-            way_of_reading(recording, reconstructor.height_map),
-            *(anchor.gauge,) if anchor else (),
-        ),
+        fingerprint_of(recording, form, way_of_reading(recording, reconstructor.height_map), anchor.gauge),
     )
     job = DepthJob(reconstructor, out / MAPS, scratch, anchor)
     sensor = reconstructor.sensor

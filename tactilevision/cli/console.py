@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -15,6 +15,8 @@ from tactilevision.files import write_json
 
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
+
+_FIRST = 10
 
 
 class Progress(Protocol):
@@ -47,6 +49,13 @@ def say(*lines: str) -> None:
     """Print the human summary to standard output."""
     for line in lines:
         typer.echo(line)
+
+
+def say_first(lines: Sequence[str], rest: Path) -> None:
+    """Print the first of many lines; `rest` is where all of them stand."""
+    say(*lines[:_FIRST])
+    if len(lines) > _FIRST:
+        say(f"  ... and {len(lines) - _FIRST} more, all in {rest}")
 
 
 def warn(lines: tuple[str, ...] | list[str]) -> None:

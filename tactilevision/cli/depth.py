@@ -48,7 +48,7 @@ def depth(
 
     warned: list[str] = []
     light = _teller(method, warned)
-    anchor = None
+    certified = False
     if source.is_tree(path):
         if calibration is not None:
             raise InputError("a calibration belongs to one recording, not to a tree of them", where=path,
@@ -69,6 +69,7 @@ def depth(
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_anchor(recording, reconstructor, calibration)
+            certified = anchor.gauge is not None
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
                 recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor
@@ -79,7 +80,7 @@ def depth(
     statuses = Counter(row.status.split(":")[0] for row in rows)
     bad = {row.frame: row.status for row in rows if row.status != "ok"}
     content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
-    content |= {"faces_certified": anchor is not None}
+    content |= {"faces_certified": certified}
     console.hand_over(content | {"warnings": warned}, json)
 
 
@@ -104,16 +105,14 @@ def _counted(rows: tuple[FrameResult, ...]) -> str:
 def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     console.say(f"{_counted(rows)}: {out}/{maps}, {out / 'depth.csv'}")
     bad = [row for row in rows if row.status != "ok"]
-    console.say(*(f"  {row.frame}: {row.status}" for row in bad[:10]))
-    if len(bad) > 10:
-        console.say(f"  ... and {len(bad) - 10} more, all in {out / 'depth.csv'}")
+    console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 
 
 def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameResult, ...], folder: Path, *,
-          most: int, anchor: FaceAnchor | None) -> None:  # fmt: skip
+          most: int, anchor: FaceAnchor) -> None:  # fmt: skip
     """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
     from tactilevision.cli import moments
     from tactilevision.plots import style
@@ -123,9 +122,7 @@ def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameR
     depth = [row.peak_mm if row.status == "ok" else float("nan") for row in rows]
     for number in moments.telling(recording, depth, most=most):
         frame = read_frame(recording, number)
-        height = reconstructor.height_map(frame)
-        if anchor is not None:
-            height = anchor(height)
+        height = anchor(reconstructor.height_map(frame))
         figure = draw_height_and_frame(reconstructor.rectified(frame), height)
         path = folder / f"{Path(frame.name).stem}_depth.png"
         style.save_png(figure, path)

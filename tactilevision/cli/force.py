@@ -59,9 +59,9 @@ def force(
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
-    console.say(*(f"  {row.frame}: {row.why}" for row in rows if not row.read))
+    console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
-    content |= {"faces_certified": anchor is not None}
+    content |= {"faces_certified": anchor.gauge is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
     beside = write_beside(recording, rows, out / "beside")
@@ -174,5 +174,6 @@ def _sensitivity(job: ForceJob, found: TractionMap, ranges: tuple[Sensitivity, .
     said = [entry.as_json(found) for entry in ranges]
     for entry in said:
         low, high = entry["change_percent"]
-        console.say(f"  {entry['parameter']} over its own 95 % interval moves fz by {low:+.1f} to {high:+.1f} %")
+        over = "over their joint" if entry["parameter"] == "both together" else "over its own"
+        console.say(f"  {entry['parameter']} {over} 95 % interval moves fz by {low:+.1f} to {high:+.1f} %")
     return said

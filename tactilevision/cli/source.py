@@ -66,14 +66,14 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     return build_reconstructor(recording, method or ("either" if recording.balls else None))
 
 
-def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> FaceAnchor | None:
-    """What holds the faces of presses that `calibration` certified; None, with a word, where it knows too few."""
-    from tactilevision.press.anchor import face_anchor, read_certified
+def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> FaceAnchor:
+    """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
+    from tactilevision.press.anchor import UNHELD, face_anchor, read_certified
 
     if calibration is None:
-        return None
+        return UNHELD
     anchor = face_anchor(recording, reconstructor, read_certified(calibration))
-    if anchor is None:
+    if anchor is UNHELD:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
     else:

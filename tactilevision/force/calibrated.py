@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
 
 MOST_POISSON = 0.4999
@@ -67,13 +67,15 @@ def read_material(path: Path | str) -> Material:
     return Material(modulus, MOST_POISSON if incompressible else poisson, covariance)
 
 
-def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear: ShearMap | None = None, *,
-                         settings: ForceSettings | None = None) -> tuple[Sensitivity, ...]:  # fmt: skip
+def material_sensitivity(field: ForceField, found: TractionMap, height: HeightMap,
+                         shear: ShearMap | None = None) -> tuple[Sensitivity, ...]:  # fmt: skip
     """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance, the other of
-    the two held; then with both, as far as they vary together (to first order).
+    the two held; then with both, as far as they vary together (to first order). `found` is what `field` made of
+    the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
 
     Raises InputError where the material has no covariance.
     """
+    material = field.material
     if material.covariance is None:
         raise InputError("the material says nothing of its own uncertainty", where="material_sensitivity",
                          remedy="Take it from calibration.json, or give Material a covariance.")  # fmt: skip
@@ -81,12 +83,13 @@ def material_sensitivity(gel: Gel, material: Material, height: HeightMap, shear:
     moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], 1e-9) for s in (-1, 1))
     ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MOST_POISSON)) for s in (-1, 1))
 
-    def found(changed: Material) -> tuple[float, float, float]:
-        field = ForceField(gel, changed, height.mm_per_px, settings=settings)
-        return field(height, shear).resultant_N
+    def at(poisson_ratio: float) -> tuple[float, float, float]:
+        changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # its deviation is not asked for
+        again = ForceField(field.gel, changed, field.mm_per_px, settings=field.settings)
+        return again(height, shear).resultant_N
 
-    by_modulus = np.array([found(replace(material, youngs_modulus_MPa=value)) for value in moduli])
-    by_ratio = np.array([found(replace(material, poisson_ratio=value)) for value in ratios])
+    by_modulus = np.outer(np.array(moduli) / material.youngs_modulus_MPa, found.resultant_N)
+    by_ratio = np.array([at(value) for value in ratios])
     return (
         Sensitivity("youngs_modulus", "MPa", (moduli[0], moduli[1]), by_modulus),
         Sensitivity("poisson_ratio", "", (ratios[0], ratios[1]), by_ratio),

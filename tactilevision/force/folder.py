@@ -114,8 +114,8 @@ def _what_decides(job: ForceJob) -> tuple[object, ...]:
     field, material = job.field, job.field.material
     covariance = None if material.covariance is None else material.covariance.tolist()
     follows = job.untouched is not None and job.untouched.shows
-    sure = (material.youngs_modulus_MPa, material.poisson_ratio, covariance, field.settings, field.gel, follows)
-    return sure if job.anchor is None else (*sure, job.anchor.gauge)
+    return (material.youngs_modulus_MPa, material.poisson_ratio, covariance, field.settings, field.gel, follows,
+            job.anchor.gauge)  # fmt: skip
 
 
 def _cell(value: float) -> str:

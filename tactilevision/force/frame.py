@@ -11,7 +11,7 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
-from tactilevision.press.anchor import FaceAnchor
+from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap
@@ -86,7 +86,7 @@ class ForceJob:
     untouched: Untouched | None
     store: TractionStore
     columns: int = 16
-    anchor: FaceAnchor | None = None
+    anchor: FaceAnchor = UNHELD
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
         """Keep the tractions; the row holds the resultant, or why there is none."""
@@ -106,8 +106,7 @@ class ForceJob:
         height = self.reconstructor.height_map(frame)
         if not self.field.touched(height):
             return self._without_shear(height, "")
-        if self.anchor is not None:
-            height = self.anchor(height)
+        height = self.anchor(height)
         if self.untouched is None or not self.untouched.shows:
             return self._without_shear(height, NO_REFERENCE if self.untouched is None else NOTHING_TO_FOLLOW)
         shear = self.untouched.shear(self.reconstructor.rectified(frame))
@@ -117,9 +116,7 @@ class ForceJob:
         """What the material's own 95 % interval does to the force; nothing where it states none."""
         if self.field.material.covariance is None:
             return ()
-        return material_sensitivity(
-            self.field.gel, self.field.material, solved.height, solved.shear, settings=self.field.settings
-        )
+        return material_sensitivity(self.field, solved.found, solved.height, solved.shear)
 
     def _without_shear(self, height: HeightMap, why: str) -> Solved:
         found = self.field(height)

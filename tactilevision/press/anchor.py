@@ -41,21 +41,24 @@ class Certified:
 
 @dataclass(frozen=True, slots=True)
 class FaceAnchor:
-    """`gauge` of the faces in `spans` (first and last time of a press, its indenter)."""
+    """`gauge` of the faces in `spans` (first and last time of a press, its indenter); without them, nothing."""
 
-    gauge: Gauge
-    spans: tuple[tuple[float, float, Indenter], ...]
+    gauge: Gauge | None = None
+    spans: tuple[tuple[float, float, Indenter], ...] = ()
 
     def __call__(self, height: HeightMap) -> HeightMap:
         """The map with its face where the certificate puts it; as it was where no face of these presses shows."""
         inside = (indenter for first, last, indenter in self.spans if first <= height.time_s <= last)
         indenter = next(inside, None)
         face = None if indenter is None else find_footprint(height, indenter)
-        if face is None or not face.depth_mm > 0:
+        if self.gauge is None or face is None or not face.depth_mm > 0:
             return height
         lacking = (float(self.gauge.scale(face.depth_mm)) - 1.0) * face.depth_mm
         disc = _disc(height, face)
         return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
+
+
+UNHELD = FaceAnchor()  # nothing is certified: every map is the picture's own
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
@@ -76,8 +79,8 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
     return tuple(found)
 
 
-def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified]) -> FaceAnchor | None:
-    """The anchor of a recording's own certified presses; None where fewer than FEWEST of them show a face.
+def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified]) -> FaceAnchor:
+    """The anchor of a recording's own certified presses; UNHELD where fewer than FEWEST of them show a face.
 
     Presses of another recording, told by label and time, are passed over.
     """
@@ -93,7 +96,7 @@ def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified
             pairs.append((seen, one.depth_mm))
             spans.append((press.start_s, press.end_s, indenter))
     gauge = find_gauge(pairs) if len(pairs) >= FEWEST else None
-    return None if gauge is None else FaceAnchor(gauge, tuple(spans))
+    return UNHELD if gauge is None else FaceAnchor(gauge, tuple(spans))
 
 
 def _seen_mm(recording: Recording, maps: _Maps, indenter: Indenter, time_s: float) -> float:

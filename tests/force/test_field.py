@@ -100,16 +100,20 @@ def test_poissons_ratio_off_moves_the_force_as_its_derivative_says(press: tuple[
 
 def test_sensitivity_spans_the_calibrations_own_interval(press: tuple[HeightMap, ShearMap]) -> None:
     material = Material(0.2, 0.48, np.diag([0.01**2, 0.004**2]))
-    modulus, poisson, both = material_sensitivity(GEL, material, *press, settings=LINEAR)
+    field = ForceField(GEL, material, SCALE, settings=LINEAR)
+    modulus, poisson, both = material_sensitivity(field, field(*press), *press)
+    stiffer = ForceField(GEL, replace(material, youngs_modulus_MPa=modulus.values[1]), SCALE, settings=LINEAR)
+    assert modulus.force_N[1] == pytest.approx(stiffer(*press).resultant_N, rel=1e-9)
     assert modulus.force_N[1, 2] / modulus.force_N[0, 2] == pytest.approx(modulus.values[1] / modulus.values[0])
     assert poisson.force_N[1, 2] > poisson.force_N[0, 2]
     alone = [np.ptp(one.force_N[:, 2]) / 2 for one in (modulus, poisson)]
     assert np.ptp(both.force_N[:, 2]) / 2 == pytest.approx(np.hypot(alone[0], alone[1]), rel=0.01)
     tied = np.array([[0.01**2, -0.01 * 0.004], [-0.01 * 0.004, 0.004**2]])
-    known = material_sensitivity(GEL, replace(material, covariance=tied), *press, settings=LINEAR)[2]
+    aware = ForceField(GEL, replace(material, covariance=tied), SCALE, settings=LINEAR)
+    known = material_sensitivity(aware, field(*press), *press)[2]
     assert np.ptp(known.force_N[:, 2]) / 2 == pytest.approx(abs(alone[0] - alone[1]), rel=0.01)
     with pytest.raises(InputError, match="nothing of its own uncertainty"):
-        material_sensitivity(GEL, MATERIAL, *press)
+        material_sensitivity(ForceField(GEL, MATERIAL, SCALE), field(*press), *press)
 
 
 def test_a_measured_force_is_met_and_the_mismatch_kept(

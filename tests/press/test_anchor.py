@@ -12,7 +12,7 @@ import pytest
 
 from tactilevision.folder import DepthJob
 from tactilevision.height_files import read_tiff
-from tactilevision.press.anchor import Certified, face_anchor, read_certified
+from tactilevision.press.anchor import UNHELD, Certified, face_anchor, read_certified
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
@@ -66,7 +66,7 @@ def certified() -> tuple[Certified, ...]:
 def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     anchor = face_anchor(recording, Short(), certified())
-    assert anchor is not None
+    assert anchor is not UNHELD
     for depth in (0.2, 0.4, 0.55):
         frame = Frame(np.full((*map(int, SIZE[::-1]), 3), round(100 * depth), np.uint8), 12.0)
         seen = Short().height_map(frame)
@@ -80,7 +80,7 @@ def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays
 def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     anchor = face_anchor(recording, Short(), certified())
-    assert anchor is not None
+    assert anchor is not UNHELD
     between = Short().height_map(Frame(np.full((120, 160, 3), 40, np.uint8), 7.0))
     assert anchor(between) is between
     free = Short().height_map(Frame(np.zeros((120, 160, 3), np.uint8), 12.0))
@@ -89,9 +89,11 @@ def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> N
 
 def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
-    assert face_anchor(recording, Short(), certified()[:2]) is None
-    assert face_anchor(recording, Short(), [replace(one, time_s=one.time_s + 100) for one in certified()]) is None
-    assert face_anchor(recording, Short(), [replace(one, press="x") for one in certified()]) is None
+    assert face_anchor(recording, Short(), certified()[:2]) is UNHELD
+    assert (
+        face_anchor(recording, Short(), [replace(one, time_s=one.time_s + 100) for one in certified()]) is UNHELD
+    )
+    assert face_anchor(recording, Short(), [replace(one, press="x") for one in certified()]) is UNHELD
 
 
 def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path) -> None:
@@ -109,7 +111,7 @@ def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
     anchor = face_anchor(recorded(tmp_path), Short(), certified())
     frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
     peaks = []
-    for held in (None, anchor):
+    for held in (UNHELD, anchor):
         DepthJob(cast(Reconstructor, Short()), tmp_path, anchor=held)(frame, 0)
         peaks.append(float(np.median(read_tiff(tmp_path / "20.tiff").depth_mm[50:70, 70:90])))
     assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)
