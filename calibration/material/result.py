@@ -107,12 +107,13 @@ def common_assumptions(fitted: Fit) -> list[str]:
         lines.append(
             "the rig comes to each touch at one pace (as stated, where speeds are; by the motion stage, where its "
             "place was recorded): depths lie on the ruler this makes, whose scale the bevels fix within "
-            f"{data.shared.rise:.1%} (std)"
+            f"{100 * data.shared.rise:.1f} % (std)"
         )
     thickness = next((p.prior for p in fitted.parameters if p.name == "thickness.relative"), None)
     if thickness is not None:
         lines.append(
-            f"the thickness is fitted, held to the stated one within {thickness.std:.1%} (std; {thickness.source})"
+            "the thickness is fitted, held to the stated one within "
+            f"{100 * thickness.std:.1f} % (std; {thickness.source})"
         )
     elif not data.gel.thickness_std_mm:
         lines.append(

@@ -54,7 +54,14 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
     table = confusability(found)
     if table is not None:
         drawn = draw.draw_confusability(*table)
-        kept.append(keep(drawn, folder / "confusability.png", "Below 3 std two effects look alike in these data."))
+        kept.append(
+            keep(
+                drawn,
+                folder / "confusability.png",
+                "By how many std each row's effect, if it "
+                "is there, parts from the best that the column's could do instead; below 3 they look alike.",
+            )
+        )
     return kept
 
 

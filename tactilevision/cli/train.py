@@ -61,4 +61,5 @@ def train(
         save_png(draw_depth_report(card), path.with_suffix(".png"))
         also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
-    console.say(*(f"  {name}: {value}" for name, value in card.items() if not isinstance(value, dict | list)))
+    shown = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
+    console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))

@@ -41,9 +41,9 @@ def other_light(before: npt.ArrayLike, reference: Reference, relative_error: flo
     if not change > relative_error:
         return ()
     return (
-        f"the method was made in another light: over the picture brightness differs by {change:.0%}, exposure "
-        f"allowed for, and so does the scale of slopes (error in its own light: {relative_error:.0%}); depths are "
-        "not to be trusted, train a method on this sensor's balls",
+        "the method was made in another light: over the picture brightness differs by "
+        f"{100 * change:.0f} %, exposure allowed for, and so does the scale of slopes (error in its own light: "
+        f"{100 * relative_error:.0f} %); depths are not to be trusted, train a method on this sensor's balls",
     )
 
 

@@ -166,7 +166,9 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
     axes.set_yticks(range(len(keys)), names)
     axes.grid(False)
     figure.colorbar(image, ax=axes, label="separation (std), capped at 9", shrink=0.8)
-    axes.set_title("Can these data tell them apart?")
+    axes.set(
+        title="Can these data tell them apart?", ylabel="if this one is there", xlabel="could this one pass for it"
+    )
     return figure
 
 

@@ -41,8 +41,11 @@ def draw_joint(
         if used:
             axes.axvspan(low, high, color=colour, alpha=0.08, lw=0)
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
-        if bar[0] == bar[1]:
+        if bar[0] == bar[1]:  # an arrow at the edge says where it lies
             words += f": {low:.3f} to {high:.3f}, off the picture"
+            inwards = 0.012 * (right - left) * (1 if high <= left else -1)
+            axes.plot(bar[0] + inwards, y, "<" if high <= left else ">", color=colour, label=words)
+            continue
         axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")

@@ -80,6 +80,8 @@ def draw_residuals(found: Residuals) -> Figure:
         axes[5].set_xticks(range(len(labels)), [name or "-" for name in labels], rotation=90, fontsize=7)
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
     inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
+    if not found.usable.all():
+        axes[0].legend(loc="lower left", fontsize=8)
     axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within their 95 % interval")
     return figure
 
@@ -89,7 +91,7 @@ def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray
     axes.errorbar(
         x[usable], left[usable], yerr=1.96 * std[usable], fmt="none", ecolor=style.SKY, elinewidth=0.7, alpha=0.6
     )
-    axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged")
+    axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged: not counted")
     axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE)
 
 

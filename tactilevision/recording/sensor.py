@@ -134,7 +134,8 @@ def _doubts_of_maps(maps: Maps, frame_size_px: Size) -> tuple[str, ...]:
     if share < 0.5:
         return ()
     return (
-        f"the rectification looks past the frames for {share:.0%} of its pixels: are map_x and map_y exchanged?",
+        f"the rectification looks past the frames for {100 * share:.0f} % of its pixels: "
+        "are map_x and map_y exchanged?",
     )
 
 

@@ -26,3 +26,6 @@ def test_the_region_the_best_value_and_every_route_are_drawn() -> None:
     assert top > 0.21
     (place,) = [line for line in axes.lines if line.get_marker() == "o"]
     assert (place.get_xdata()[0], place.get_ydata()[0]) == pytest.approx((0.475, 0.2))  # type: ignore[index]
+    (arrow,) = [line for line in axes.lines if line.get_marker() == "<"]
+    inside = (float(np.asarray(arrow.get_xdata(), dtype=float)[0]) - left) / (right - left)
+    assert 0 < inside < 0.03, "it points to where the interval lies"
