@@ -7,6 +7,7 @@ smooth round load on the face. It shares nothing with the library but the elasti
 from __future__ import annotations
 
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -22,23 +23,19 @@ VIEW = View((96, 166), 0.171, 1)
 
 def loaded_disc(x_mm: Floats, y_mm: Floats, centre_mm: float) -> Floats:
     """Displacement (3, ...) at places of the face, FORCE_N on a patch round (centre_mm, 0); NaN off the gel."""
+    mesh = _disc(centre_mm)
+    answer = _pushed(mesh, centre_mm)
+    inside = np.hypot(x_mm, y_mm) < RADIUS_MM - 0.02
+    moved = np.full((3, *x_mm.shape), np.nan)
+    points = mesh(x_mm[inside], y_mm[inside], np.full(int(inside.sum()), 1e-7))
+    moved[:, inside] = np.asarray(answer(points)).T
+    return moved
+
+
+def _disc(centre_mm: float) -> Any:
+    """NGSolve's mesh of the gel, fine under the patch, its faces named; z runs into it."""
     from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Z
-    from ngsolve import (
-        BilinearForm,
-        Grad,
-        GridFunction,
-        IfPos,
-        InnerProduct,
-        LinearForm,
-        Mesh,
-        Sym,
-        VectorH1,
-        div,
-        ds,  # fmt: skip
-        dx,
-        x,
-        y,
-    )
+    from ngsolve import Mesh
 
     whole = Cylinder((0, 0, 0), Z, r=RADIUS_MM, h=THICKNESS_MM)
     near = whole * Box((centre_mm - 3, -3, 0), (centre_mm + 3, 3, 1.2))
@@ -49,26 +46,30 @@ def loaded_disc(x_mm: Floats, y_mm: Floats, centre_mm: float) -> Floats:
         face.name = {0.0: "top", THICKNESS_MM: "base"}.get(level, "side")
     mesh = Mesh(OCCGeometry(gel).GenerateMesh(maxh=2.2))
     mesh.Curve(3)
-    space = VectorH1(mesh, order=3, dirichlet="base")
+    return mesh
+
+
+def _pushed(mesh: Any, centre_mm: float) -> Any:
+    """The displacement that FORCE_N on the patch makes, a function on the mesh."""
+    import ngsolve as ng
+
+    space = ng.VectorH1(mesh, order=3, dirichlet="base")
     u, v = space.TnT()
     e, nu = MATERIAL.youngs_modulus_MPa, MATERIAL.poisson_ratio
     mu, lame = e / (2 * (1 + nu)), e * nu / ((1 + nu) * (1 - 2 * nu))
-    form = BilinearForm(space, symmetric=True)
-    form += InnerProduct(2 * mu * Sym(Grad(u)), Sym(Grad(v))) * dx + lame * div(u) * div(v) * dx
+    strain, virtual = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
+    form = ng.BilinearForm(space, symmetric=True)
+    form += ng.InnerProduct(2 * mu * strain, virtual) * ng.dx + lame * ng.div(u) * ng.div(v) * ng.dx
     form.Assemble()
-    square = ((x - centre_mm) ** 2 + y**2) / PATCH_MM**2
-    pressure = IfPos(1 - square, 1 - square, 0) * 2 / (np.pi * PATCH_MM**2)
-    load = LinearForm(space)
+    square = ((ng.x - centre_mm) ** 2 + ng.y**2) / PATCH_MM**2
+    pressure = ng.IfPos(1 - square, 1 - square, 0) * 2 / (np.pi * PATCH_MM**2)
+    load = ng.LinearForm(space)
     for axis, force in enumerate(FORCE_N):
-        load += force * pressure * v[axis] * ds("top", bonus_intorder=6)
+        load += force * pressure * v[axis] * ng.ds("top", bonus_intorder=6)
     load.Assemble()
-    answer = GridFunction(space)
+    answer = ng.GridFunction(space)
     answer.vec.data = form.mat.Inverse(space.FreeDofs(), "sparsecholesky") * load.vec
-    inside = np.hypot(x_mm, y_mm) < RADIUS_MM - 0.02
-    moved = np.full((3, *x_mm.shape), np.nan)
-    points = mesh(x_mm[inside], y_mm[inside], np.full(int(inside.sum()), 1e-7))
-    moved[:, inside] = np.asarray(answer(points)).T
-    return moved
+    return answer
 
 
 def near_the_side(away_mm: float, *, std_mm: float = 0.005) -> tuple[Floats, Floats]:

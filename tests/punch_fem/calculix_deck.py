@@ -31,31 +31,25 @@ def calculix_forces(problem: PunchProblem, depths_mm: Floats, folder: Path) -> F
 
 def deck(problem: PunchProblem, depths_mm: Floats) -> str:
     """The input file."""
+    return "".join((_geometry(problem), _material(problem), _contact(problem), _steps(depths_mm)))
+
+
+def _geometry(problem: PunchProblem) -> str:
+    """Nodes, elements of the gel and the punch, and the sets and surfaces that the rest speaks of."""
     punch = problem.punch
     assert isinstance(punch, RoundedPunch)
     nodes, quads, top, base, axis = gel(problem)
     shell, strips = strip(punch, problem.thickness_mm)
-    first = len(nodes) + 1
-    every = np.concatenate([nodes, shell])
-    material = problem.material
+    every, start = np.concatenate([nodes, shell]), len(quads) + 1
     numbers = "\n".join(f"{i + 1}, {r:.9g}, {z:.9g}, 0" for i, (r, z) in enumerate(every))
-    gel_rows = "\n".join(f"{i + 1}, " + ", ".join(str(n + 1) for n in quad) for i, quad in enumerate(quads))
-    start = len(quads) + 1
-    punch_rows = "\n".join(
-        f"{start + i}, " + ", ".join(str(n + first) for n in quad) for i, quad in enumerate(strips)
-    )
-    stiff = problem.penalty * material.youngs_modulus_MPa / default_mesh(problem).edge_size_mm
-    c10, d1 = shear_modulus_MPa(material) / 2, 2 / bulk_modulus_MPa(material)
-    friction = f"*FRICTION\n{punch.friction}, {stiff / 10}\n" if punch.friction > 0 else ""
-    steps = len(depths_mm)
     return f"""*NODE, NSET=ALL
 {numbers}
 *ELEMENT, TYPE=CAX8R, ELSET=GEL
-{gel_rows}
+{_elements(quads, first=1, offset=1)}
 *ELEMENT, TYPE=CAX8R, ELSET=PUNCH
-{punch_rows}
+{_elements(strips, first=start, offset=len(nodes) + 1)}
 *NSET, NSET=PUNCHNODES, GENERATE
-{first}, {len(every)}
+{len(nodes) + 1}, {len(every)}
 *NSET, NSET=BASE
 {_lines(base + 1)}
 *NSET, NSET=AXIS
@@ -64,7 +58,16 @@ def deck(problem: PunchProblem, depths_mm: Floats) -> str:
 {chr(10).join(f"{e + 1}, S3" for e in top)}
 *SURFACE, NAME=FACE, TYPE=ELEMENT
 {chr(10).join(f"{start + i}, S1" for i in range(len(strips)))}
-*MATERIAL, NAME=GEL
+"""
+
+
+def _elements(quads: Ints, *, first: int, offset: int) -> str:
+    return "\n".join(f"{first + i}, " + ", ".join(str(n + offset) for n in quad) for i, quad in enumerate(quads))
+
+
+def _material(problem: PunchProblem) -> str:
+    c10, d1 = shear_modulus_MPa(problem.material) / 2, 2 / bulk_modulus_MPa(problem.material)
+    return f"""*MATERIAL, NAME=GEL
 *HYPERELASTIC, NEO HOOKE
 {c10}, {d1}
 *MATERIAL, NAME=STEEL
@@ -72,7 +75,16 @@ def deck(problem: PunchProblem, depths_mm: Floats) -> str:
 1000, 0.3
 *SOLID SECTION, ELSET=GEL, MATERIAL=GEL
 *SOLID SECTION, ELSET=PUNCH, MATERIAL=STEEL
-*SURFACE INTERACTION, NAME=TOUCH
+"""
+
+
+def _contact(problem: PunchProblem) -> str:
+    """Penalty contact, and what is held."""
+    punch = problem.punch
+    assert isinstance(punch, RoundedPunch)
+    stiff = problem.penalty * problem.material.youngs_modulus_MPa / default_mesh(problem).edge_size_mm
+    friction = f"*FRICTION\n{punch.friction}, {stiff / 10}\n" if punch.friction > 0 else ""
+    return f"""*SURFACE INTERACTION, NAME=TOUCH
 *SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
 {stiff}
 {friction}*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE
@@ -81,7 +93,13 @@ TOP, FACE
 BASE, 1, 2
 AXIS, 1, 1
 PUNCHNODES, 1, 1
-*TIME POINTS, NAME=ASKED, GENERATE
+"""
+
+
+def _steps(depths_mm: Floats) -> str:
+    """One step down to the last depth, the force at the base printed at each."""
+    steps = len(depths_mm)
+    return f"""*TIME POINTS, NAME=ASKED, GENERATE
 {1 / steps}, 1, {1 / steps}
 *STEP, NLGEOM, INC=2000
 *STATIC
