@@ -30,7 +30,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.calm import CalmReader, Look, within
+from tactilevision.photometric.calm import CalmReader
 from tactilevision.photometric.change import Planes
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.light import check_view, light_of, other_light
@@ -41,7 +41,7 @@ from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.spread import spread_beside
 from tactilevision.surface import integrate
 from tactilevision.two_grids import TwoGrids
-from tactilevision.walls import Wall, find_walls, restore
+from tactilevision.walls import Wall, find_walls, restore, restore_windows
 from tactilevision.weights import find_model
 from tactilevision.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 
@@ -111,12 +111,14 @@ class Reconstructor:
     def _on_two_grids(self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids) -> Mapped:
         """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
-        fine, walls = self._restored(look, reader)
-        coarse = grids.coarse(look.coarse, look.windows, fine)
+        walls: list[Wall] = []
+        if self.readable is not None and look.steepest >= self.readable:
+            walls = restore_windows(look.fine, look.windows, look.valid, self.sensor.mm_per_px, self.readable)
+        coarse = grids.coarse(look.coarse, look.windows, look.fine)
         self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
         level(coarse, self.zero)
         tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
-        surface = grids.whole(coarse, look.windows, fine, tilt=tilt)
+        surface = grids.whole(coarse, look.windows, look.fine, tilt=tilt)
         std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
         return surface, look.valid, std
 
@@ -133,22 +135,6 @@ class Reconstructor:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
         return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
-
-    def _restored(self, look: Look, reader: CalmReader) -> tuple[list[Planes], list[Wall]]:
-        """The fine slopes of a look with its walls restored, and these."""
-        if self.readable is None or look.steepest < self.readable or not look.windows:
-            return look.fine, []
-        around = reader.around(look.windows)
-        slopes = reader.part(look, around)
-        walls = self._walls(slopes, look.steepest)
-        if not walls:
-            return look.fine, []
-        places = [within(window, around) for window in look.windows]
-        top, left = (side.start * step for side, step in zip(around, self.sensor.mm_per_px[::-1], strict=True))
-        return (
-            [np.stack([slopes.dz_dx[place], slopes.dz_dy[place]]) for place in places],
-            [dataclasses.replace(w, centre_mm=(w.centre_mm[0] + left, w.centre_mm[1] + top)) for w in walls],
-        )
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[Wall]:
         """The walls in `slopes`, which are restored there, in place."""

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.middle import median
 from tactilevision.records import Floats, Pair, SlopeMap
 
 LEAST_STEEP = 12  # pixels; fewer are noise
-ENOUGH = 500  # pixels that tell a circle to look for a rim on
+ENOUGH = 200  # pixels that tell a circle to look for a rim on
 LEAST_RADIUS_PX = 6.0
 LEAST_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
 BIN_PX = 0.5
+ACROSS = 4  # directions to a sector
 SETTLED = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 INNER_PX, OUTER = 12.0, 0.6  # the profile reaches this far inside the rim, and this part of the radius outside
 NEAR_PX = 4.0  # about the edge alone, this far outside
+MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 STIFFENING = 1e-9 * np.eye(3)
 HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
+
+Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +35,9 @@ class Rim:
     """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma;
     `uneven_mm` rms distance of the flank from a circle.
 
-    `slopes` (K, J) towards the centre, in K sectors, at `places_mm` (J,) from it; NaN where unseen.
+    `slopes` (J,) towards the centre at `places_mm` from it, the median over directions: on a side away from all
+    lights they are read far too low. `highest` (J,) in all but a fifth of them, `std` (J,) of the median by their
+    scatter. NaN where unseen.
     """
 
     centre_mm: Pair
@@ -38,6 +46,8 @@ class Rim:
     uneven_mm: float
     places_mm: Floats
     slopes: Floats
+    highest: Floats
+    std: Floats
 
 
 def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
@@ -70,61 +80,76 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
     """
     px = min(mm_per_px)
     x, y, radius = circle
-    for part, more in ((0.0, NEAR_PX), (OUTER, 8.0)):
-        if not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
-            return None
-        inner, outer = max(0.4 * radius, radius - INNER_PX * px), (1 + part) * radius + more * px
-        profiles = _profiles(slopes, mm_per_px, (x, y, radius), (inner, outer))
-        if profiles is None:
-            return None
-        places, values, angles = profiles
-        flanks = _flanks(places, np.concatenate([values, part_of(values, 0.5)]))
-        sectors, (half, quarter) = flanks[0, :-1], flanks[:, -1]
-        good = np.isfinite(sectors)
-        if good.mean() < LEAST_ROUND or not np.isfinite(half + quarter):
-            return None
-        (_, shift_x, shift_y), spread, uneven = _harmonics(angles[good], sectors[good])
-        if spread > OFF_ROUND_PX * px:
-            return None
-        blur = (half - quarter) / (QUARTER - HALF)
-        centre, (x, y, radius) = (x, y), (x + shift_x, y + shift_y, half + HALF * blur)
-    return Rim(centre, radius, blur, uneven, places, values) if blur < SHARP * radius else None
+    if not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+        return None
+    places, values = _profiles(slopes, mm_per_px, circle, _bounds(radius, px, radius + NEAR_PX * px))
+    flank = _flanks(places, values, 0.5)
+    good = np.isfinite(flank)
+    if np.count_nonzero(good) < LEAST_ROUND * len(good):
+        return None
+    (radius, shift_x, shift_y), spread, uneven = _harmonics(flank, good)
+    if spread > OFF_ROUND_PX * px or not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+        return None
+    centre = x + shift_x, y + shift_y
+    bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
+    places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
+    low, middle, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
+    half, quarter = (_flanks(places, middle[None], part)[0] for part in (0.5, 0.25))
+    blur = (half - quarter) / (QUARTER - HALF)
+    if not blur < SHARP * radius:  # nor where it is not known
+        return None
+    std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
+    return Rim(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
+
+
+def _bounds(radius: float, px: float, outer: float) -> Pair:
+    return max(0.4 * radius, radius - INNER_PX * px), outer
 
 
 def _profiles(
     slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], bounds_mm: Pair
-) -> tuple[Floats, Floats, Floats] | None:
-    """Distances (J,) within bounds from a circle's centre, slopes (K, J) towards it in K sectors, their angles.
+) -> tuple[Floats, Floats]:
+    """Distances (J,) within bounds from a circle's centre, and slopes (K, J) towards it in K sectors.
 
     A circle is (x, y, radius); slopes are NaN where unseen.
     """
-    px, step = min(mm_per_px), BIN_PX * min(mm_per_px)
-    window, x, y = window_of(slopes.dz_dx.shape, circle[:2], mm_per_px, bounds_mm[1])
-    if not x.size * y.size:
-        return None
-    dx, dy = (np.array(np.broadcast_to(d, (y.size, x.size)), np.float32) for d in (x, y))
-    r, angle = cv2.cartToPolar(dx, dy)
-    inward = slopes.dz_dx[window] * dx
-    inward += slopes.dz_dy[window] * dy
-    inward /= -np.maximum(r, np.float32(1e-9))
+    px = min(mm_per_px)
     sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
-    bins = int((bounds_mm[1] - bounds_mm[0]) / step)
-    # what lies nearer or farther goes to one more bin at either end, which is left out
-    r -= np.float32(bounds_mm[0] - step)
-    r *= np.float32(1.0 / step)
-    np.clip(r, 0.0, bins + 1.0, out=r)
-    if slopes.valid is not None:
-        r *= slopes.valid[window]
-    angle *= np.float32(sectors / (2 * np.pi))
-    index = np.minimum(np.floor(angle), sectors - 1.0) * (bins + 2) + np.floor(r)
-    at, size = index.ravel().astype(np.intp), sectors * (bins + 2)
-    count = np.bincount(at, minlength=size).reshape(sectors, -1)[:, 1:-1]
-    if not count.any():
-        return None
-    total = np.bincount(at, inward.ravel(), size).reshape(sectors, -1)[:, 1:-1]
-    values = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    places = np.asarray(bounds_mm[0] + step * (np.arange(bins) + 0.5), np.float64)
-    return places, np.asarray(values), 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
+    across, down = _directions(sectors * ACROSS)
+    places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
+    r = places.astype(np.float32)
+    x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
+    x += np.float32(circle[0] / mm_per_px[0])
+    y += np.float32(circle[1] / mm_per_px[1])
+    inward = _at(slopes.dz_dx, x, y)
+    inward *= -across
+    along_y = _at(slopes.dz_dy, x, y)
+    along_y *= down
+    inward -= along_y
+    if slopes.valid is not None and not slopes.valid.all():
+        seen = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
+        inward[seen == 0] = np.nan
+    means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
+    return places, np.asarray(means, np.float64) / ACROSS
+
+
+def _at(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
+    plane = np.asarray(plane, np.float32)
+    return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
+
+
+@lru_cache(maxsize=64)
+def _directions(count: int) -> tuple[Picture, Picture]:
+    """Cosines and sines (count, 1) of evenly spread directions."""
+    angle = 2 * np.pi * (np.arange(count)[:, None] + 0.5) / count
+    return np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+
+
+@lru_cache(maxsize=64)
+def _waves(sectors: int) -> Floats:
+    """1, cos and sin (3, sectors) of the sectors' angles."""
+    angle = 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
+    return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
 
 
 def window_of(
@@ -140,18 +165,18 @@ def window_of(
     return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
-def part_of(values: Floats, *shares: float) -> Floats:
+def _parts(values: Floats, *shares: float) -> Floats:
     """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
-    last = np.maximum(np.isfinite(values).sum(axis=0) - 1, 0)
-    ordered = np.sort(values.T, axis=1)  # NaN last
-    return np.stack([ordered[np.arange(len(last)), (share * last).astype(np.intp)] for share in shares])
+    last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
+    ordered = np.sort(values, axis=0)  # NaN last
+    return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
 
 
 def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
     """Centre and radius of the weighted algebraic circle, robust to what lies off it."""
     terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
     keep = weight
-    for _ in range(3):
+    for _ in range(2):
         a, b, c = _solved(terms, squares, keep)
         radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
         off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
@@ -159,32 +184,30 @@ def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
-def _flanks(places: Floats, profiles: Floats) -> Floats:
-    """Places (2, K) where profiles (K, J), inwards from their peak, fall to a half and a quarter of it; or NaN."""
-    filled = np.where(np.isfinite(profiles), profiles, -np.inf)
-    top = np.argmax(filled, axis=1)
-    before = np.arange(profiles.shape[1])[None, :] < top[:, None]
-    peak = filled[np.arange(len(filled)), top]
-    found = np.full((2, len(profiles)), np.nan)
-    for row, part in enumerate((0.5, 0.25)):
-        level = part * peak
-        below = before & np.isfinite(profiles) & (profiles < level[:, None])
-        some = np.flatnonzero(below.any(axis=1) & np.isfinite(peak))
-        j = profiles.shape[1] - 1 - np.argmax(below[some, ::-1], axis=1)
-        low, high = profiles[some, j], profiles[some, j + 1]
-        found[row, some] = places[j] + (level[some] - low) / (high - low) * (places[1] - places[0])
-    return found
+def _flanks(places: Floats, profiles: Floats, part: float) -> Floats:
+    """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it; or NaN."""
+    filled = np.where(np.isnan(profiles), -np.inf, profiles)
+    top, each = np.argmax(filled, axis=1), np.arange(len(filled))
+    level = part * filled[each, top]
+    below = profiles < level[:, None]  # never where NaN
+    below &= np.arange(profiles.shape[1]) < top[:, None]
+    before = profiles.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1)
+    some = below[each, before]
+    before[~some] = 0
+    low, high = profiles[each, before], profiles[each, before + 1]
+    share = (level - low) / np.where(some, high - low, np.nan)
+    return np.asarray(places[before] + share * (places[1] - places[0]))
 
 
-def _harmonics(angles: Floats, places: Floats) -> tuple[Floats, float, float]:
-    """Mean, cos and sin part of places over angles, robust; the usual spread and the rms of what is left.
+def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, float, float]:
+    """Mean, cos and sin part of `good` places over sectors, robust; the usual spread and the rms of what is left.
 
     Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
     """
-    terms = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
+    terms, places = _waves(len(places))[:, good], places[good]
     off = places - median(places)
     solution, scale = np.zeros(3), _scale(off)
-    for _ in range(6):
+    for _ in range(4):
         before, solution = solution, _solved(terms, places, _trust(off, scale))
         off = places - solution @ terms
         scale = _scale(off)
@@ -207,7 +230,8 @@ def solved(normal: Floats, right: Floats) -> Floats:
 
 def _trust(off: Floats, scale: float) -> Floats:
     """Weight of what is `off` by that much."""
-    return np.asarray((1.0 + (off * (0.5 / scale)) ** 2) ** -2)
+    weight = 1.0 / (1.0 + np.square(off * (0.5 / scale)))
+    return np.asarray(weight * weight)
 
 
 def _scale(off: Floats) -> float:

@@ -20,25 +20,24 @@ Source: Johnson, Contact Mechanics (1985), eq. 3.38 (k = 0).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.rim import Rim, find_rims, part_of, solved, window_of
+from tactilevision.photometric.change import Planes, Window
+from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.rim import Rim, find_rims, solved, window_of
 
-Picture = npt.NDArray[np.floating[Any]]
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
 CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)
 SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
 LEAST_READ = 8  # bins
 LEAST_FACE = 50  # pixels
-FINE = 0.2  # px: grid of the law
+FINE = 0.25  # px: grid of the law
 ROUNDS, DAMPING = 8, 1e-3
+EACH = np.arange(6)
 SETTLED = 0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
 
 
@@ -74,61 +73,64 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
     slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
     """
+    half = 0.5 * min(mm_per_px)
     for wall in walls:
-        outer = wall.radius_mm + wall.reach_mm
+        outer, inner = wall.radius_mm + wall.reach_mm, wall.radius_mm + wall.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
-        r = np.sqrt(x * x + y * y)
+        square = np.add(x * x, y * y)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
-        inner = wall.radius_mm + wall.places_mm[0]
-        face = np.asarray(r < inner - min(mm_per_px), np.uint8)
+        face = cv2.inRange(square, 0.0, max(inner - 2 * half, 0.0) ** 2)
         known = cv2.countNonZero(face) >= LEAST_FACE
         tilt = (cv2.mean(p, face)[0], cv2.mean(q, face)[0]) if known else (0.0, 0.0)
-        band = np.divmod(np.flatnonzero((r >= inner) & (r < outer)), r.shape[1])
-        at, half = r[band], 0.5 * min(mm_per_px)
-        x, y = x[0, band[1]], y[band[0], 0]
-        s = at - wall.radius_mm
-        below, above = (np.interp(s + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
-        leaning = 1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm
-        steep = (above - below) / (2 * half) * leaning / at
-        left = 1.0 - 0.5 * (above + below) / wall.depth_mm
+        band = np.divmod(np.flatnonzero(cv2.inRange(square, inner * inner, outer * outer)), square.shape[1])
+        x, y, r = x[0, band[1]], y[band[0], 0], np.sqrt(square[band])
+        below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
+        table = np.stack([(above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm])
+        at = (r - inner) / (wall.places_mm[1] - wall.places_mm[0])
+        i = np.minimum(at.astype(np.intp), table.shape[1] - 2)
+        low = table[:, i]
+        low += (at - i) * (table[:, i + 1] - low)
+        steep, left = low
+        steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm) / r
         p[band] = steep * x + tilt[0] * left
         q[band] = steep * y + tilt[1] * left
 
 
+def restore_windows(
+    fine: Sequence[Planes], windows: Sequence[Window], valid: Bools, mm_per_px: Pair, limit: float
+) -> list[Wall]:
+    """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
+    found = []
+    for window, (p, q) in zip(windows, fine, strict=True):
+        slopes = SlopeMap(p, q, valid[window])
+        walls = find_walls(slopes, mm_per_px, limit)
+        restore(slopes, walls, mm_per_px)
+        top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
+        found += [replace(wall, centre_mm=(wall.centre_mm[0] + left, wall.centre_mm[1] + top)) for wall in walls]
+    return found
+
+
 def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
-    # the median: on a side away from all lights the slopes are read far too low
-    mean, highest = part_of(rim.slopes, 0.5, 0.8)
-    count = np.maximum(np.isfinite(rim.slopes).sum(axis=0), 1)
-    scatter = 1.86 * part_of(np.abs(rim.slopes - mean), 0.5)[0] / np.sqrt(count)  # of a median of normal numbers
-    s = rim.places_mm - rim.radius_mm
+    mean, s = rim.slopes, rim.places_mm - rim.radius_mm
     far = max(FAR * rim.radius_mm, 8 * px)
-    steep = np.isfinite(mean) & ~(highest < limit)
-    use = np.isfinite(mean) & ~steep & (s > -FOOT_PX * px) & (s < far)
-    if not steep.any() or s[steep].max() > 0.5 * far or (use & (s > 0)).sum() < LEAST_READ:
+    known = np.isfinite(mean)
+    steep = known & ~(rim.highest < limit)
+    use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
+    if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < LEAST_READ:
         return None
-    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + scatter**2)[use]
+    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + rim.std**2)[use]
     law = _Law(rim.radius_mm, px, far)
-    usual = law.usual(s[use], mean[use])
-    loose = np.array([2 * px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3],
-                      3 * usual[3] / rim.radius_mm, 3 * usual[3] / rim.radius_mm**2])  # fmt: skip
-
-    def misfit(unknowns: Floats) -> Floats:
-        return np.concatenate([(law.seen(unknowns, s[use]) - mean[use]) / std, (unknowns - usual) / loose], axis=1)
-
-    found, covariance = _least_squares(misfit, usual, loose)
-    reach = float(s[steep].max() + px)
-    aside = np.diag(1e-3 * loose)
-    falls = law.falls_at(np.concatenate([found[None], found + aside, found - aside]), reach)
-    rate = (falls[1:7] - falls[7:]) / (2e-3 * loose)
+    found, covariance = law.fitted(s[use], mean[use], std)
+    shift, reach = float(found[0]), float(s[steep].max() + px)
+    falls, fall, rate = law.falls(found, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
-    band = (s > inner + found[0]) & (s < reach)
-    read, beyond = (float(np.nansum(mean[part])) * (s[1] - s[0]) for part in (band, s >= reach))
-    places = np.arange(inner, reach - found[0] + 2 * px, FINE * px)
-    fall = float(falls[0])
-    return Wall(rim.centre_mm, rim.radius_mm + float(found[0]), reach - float(found[0]), places,
-                law.table(found, places), fall + beyond, fall - read,
+    bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
+    read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
+    table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
+    return Wall(rim.centre_mm, rim.radius_mm + shift, reach - shift, law.edges[table], falls[table],
+                fall + beyond, fall - read,
                 float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
 
 
@@ -136,48 +138,93 @@ class _Law:
     """The law on a fine grid. Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2."""
 
     def __init__(self, radius_mm: float, px: float, far: float) -> None:
-        self.step, self.px = FINE * px, px
-        self.grid = np.arange(-14 * px, far + 14 * px, self.step)
-        r = radius_mm + np.maximum(self.grid, 0.0)
-        angle, log = np.arccos(radius_mm / r), np.arccosh(r / radius_mm)
-        root = np.sqrt(np.maximum(r * r - radius_mm**2, 0.0))
-        self.falls = np.stack(
+        self.radius_mm, self.px, self.step = radius_mm, px, FINE * px
+        self.edges = np.arange(-14 * px, far + 8 * px, self.step)
+        self.places = self.edges[:-1] + 0.5 * self.step
+        r = radius_mm + np.maximum(self.edges, 0.0)
+        log, root = np.arccosh(r / radius_mm), np.sqrt(r * r - radius_mm**2)
+        angle = np.arctan(root / radius_mm)
+        self.lines = np.stack(
             [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
         )
-        self.rates = np.diff(self.falls, axis=1) / self.step
+        self.rates = np.diff(self.lines, axis=1) / self.step
 
-    def usual(self, s: Floats, mean: Floats) -> Floats:
-        """Unknowns to start from: usual blur, and the half-space's law through what lies outside."""
-        rate = np.interp(s, self.grid, np.gradient(self.falls[0], self.step)) * (s > 3 * self.px)
-        return np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
-                         float(rate @ mean / (rate @ rate)), 0.0, 0.0])  # fmt: skip
+    def fitted(self, s: Floats, slopes: Floats, std: Floats) -> tuple[Floats, Floats]:
+        """The unknowns (6,) that `slopes` (n,) seen at `s` with deviations `std` make likeliest; their covariance.
 
-    def falls_at(self, unknowns: Floats, s: float) -> Floats:
-        """Falls (K,) at `s` for unknowns (K, 6)."""
-        rows = self._blurred(self.falls, unknowns)
-        return np.array([np.interp(s - row[0], self.grid, line) for row, line in zip(unknowns, rows, strict=True)])
+        Damped Gauss-Newton from the usual blur and the half-space's law through what lies outside.
+        """
+        rate = np.interp(s, self.places, self.rates[0]) * (s > 3 * self.px)
+        usual = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
+                          float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
+        bend = 3 * usual[3] / self.radius_mm
+        prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3], bend, bend / self.radius_mm]) ** -2
 
-    def table(self, unknown: Floats, s: Floats) -> Floats:
-        return np.asarray(np.interp(s, self.grid, self._blurred(self.falls, unknown[None])[0]))
+        def left(unknown: Floats) -> tuple[float, Floats, Floats]:
+            """Squares that are left, half their gradient (6,), and the normal equations (6, 6)."""
+            seen, rates = self._seen(unknown, s)
+            off, aside = (seen - slopes) / std, unknown - usual
+            rates /= std
+            uphill, normal = rates @ off + prior * aside, rates @ rates.T
+            normal[EACH, EACH] += prior
+            return float(off @ off + prior @ aside**2), uphill, normal
 
-    def seen(self, unknowns: Floats, s: Floats) -> Floats:
-        """Slopes (K, n) that the picture shows at `s` (n,), for unknowns (K, 6)."""
-        slope, count = self._blurred(self.rates, unknowns), len(unknowns)
+        unknown, damping = usual, DAMPING
+        squares, uphill, normal = left(unknown)
+        for _ in range(ROUNDS):
+            if uphill @ solved(normal, uphill) < SETTLED:
+                break
+            for _ in range(5):
+                trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)
+                after = left(trial)
+                if after[0] < squares:
+                    break
+                damping *= 30.0
+            else:
+                break
+            unknown, (squares, uphill, normal), damping = trial, after, max(0.1 * damping, DAMPING)
+        return unknown, np.asarray(cv2.invert(normal)[1])
+
+    def falls(self, unknown: Floats, s: float) -> tuple[Floats, float, Floats]:
+        """Falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,) by unknown."""
+        sigma = np.exp(unknown[1]) / self.step
+        lines = _blur(self.lines, sigma)
+        falls = unknown[3:] @ lines
+        i = min(max(int((s - self.edges[0]) / self.step), 1), len(falls) - 3)
+        part = (s - self.edges[i]) / self.step
+        before, low, high, after = falls[i - 1 : i + 3]
+        there = (1.0 - part) * lines[:, i] + part * lines[:, i + 1]
+        bend = (1.0 - part) * (before + high - 2.0 * low) + part * (low + after - 2.0 * high)
+        rates = np.array([-(high - low) / self.step, sigma * sigma * bend, 0.0, *there])
+        return falls, float(unknown[3:] @ there), rates
+
+    def _seen(self, unknown: Floats, s: Floats) -> tuple[Floats, Floats]:
+        """Slopes (n,) that the picture shows at `s` (n,), and their rates (6, n) by unknown.
+
+        A Gaussian's blur diffuses: what the log of its sigma adds is sigma^2 times the second derivative.
+        """
+        edge, camera = np.exp(unknown[1:3]) / self.step
+        rates = _blur(self.rates, edge)
+        slope = unknown[3:] @ rates
         up = 1.0 / np.sqrt(1.0 + slope * slope)
-        light = np.concatenate([slope * up, up])
-        blurred = _blur(light, np.exp(unknowns[0, 2]) / self.step)
-        for i in np.flatnonzero(unknowns[:, 2] != unknowns[0, 2]):
-            blurred[i::count] = _blur(light[i::count], np.exp(unknowns[i, 2]) / self.step)
-        places, shifts = self.grid[:-1] + 0.5 * self.step, unknowns[:, 0]
-        rows = zip(shifts, blurred[:count] / blurred[count:], strict=True)
-        return np.stack([np.interp(s - shift, places, row) for shift, row in rows])
-
-    def _blurred(self, lines: Floats, unknowns: Floats) -> Floats:
-        """Sums (K, n) of lines (3, n) blurred by the edge, for unknowns (K, 6), most with the first's blur."""
-        rows = unknowns[:, 3:] @ _blur(lines, np.exp(unknowns[0, 1]) / self.step)
-        for i in np.flatnonzero(unknowns[:, 1] != unknowns[0, 1]):
-            rows[i] = unknowns[i, 3:] @ _blur(lines, np.exp(unknowns[i, 1]) / self.step)
-        return np.asarray(rows)
+        light = np.zeros((2, 5, len(slope)))  # sine and cosine; both, and by blur of the edge and the three c
+        light[0, 0], light[1, 0] = slope * up, up
+        light[0, 1, 1:-1] = edge**2 * (slope[2:] + slope[:-2] - 2.0 * slope[1:-1])
+        light[0, 2:] = rates
+        light[0, 1:] *= up**3
+        np.multiply(light[0, 1:], -slope, out=light[1, 1:])
+        sigma = max(camera, 1.0) * self.step
+        away = ((s - unknown[0])[:, None] - self.places) / sigma
+        near = np.exp(-0.5 * away * away)
+        blurred = np.matmul(light, near.T)
+        seen = blurred[0, 0] / blurred[1, 0]
+        found = np.empty((2, 6, len(s)))
+        found[:, 1], found[:, 3:] = blurred[:, 1], blurred[:, 2:]
+        near *= away
+        found[:, 0] = light[:, 0] @ near.T / sigma
+        near *= away
+        found[:, 2] = light[:, 0] @ near.T
+        return seen, (found[0] - seen * found[1]) / blurred[1, 0]
 
 
 def _blur(rows: Floats, sigma: float) -> Floats:
@@ -185,29 +232,3 @@ def _blur(rows: Floats, sigma: float) -> Floats:
     sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # a step of the fit may stray
     size = round(8.0 * sigma + 1.0) | 1
     return np.asarray(cv2.GaussianBlur(rows, (size, 1), sigma, borderType=cv2.BORDER_REPLICATE))
-
-
-def _least_squares(misfit: Callable[[Floats], Floats], start: Floats, scale: Floats) -> tuple[Floats, Floats]:
-    """Damped Gauss-Newton from `start`, differences in parts of `scale`: the minimum and its covariance.
-
-    `misfit` gives what is left (K, n) for each of (K, m) unknowns.
-    """
-    steps = 1e-4 * scale
-    aside = np.concatenate([np.zeros((1, len(start))), np.diag(steps)])
-    unknown, left, damping = start, misfit(start + aside), DAMPING
-    for _ in range(ROUNDS):
-        slope = (left[1:] - left[0]) / steps[:, None]
-        normal, uphill = slope @ slope.T, slope @ left[0]
-        if uphill @ solved(normal, uphill) < SETTLED:
-            break
-        for _ in range(5):
-            damped = 1.0 + damping * np.eye(len(start))
-            trial = unknown - solved(normal * damped, uphill)
-            after = misfit(trial + aside)
-            if after[0] @ after[0] < left[0] @ left[0]:
-                break
-            damping *= 30.0
-        else:
-            break
-        unknown, left, damping = trial, after, max(0.1 * damping, DAMPING)
-    return unknown, np.linalg.inv(normal)

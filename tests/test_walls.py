@@ -9,7 +9,7 @@ import pytest
 from tactilevision.records import Floats, SlopeMap
 from tactilevision.rim import find_rims
 from tactilevision.surface import integrate
-from tactilevision.walls import find_walls, restore
+from tactilevision.walls import find_walls, restore, restore_windows
 
 STEP = 0.06
 FINER = 3
@@ -93,6 +93,20 @@ def test_a_face_cut_by_the_border_is_restored_too() -> None:
     restore(slopes, walls, (STEP, STEP))
     assert len(walls) == 1
     assert face_over_gel(slopes, centre) == pytest.approx(true_over_gel(depth, centre), rel=0.05)
+
+
+def test_a_wall_is_restored_in_the_window_that_holds_it() -> None:
+    slopes, whole = (photographed(punch(0.6)) for _ in range(2))
+    walls = find_walls(whole, (STEP, STEP), LIMIT)
+    restore(whole, walls, (STEP, STEP))
+    windows = [(slice(30, 170), slice(52, 194)), (slice(0, 20), slice(0, 20))]
+    fine = [np.stack([slopes.dz_dx[window], slopes.dz_dy[window]]) for window in windows]
+    found = restore_windows(fine, windows, np.ones(SHAPE, np.bool_), (STEP, STEP), LIMIT)
+    assert len(found) == len(walls) == 1
+    assert found[0].centre_mm == pytest.approx(walls[0].centre_mm, abs=0.1 * STEP)
+    assert found[0].radius_mm == pytest.approx(walls[0].radius_mm, abs=0.1 * STEP)
+    for mine, all_of_it in zip(fine[0], (whole.dz_dx, whole.dz_dy), strict=True):
+        assert np.sqrt(np.mean((mine - all_of_it[windows[0]]) ** 2)) < 0.02
 
 
 def test_what_has_no_sharp_round_edge_is_left_alone() -> None:

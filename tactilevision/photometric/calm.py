@@ -122,32 +122,15 @@ class CalmReader:
 
     def whole(self, look: Look) -> SlopeMap:
         """The slopes of a look pixel by pixel."""
-        height, width = self.method.reference.shape
-        return self.part(look, (slice(0, height), slice(0, width)))
-
-    def part(self, look: Look, window: Window) -> SlopeMap:
-        """The slopes of a look pixel by pixel, in a window that is cut as `windows` are and holds them all."""
-        rows, columns = window
-        low, left = rows.start // self.px, columns.start // self.px
-        means = look.coarse[:, low : -(-rows.stop // self.px), left : -(-columns.stop // self.px)]
-        down, across = (self.px * count for count in means.shape[1:])
-        slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        for plane, mean in zip(slopes, means, strict=True):
+        down, across = (side.stop for side in self.even)
+        slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)
+        for plane, mean in zip(slopes, look.coarse, strict=True):
             cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
         slopes[:, down:] = slopes[:, down - 1, None]
         slopes[..., across:] = slopes[..., across - 1, None]
-        for inside, fine in zip(look.windows, look.fine, strict=True):
-            slopes[:, *within(inside, window)] = fine
-        return SlopeMap(slopes[0], slopes[1], look.valid[window])
-
-    def around(self, windows: Sequence[Window]) -> Window:
-        """A window round all of them, wider by its half on each side."""
-        sides = []
-        for along, count in zip(zip(*windows, strict=True), self.method.reference.shape, strict=True):
-            low, high = min(side.start for side in along), max(side.stop for side in along)
-            more = self.px * ((high - low) // (2 * self.px) + self.block)
-            sides.append(slice(max(0, low - more), min(high + more, count)))
-        return sides[0], sides[1]
+        for window, fine in zip(look.windows, look.fine, strict=True):
+            slopes[:, *window] = fine
+        return SlopeMap(slopes[0], slopes[1], look.valid)
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
@@ -204,12 +187,6 @@ def _scatter(slopes: Planes) -> Picture:
     for mean in (cv2.blur(p, (3, 3)), cv2.blur(q, (3, 3))):
         total = cv2.subtract(total, cv2.multiply(mean, mean, dst=mean), dst=total)
     return np.asarray(total)
-
-
-def within(window: Window, outer: Window) -> Window:
-    """A window as the window `outer` counts rows and columns."""
-    rows, columns = (slice(i.start - o.start, i.stop - o.start) for i, o in zip(window, outer, strict=True))
-    return rows, columns
 
 
 def _apart(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:

@@ -80,18 +80,6 @@ def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, p
         assert reader.look(flat(rng)).windows == []
 
 
-def test_a_part_of_a_look_is_that_of_the_whole() -> None:
-    reader, (_, p, q) = calibrated().calm_reader, ball((0.5, 0.5), 1.5, 4.0)
-    assert reader is not None
-    look = reader.look(picture(p, q, np.random.default_rng(3)))
-    around = reader.around(look.windows)
-    part, whole = reader.part(look, around), reader.whole(look)
-    assert part.dz_dx.size < whole.dz_dx.size
-    within = (slice(reader.px, -reader.px),) * 2  # where means beyond the part's border play no part
-    for mine, all_of_it in ((part.dz_dx, whole.dz_dx), (part.dz_dy, whole.dz_dy)):
-        assert np.array_equal(mine[within], all_of_it[around][within])
-
-
 @pytest.mark.parametrize("name", ["polynomial", "lookup"])
 @pytest.mark.parametrize("gain", [1.0, 0.96])
 def test_depths_are_no_worse(name: str, gain: float) -> None:
