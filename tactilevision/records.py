@@ -136,12 +136,12 @@ class Frame:
 
     def __post_init__(self) -> None:
         rgb: Any = self.rgb
-        array = isinstance(rgb, np.ndarray)
-        if not array or rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+        kind = (rgb.ndim, rgb.shape[-1:], rgb.dtype) if isinstance(rgb, np.ndarray) else ()
+        if kind != (3, (3,), np.uint8):
             raise InputError(
                 "a frame is an array (H, W, 3) of uint8, colours in the order red, green, blue",
                 where=self.name or "Frame",
-                value=f"{rgb.shape} {rgb.dtype}" if array else type(rgb).__name__,
+                value=f"{rgb.shape} {rgb.dtype}" if kind else type(rgb).__name__,
                 remedy="Read it with tactilevision.recording, or convert it first.",
             )
 
@@ -176,11 +176,8 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:
-            raise InputError(
-                "depth_mm and valid are (H, W) alike",
-                where="HeightMap",
-                value=(self.depth_mm.shape, self.valid.shape),
-            )
+            raise InputError("depth_mm and valid are (H, W) alike", where="HeightMap",
+                             value=(self.depth_mm.shape, self.valid.shape))  # fmt: skip
         if not all(0 < s < math.inf for s in self.mm_per_px):
             raise InputError("a height map needs its scale in mm per pixel, x and y, above 0", where="HeightMap",
                              value=self.mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
