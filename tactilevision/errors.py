@@ -12,6 +12,9 @@ Each message says what is wrong, where, the value found, and the remedy.
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 
 class TactilevisionError(Exception):
     """Base of every error that this library raises on purpose."""
@@ -32,6 +35,10 @@ class InputError(TactilevisionError, ValueError):
         place = f"{self.where}: " if self.where else ""
         got = f" (got {value!r})" if value is not None else ""
         super().__init__(f"{place}{what}{got}." + (f" {remedy}" if remedy else ""))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # pickled by what it is made of, not by its message: workers send theirs to the process that asked
+        return partial(type(self), where=self.where, value=self.value, remedy=self.remedy), (self.what,)
 
 
 class RecordingError(InputError):

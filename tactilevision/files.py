@@ -22,6 +22,28 @@ def plain_name(label: str) -> str:
     return re.sub(r"[^\w .+-]", "_", label)[:_LONGEST].lstrip(".")
 
 
+def make_folder(path: Path | str) -> Path:
+    """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise _refused(folder, fault) from fault
+    return folder
+
+
+def append_text(path: Path | str, text: str) -> None:
+    """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        try:
+            os.write(handle, text.encode())
+        finally:
+            os.close(handle)
+    except OSError as fault:
+        raise _refused(Path(path), fault) from fault
+
+
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it is renamed to `path`, else removed.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
-from tactilevision.files import write_text
+from tactilevision.files import make_folder, write_text
 from tactilevision.height_files import masked, write_tiff
 from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
@@ -112,7 +112,7 @@ def reconstruct_folder(
     `anchor` holds the faces of certified presses (press/anchor.py).
     """
     out, names = Path(out), recording.frame_names
-    (out / MAPS if form == "tiff" else out).mkdir(parents=True, exist_ok=True)
+    make_folder(out / MAPS if form == "tiff" else out)
     if len({Path(name).stem for name in names}) != len(names):
         raise InputError("two frames share a name but for its ending", where=recording.path,
                          remedy="Rename one: each frame's map is stored under its name.")  # fmt: skip

@@ -14,7 +14,8 @@ import json
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -24,8 +25,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tactilevision.errors import InputError
-from tactilevision.files import write_text
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.files import append_text, write_text
 from tactilevision.recording import BadFrame, Recording, iter_frames
 from tactilevision.records import Frame, HeightMap
 
@@ -79,12 +80,8 @@ class Journal:
         write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
 
     def add(self, row: Row) -> None:
-        """Append one row: one write at the file's end, so that many processes may do so at a time."""
-        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        try:
-            os.write(handle, as_line(row).encode())
-        finally:
-            os.close(handle)
+        """Append one row; many processes may do so at a time."""
+        append_text(self.path, as_line(row))
 
     def end(self) -> None:
         """The run is over and its results are in place."""
@@ -120,7 +117,8 @@ def fingerprint_of(recording: Recording, *parts: object) -> str:
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
     """A hash of the first frame's map: another method, or another calibration of it, gives another one."""
-    frame = next((frame for frame in iter_frames(recording) if isinstance(frame, Frame)), None)
+    numbers = range(len(recording.frame_names))
+    frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
     if frame is not None:
         with suppress(InputError):
             return hashlib.sha256(np.ascontiguousarray(height_map(frame).depth_mm).tobytes()).hexdigest()
@@ -156,8 +154,21 @@ def _end_with(sentinel: Any) -> None:
 
 def _read_and_do(numbers: list[int]) -> list[Row]:
     assert _at_work is not None
-    frames = iter_frames(_part(_at_work[0], numbers))
+    frames = _frames(_at_work[0], numbers)
     return [_do(number, frame) for number, frame in zip(numbers, frames, strict=True)]
+
+
+def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
+    """The frames of these numbers; one of another kind or size than the others is a bad one, and only that."""
+    left = deque(numbers)
+    while left:
+        try:
+            for frame in iter_frames(_part(recording, list(left))):
+                yield frame
+                left.popleft()
+        except RecordingError as fault:
+            number = left.popleft()
+            yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
 
 
 def _do(number: int, frame: Frame | BadFrame) -> Row:
@@ -173,8 +184,7 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
         return
     if workers == 1 or len(left) <= FEW:
         _start_worker(recording, *what)
-        frames = iter_frames(_part(recording, left))
-        yield from (_do(number, frame) for number, frame in zip(left, frames, strict=True))
+        yield from (_do(number, frame) for number, frame in zip(left, _frames(recording, left), strict=True))
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(recording, *what)) as pool:
@@ -201,7 +211,7 @@ def _tasks(pool: ProcessPoolExecutor, recording: Recording, left: list[int]) -> 
         for start in range(0, len(left), CHUNK):
             yield pool.submit(_read_and_do, left[start : start + CHUNK])
         return
-    for number, frame in zip(left, iter_frames(_part(recording, left)), strict=True):
+    for number, frame in zip(left, _frames(recording, left), strict=True):
         yield pool.submit(_do_all, number, frame)
 
 

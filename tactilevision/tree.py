@@ -9,7 +9,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactilevision.errors import InputError, OutputError, RecordingError
@@ -33,6 +33,10 @@ class Branch:
     name: str
     rows: tuple[FrameResult, ...] = ()
     why: str = ""
+
+    def path_of(self, row: FrameResult) -> str:
+        """A frame's path in the tree."""
+        return row.frame if self.name == "." else f"{self.name}/{row.frame}"
 
 
 def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
@@ -73,8 +77,17 @@ def reconstruct_tree(
             refused.append(Branch(name, why=str(fault)))
     if not found and not refused:
         raise InputError("there are neither recordings, pictures nor videos in it", where=root)
-    total, before, branches = sum(len(recording.frame_names) for _, recording in found), 0, []
+    total, branches, left = sum(len(recording.frame_names) for _, recording in found), [], []
     for name, recording in found:
+        known = _rows_of_finished(out / name, recording, form)
+        if known is None:
+            left.append((name, recording))
+        else:
+            branches.append(Branch(name, known))
+    before = sum(len(branch.rows) for branch in branches)
+    if progress is not None:
+        progress(before, total, "")
+    for name, recording in left:
 
         def report(done: int, of: int, before: int = before, name: str = name) -> None:
             if progress is not None:
@@ -95,10 +108,6 @@ def reconstruct_tree(
 def _branch(name: str, recording: Recording, out: Path, *, light: Light, form: Form, workers: int | None,
             report: Callable[[int, int], None]) -> Branch:  # fmt: skip
     place = out / name
-    known = _rows_of_finished(place, recording, form)
-    if known is not None:
-        report(len(known), len(known))
-        return Branch(name, known)
     try:
         rows = reconstruct_folder(recording, light(recording), place, workers=workers, progress=report, form=form)
     except OutputError:
@@ -162,6 +171,6 @@ def _table(branches: list[Branch]) -> str:
     for branch in branches:
         if branch.why:
             writer.writerow([branch.name, f"passed over: {branch.why}", "", "", ""])
-        for row in csv.reader(table(branch.rows).splitlines()[1:]):
-            writer.writerow([f"{branch.name}/{row[0]}" if branch.name != "." else row[0], *row[1:]])
+        rows = [replace(row, frame=branch.path_of(row)) for row in branch.rows]
+        writer.writerows(csv.reader(table(rows).splitlines()[1:]))
     return text.getvalue()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactilevision.errors import OutputError
-from tactilevision.files import replacing, staged, write_json, write_text
+from tactilevision.files import append_text, make_folder, replacing, staged, write_json, write_text
 
 
 def test_an_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
@@ -47,3 +48,19 @@ def test_a_refusing_file_system_is_one_clear_error(tmp_path: Path) -> None:
         write_text(blocked / "result.txt", "x")
     with pytest.raises(OutputError, match="cannot be written"), staged(blocked):
         pass
+
+
+def test_a_place_that_takes_no_results_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match="cannot be written"):
+        make_folder(tmp_path / "file" / "deeper")
+    with pytest.raises(OutputError, match="cannot be written"):
+        append_text(tmp_path / "nothing", "line")
+
+
+def test_an_error_of_a_worker_says_the_same_here() -> None:
+    sent = OutputError("cannot be written: it is full", where="disk", value=(1, 2), remedy="Free some space.")
+    came = pickle.loads(pickle.dumps(sent))  # noqa: S301 -- our own bytes
+    assert type(came) is OutputError
+    assert str(came) == str(sent)
+    assert (came.what, came.where, came.value, came.remedy) == (sent.what, sent.where, sent.value, sent.remedy)

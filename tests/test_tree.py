@@ -18,7 +18,7 @@ import pytest
 import zarr
 from test_depth_folder import SENSOR, RedIsSlope
 
-from tactilevision.errors import InputError, RecordingError
+from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.folder import reconstruct_folder
 from tactilevision.height_files import read_tiff
 from tactilevision.reconstruct import Reconstructor
@@ -104,6 +104,44 @@ def test_a_mixed_tree_becomes_maps_and_one_table(tmp_path: Path) -> None:
     assert sum(words == "ok" for words in status.values()) == 11
     assert read_tiff(out / "e.avi" / "depth" / "2.tiff").depth_mm.shape == (48, 64)
     assert not list(out.rglob(".depth*")), "nothing is left lying about"
+
+
+def test_a_frame_of_another_size_and_a_link_to_nowhere_are_bad_frames_only(tmp_path: Path) -> None:
+    root = tmp_path / "in"
+    pictures(root / "a", 30)
+    cv2.imwrite(str(root / "a" / "004.png"), np.full((20, 20, 3), 90, np.uint8))
+    cv2.imwrite(str(root / "a" / "005.png"), np.full((48, 64), 90, np.uint8))
+    (root / "a" / "000.png").unlink()
+    (root / "a" / "000.png").symlink_to("nowhere.png")
+    for workers in (1, 2):
+        (branch,) = reconstruct_tree(root, tmp_path / str(workers), read=read, light=light, workers=workers)
+        bad = {row.frame: row.status for row in branch.rows if row.status != "ok"}
+        assert len(branch.rows) == 30
+        assert list(bad) == ["000.png", "004.png", "005.png"]
+        assert all(status.startswith("unreadable") for status in bad.values())
+        assert "two sizes" in bad["004.png"]
+
+
+def test_results_that_cannot_be_written_end_in_one_line(tmp_path: Path) -> None:
+    source = read_folder(pictures(tmp_path / "in", 2), SENSOR)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(OutputError, match="cannot be written"):
+        reconstruct_folder(source, light(source), tmp_path / "file", workers=1)
+
+
+def test_a_video_that_was_cut_is_told_of(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    path = tmp_path / "whole.avi"
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+    for _ in range(20):
+        video.write(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    video.release()
+    whole = path.read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 2])
+    recording = read_folder(tmp_path / "cut.avi", SENSOR)
+    assert 0 < len(recording.frame_names) < 20
+    assert "cut short" in recording.warnings[0]
+    assert read_folder(path, SENSOR).warnings == ()
 
 
 def test_a_tree_without_frames_is_refused(tmp_path: Path) -> None:
@@ -250,6 +288,7 @@ def test_the_command_takes_a_tree(
     monkeypatch.setattr(sys, "argv", [*said, "--sensor", "gelslim3", "--reference", str(flat)])
     assert main() == 0
     told = json.loads((tmp_path / "r.json").read_text())
+    assert all(frame.startswith("frames_a/") for frame in told["bad"])
     assert told["statuses"]["ok"] == told["frames"] == len(list((root / "frames_a").iterdir()))
     assert "frames" in told["passed_over"]["points"]
     assert "passed over" in capsys.readouterr().out

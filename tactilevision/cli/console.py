@@ -40,7 +40,10 @@ def progress_bar(title: str) -> Iterator[Progress]:
         task = bar.add_task(title, total=None)
 
         def advance(done: int, total: int, what: str = "") -> None:
-            bar.update(task, completed=done, total=total, description=f"{title} {what}".rstrip())
+            title_now = f"{title} {what}".rstrip()
+            if done > bar.tasks[0].completed + 1:  # found done already: the remaining time counts from here
+                bar.reset(task, completed=done, total=total, description=title_now)
+            bar.update(task, completed=done, total=total, description=title_now)
 
         yield advance
 

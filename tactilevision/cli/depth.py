@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -49,7 +50,8 @@ def depth(
     warned: list[str] = []
     light = _teller(method, warned)
     certified = False
-    if source.is_tree(path):
+    tree = source.is_tree(path)
+    if tree:
         if calibration is not None:
             raise InputError("a calibration belongs to one recording, not to a tree of them", where=path,
                              remedy="Name the recording, or leave --calibration out.")  # fmt: skip
@@ -61,11 +63,10 @@ def depth(
         for branch in branches:
             said = f"passed over: {branch.why}" if branch.why else _counted(branch.rows)
             console.say(f"{branch.name}: {said}")
-        rows = tuple(row for branch in branches for row in branch.rows)
+        rows = tuple(replace(row, frame=branch.path_of(row)) for branch in branches for row in branch.rows)
         refused = {branch.name: branch.why for branch in branches if branch.why}
     else:
         recording = source.open_source(path, sensor, reference)
-        console.warn(recording.warnings)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_anchor(recording, reconstructor, calibration)
@@ -76,7 +77,8 @@ def depth(
             )
         refused = {}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
-    _tell(rows, out, "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff")
+    maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
+    _tell(rows, out, f"SOURCE/{maps}" if tree else maps)
     statuses = Counter(row.status.split(":")[0] for row in rows)
     bad = {row.frame: row.status for row in rows if row.status != "ok"}
     content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
@@ -87,11 +89,15 @@ def depth(
 def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
     """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
 
-    def light(recording: Recording) -> Reconstructor:
-        reconstructor = source.open_reconstructor(recording, method)
-        words = [f"{recording.name}: {line}" for line in reconstructor.warnings]
+    def tell(recording: Recording, lines: tuple[str, ...]) -> None:
+        words = [f"{recording.name}: {line}" for line in lines]
         console.warn(words)
         warned.extend(words)
+
+    def light(recording: Recording) -> Reconstructor:
+        tell(recording, recording.warnings)
+        reconstructor = source.open_reconstructor(recording, method)
+        tell(recording, reconstructor.warnings)
         return reconstructor
 
     return light

@@ -32,9 +32,9 @@ MethodOption = Annotated[
 
 def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recording:
     """Read a recording, or a bare folder of frames where its sensor and reference are named."""
-    from tactilevision.recording import read_folder, read_recording, require
+    from tactilevision.recording import layout, read_folder, read_recording, require
 
-    bare = sensor is not None or reference is not None
+    bare = sensor is not None or reference is not None or path.suffix.lower() in layout.VIDEO_SUFFIXES
     recording = read_folder(path, sensor=sensor, reference=reference) if bare else read_recording(path)
     require(recording, "frames", step="making height maps")
     return recording

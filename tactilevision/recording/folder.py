@@ -14,7 +14,7 @@ from tactilevision.recording.model import Recording
 from tactilevision.recording.pictures import check_references, find_flats, find_frames, first_look, list_images
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
-from tactilevision.recording.video import count_frames
+from tactilevision.recording.video import count_frames, stated_frames
 from tactilevision.records import Sensor
 from tactilevision.sensors import SENSORS
 
@@ -47,7 +47,7 @@ def read_folder(
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
     white_level = settings.white_level if settings else None
     size, seen = first_look(frames_path, names, white_level)
-    warnings += seen
+    warnings += seen + _cut_short(frames_path, len(names))
     check_references(size, flats[:1])
     if not isinstance(sensor, Sensor):
         assert settings is not None
@@ -78,6 +78,13 @@ def _names(root: Path) -> tuple[str, ...]:
             "the folder holds no pictures", where=root, remedy="Read are " + ", ".join(layout.IMAGE_SUFFIXES) + "."
         )
     return names
+
+
+def _cut_short(video: Path, count: int) -> tuple[str, ...]:
+    stated = stated_frames(video) if video.is_file() else 0
+    if stated <= count:
+        return ()
+    return (f"{video.name} ends after {count} of the {stated} frames that its header tells of: is it cut short?",)
 
 
 def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[str, ...]]:
