@@ -16,6 +16,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import make_folder, write_text
@@ -25,6 +26,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Frame, HeightMap
 from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
+from tactilevision.touching import untouched_std
 
 TABLE = "depth.csv"
 MAPS, STORE = "depth", "depth.zarr"
@@ -82,7 +84,7 @@ class DepthJob:
             write_tiff(self._path(frame.name), height)
         else:
             write_frame(self.scratch, number, {"depth_mm": masked(height)})
-        return FrameResult(frame.name, "ok", *measure(height), spent).as_row()
+        return FrameResult(frame.name, "ok", *measure(height, self.reconstructor.error), spent).as_row()
 
     def kept(self, row: Row) -> bool:
         """Whether the map is there. A store that is being filled is there as a whole."""
@@ -141,13 +143,14 @@ def reconstruct_folder(
     return rows
 
 
-def measure(height: HeightMap) -> tuple[float, float]:
+def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
     """Peak depth in mm, and the area in mm² of the regions that are pressed in beyond what noise explains.
 
     The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set. Pressed in: deeper
     than five robust standard deviations of the map's shallower half, and than 10 µm; specks below a tenth of the
     largest region do not count. Slow waves of untouched gel go as deep as that over wide areas: a region counts
-    where it is deeper than they are to be expected anywhere in the picture (`_surely_mm`).
+    where it is deeper than they are to be expected anywhere in the picture (`_surely_mm`), by the `error` of the
+    method that made the map.
     """
     from skimage.measure import label
 
@@ -158,23 +161,24 @@ def measure(height: HeightMap) -> tuple[float, float]:
     noise = 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
     regions = label(height.valid & (height.depth_mm > max(5 * noise, 0.01)), connectivity=1)
     sizes = np.bincount(regions.ravel())
-    sure = np.bincount(regions.ravel(), (height.depth_mm > _surely_mm(height)).ravel(), len(sizes)) > 0
+    sure = np.bincount(regions.ravel(), (height.depth_mm > _surely_mm(height, error)).ravel(), len(sizes)) > 0
     sizes = np.where(sure, sizes, 0)[1:]
     pixels = sizes[sizes >= 0.1 * sizes.max()].sum() if sizes.size else 0
     return float(np.percentile(depth, 99.9)), float(pixels * height.mm_per_px[0] * height.mm_per_px[1])
 
 
-def _surely_mm(height: HeightMap) -> npt.NDArray[np.floating[Any]] | float:
+def _surely_mm(height: HeightMap, error: DepthError | None) -> npt.NDArray[np.floating[Any]] | float:
     """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
 
         sqrt(2 ln N) standard deviations
 
     above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
     """
-    if height.std_mm is None:
+    std_mm = untouched_std(height, error)
+    if std_mm is None:
         return 0.0
     patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
-    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * height.std_mm)
+    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)
 
 
 def table(rows: Iterable[FrameResult]) -> str:

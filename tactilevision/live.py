@@ -17,8 +17,10 @@ from tactilevision.gpu.device import find_gpu
 from tactilevision.middle import median
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.touching import untouched_std
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact
+EVERY = 2  # pixels along each side, of which one is looked at
 LEAST_PIXELS = 20  # that reach it; fewer are noise
 UNKNOWN_MM = 0.02  # deviation of a map that states none
 BLIND_MM = 0.5  # a picture in which a contact as deep may hide says nothing of the untouched gel
@@ -89,12 +91,13 @@ class Stream:
 
     def _contact(self, height: HeightMap) -> tuple[bool, float, float]:
         """Whether there is a contact, its depth, and the depth that would show as one in half of the picture."""
-        # every second pixel of every second row
-        depth, valid = height.depth_mm[::2, ::2], height.valid[::2, ::2]
-        spread = np.full(depth.shape, UNKNOWN_MM) if height.std_mm is None else height.std_mm[::2, ::2]
+        depth, valid = height.depth_mm[::EVERY, ::EVERY], height.valid[::EVERY, ::EVERY]
+        spread = untouched_std(height, self.reconstructor.error, EVERY)
+        if spread is None:
+            spread = np.full(depth.shape, UNKNOWN_MM)
         least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > SIGMAS * spread) & valid
-        if 4 * np.count_nonzero(pressed) < LEAST_PIXELS:
+        if EVERY**2 * np.count_nonzero(pressed) < LEAST_PIXELS:
             return False, 0.0, least_mm
         return True, float(depth[pressed].max()), least_mm
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
+from tactilevision.folder import measure
 from tactilevision.free_gel import settle
 from tactilevision.live import Stream
 from tactilevision.photometric import (
@@ -149,6 +151,23 @@ def test_a_picture_that_says_nothing_is_not_followed() -> None:
     assert blind.least_mm > 10 * before.least_mm
     assert not blind.height.valid[SHAPE[0] // 2 :].any()
     np.testing.assert_array_equal(live.reconstructor.method.change.level, level)  # type: ignore[attr-defined]
+
+
+def test_a_contact_is_seen_at_any_scale_of_depth() -> None:
+    """A method that knows its scale to 40 % is in doubt of the depth, not of the contact; nor does it see one in
+    free gel."""
+    rng = np.random.default_rng(10)
+    rough = dataclasses.replace(calibrated(), card={**calibrated().card, "place_gain_std": [[0.4]]})
+    reader = Reconstructor(SENSOR, rough)
+    live = Stream(reader)
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    assert not any(live.take(Frame(flat(rng))).contact for _ in range(5))
+    pressed = live.take(Frame(picture(p, q, rng)))
+    assert pressed.height.std_mm is not None
+    assert pressed.height.std_mm.max() > 0.3 * depth.max()
+    assert pressed.contact
+    assert measure(pressed.height, reader.error)[1] > 0
+    assert measure(reader.height_map(Frame(flat(rng))), reader.error)[1] == 0
 
 
 def test_a_slow_press_is_not_taken_for_light() -> None:
