@@ -92,7 +92,7 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
     from mpl_toolkits.mplot3d.axes3d import Axes3D
 
     figure = Figure(figsize=(7.5, 5.5))
-    axes = Axes3D(figure)
+    axes = Axes3D(figure, rect=(0.0, 0.0, 1.0, 0.93))  # above it is room for the title
     figure.add_axes(axes)
     step = max(1, max(height.depth_mm.shape) // 160)
     depth = np.where(height.valid, height.depth_mm, np.nan)[::step, ::step]

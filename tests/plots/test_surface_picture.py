@@ -1,0 +1,23 @@
+"""The surface in perspective says by how much its depth is exaggerated, within the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from tactilevision.plots.height import draw_surface
+from tactilevision.records import HeightMap
+
+
+def test_the_scale_is_told_within_the_picture() -> None:
+    y, x = np.mgrid[:24, :32]
+    depth = 0.3 * np.exp(-((x - 16) ** 2 + (y - 12) ** 2) / 20)
+    figure = draw_surface(HeightMap(depth, np.ones_like(depth, bool), (0.5, 0.5), name="a"))
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
+    title = figure.axes[0].get_title(loc="left")
+    assert title.startswith("a ")
+    assert "vertical scale" in title
+    (words,) = [text for text in figure.findobj() if getattr(text, "get_text", lambda: "")() == title]
+    box = words.get_window_extent()
+    assert figure.bbox.y0 <= box.y0
+    assert box.y1 <= figure.bbox.y1
