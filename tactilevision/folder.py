@@ -33,7 +33,7 @@ MAPS, STORE = "depth", "depth.zarr"
 WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
 STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
 JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
-COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms")
+COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm")
 Form = Literal["tiff", "zarr"]
 
 
@@ -46,6 +46,7 @@ class FrameResult:
     peak_mm: float = float("nan")
     contact_area_mm2: float = float("nan")
     ms: float = float("nan")
+    peak_std_mm: float = float("nan")
 
     @classmethod
     def of(cls, row: Row) -> Self:
@@ -54,7 +55,8 @@ class FrameResult:
 
     def as_row(self) -> Row:
         """As text, every digit kept."""
-        return (self.frame, self.status, repr(self.peak_mm), repr(self.contact_area_mm2), repr(self.ms))
+        numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
+        return (self.frame, self.status, *map(repr, numbers))
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,8 @@ class DepthJob:
             write_tiff(self._path(frame.name), height)
         else:
             write_frame(self.scratch, number, {"depth_mm": masked(height)})
-        return FrameResult(frame.name, "ok", *measure(height, self.reconstructor.error), spent).as_row()
+        peak_mm, area_mm2 = measure(height, self.reconstructor.error)
+        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_at(height, peak_mm)).as_row()
 
     def kept(self, row: Row) -> bool:
         """Whether the map is there. A store that is being filled is there as a whole."""
@@ -167,6 +170,14 @@ def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, 
     return float(np.percentile(depth, 99.9)), float(pixels * height.mm_per_px[0] * height.mm_per_px[1])
 
 
+def std_at(height: HeightMap, peak_mm: float) -> float:
+    """Standard deviation of the depths from `peak_mm` on: their median; NaN where it is not known."""
+    if height.std_mm is None:
+        return float("nan")
+    there = height.std_mm[height.valid & (height.depth_mm >= peak_mm)]
+    return float(np.median(there)) if there.size else float("nan")
+
+
 def _surely_mm(height: HeightMap, error: DepthError | None) -> npt.NDArray[np.floating[Any]] | float:
     """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
 
@@ -187,6 +198,6 @@ def table(rows: Iterable[FrameResult]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for row in rows:
-        numbers = (row.peak_mm, row.contact_area_mm2, row.ms)
+        numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
         writer.writerow([row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers)])
     return text.getvalue()

@@ -170,7 +170,7 @@ def _table(branches: list[Branch]) -> str:
     writer.writerow(COLUMNS)
     for branch in branches:
         if branch.why:
-            writer.writerow([branch.name, f"passed over: {branch.why}", "", "", ""])
+            writer.writerow([branch.name, f"passed over: {branch.why}", *[""] * (len(COLUMNS) - 2)])
         rows = [replace(row, frame=branch.path_of(row)) for row in branch.rows]
         writer.writerows(csv.reader(table(rows).splitlines()[1:]))
     return text.getvalue()

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.folder import COLUMNS, measure, reconstruct_folder
+from tactilevision.folder import COLUMNS, measure, reconstruct_folder, std_at
 from tactilevision.height_files import read_tiff, write_tiff
 from tactilevision.photometric.method import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor
@@ -118,6 +118,16 @@ def test_tiff_keeps_rise_and_unknown_places(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.valid, valid)
     np.testing.assert_array_equal(back.depth_mm[valid], depth[valid])
     assert back.mm_per_px == (0.05, 0.06)
+
+
+def test_a_peak_says_how_sure_it_is() -> None:
+    depth = np.zeros((40, 60))
+    depth[10:14, 10:14] = 0.3
+    std = np.where(depth > 0, 0.02, 0.005)
+    unsure = HeightMap(depth, np.ones_like(depth, bool), (0.05, 0.05), std)
+    assert std_at(unsure, 0.3) == pytest.approx(0.02)
+    assert np.isnan(std_at(unsure, 0.4))
+    assert np.isnan(std_at(HeightMap(depth, unsure.valid, (0.05, 0.05)), 0.3))
 
 
 def test_measure_finds_a_pressed_disc() -> None:
