@@ -21,6 +21,7 @@ from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter,
 _GRID_MM = 0.2
 _RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
 _BESIDE, _ROUND = (1.2, 1.5), 180  # of the radius, beyond the steep wall; directions
+_INNER = 0.8  # of the radius: the face without its wall
 _MODEL = 0.25  # share of the wall's correction that is doubtful: blurs differ from a Gaussian by about that
 _SURE = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
 
@@ -69,6 +70,24 @@ def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> flo
     basis = np.c_[np.ones(_ROUND), towards][use]
     answer, *_ = np.linalg.lstsq(basis, beside[use], rcond=None)
     return float(np.sqrt(np.mean((beside[use] - basis @ answer) ** 2)))
+
+
+def relief_mm(height: HeightMap, face: Footprint) -> float:
+    """How far the face is from flat, rms in mm beside a plane and a dish: what broke off shows, a tilt does not.
+
+    A dish, alike all round, is what a height map may make of any deep face. Read within _INNER of the radius,
+    clear of the wall. NaN where too little of the face is in view.
+    """
+    (rows, columns), (step_x, step_y) = height.depth_mm.shape, height.mm_per_px
+    x = (np.arange(columns) - (columns - 1) / 2) * step_x - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2) * step_y - face.centre_mm[1]
+    inside = height.valid & (np.hypot(x[None, :], y[:, None]) < _INNER * face.radius_mm)
+    if inside.sum() < 20:
+        return float("nan")
+    x, y = (np.broadcast_to(along, inside.shape)[inside] for along in (x[None, :], y[:, None]))
+    basis, depth = np.c_[np.ones_like(x), x, y, x**2 + y**2], height.depth_mm[inside].astype(np.float64)
+    answer, *_ = np.linalg.lstsq(basis, depth, rcond=None)
+    return float(np.sqrt(np.mean((depth - basis @ answer) ** 2)))
 
 
 def _search(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None:
@@ -128,7 +147,7 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     x = (np.arange(columns) - x_px)[None, :] * height.mm_per_px[0]
     y = (np.arange(rows) - y_px)[:, None] * height.mm_per_px[1]
     mask = x**2 + y**2 <= circle.radius_mm**2
-    reach = 0.8 * circle.radius_mm
+    reach = _INNER * circle.radius_mm
     there = (slice(*_span(y, reach)), slice(*_span(x, reach)))
     x, y = x[:, there[1]], y[there[0]]
     face = height.valid[there] & (x**2 + y**2 < reach**2)

@@ -56,11 +56,12 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
         windows = _windows(recording, forces, watches, offset.value or 0.0)
         touches = find_all(watches, windows, offset.value or 0.0, before=touches)
     offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
+    strays = {}
     if offset.value is not None:
         strays = jumps(_seen(watches, windows, touches, recording.sensor.gel), forces, offset.value)
         notes = (*notes, *said_of_jumps(strays))
     rest_s = dict(zip(watches, rests(recording.presses), strict=True))
-    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes))
+    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes, strays))
 
 
 def require_all(recording: Recording) -> None:

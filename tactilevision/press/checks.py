@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import unevenness_mm
+from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.press.certificate import Finding, Touch
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
@@ -26,7 +26,9 @@ TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resul
 TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by against the face
 TILT_READ = 0.005  # rad: what a height map that is right to one part in a hundred may tilt a flat face by
 RADIUS_SHARE = 0.06  # c grows as the radius does: three times what the footprint itself may be off
-UNEVEN_SHARE = 0.05  # of the depth: the gel beside a disc dips and rises by a third of it, alike all round
+UNEVEN_SHARE = (
+    0.05  # of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
+)
 FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
 _GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
 _REST = 0.5  # of the usual rest
@@ -52,8 +54,8 @@ class Look:
 @dataclass(frozen=True, slots=True, eq=False)
 class Usual:
     """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
-    interval of frames at the event, the rest, the chance that two readings of the free gel are equal, and how
-    uneven the gel is beside the face."""
+    interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
+    uneven the gel is beside the face, and how far the face is from flat."""
 
     radius: dict[str, float]
     tilt: Floats
@@ -62,6 +64,7 @@ class Usual:
     rest_s: float
     equal: float
     uneven_mm: float
+    relief_mm: float
 
 
 def findings(look: Look, usual: Usual, forces: ForceSeries) -> tuple[Finding, ...]:
@@ -96,6 +99,11 @@ def _footprint(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.uneven_mm):
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
+        )
+    relief = relief_mm(look.watch.face_map, face) if look.watch.indenter.shape == "flat_cylinder" else 0.0
+    if relief > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.relief_mm):
+        return Finding(
+            "footprint", f"the face is not flat: {1e3 * relief:.0f} µm rms beside a plane; is it chipped?"
         )
     if not np.isfinite(nominal):
         return None

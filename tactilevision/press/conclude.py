@@ -47,7 +47,8 @@ def conclude(chain: Chain) -> Certificate:
     looks = _looks(chain, timed, rises)
     first = _said(chain, looks)
     # frames may be missing where a touch was seen, and not where the ruler puts it
-    sound = [name for name, against in first.items() if all(one.reason == "dropped_frames" for one in against)]
+    sound = [name for name, against in first.items()
+             if name not in chain.strays and all(one.reason == "dropped_frames" for one in against)]  # fmt: skip
     timed = on_ruler(chain, timed, rises, sound)
     looks = _looks(chain, timed, rises)
     said = _said(chain, looks)
@@ -106,7 +107,17 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
 
 def _said(chain: Chain, looks: Mapping[str, Look]) -> dict[str, tuple[Finding, ...]]:
     usual = usual_of(looks)
-    return {name: findings(look, usual, chain.forces) for name, look in looks.items()}
+    return {name: _astray(chain, name) + findings(look, usual, chain.forces) for name, look in looks.items()}
+
+
+def _astray(chain: Chain, name: str) -> tuple[Finding, ...]:
+    """A force that is read at the wrong time says nothing, and may look like one that is saturated."""
+    if name not in chain.strays:
+        return ()
+    text = (
+        f"depth and force go together only at another offset of the clocks, {chain.strays[name]:+.2f} s from here"
+    )
+    return (Finding("dropped_frames", text),)
 
 
 def _looks(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> dict[str, Look]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,7 +23,10 @@ _STOPS = 3  # dwells from which their scatter can be told
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
-    """Everything gathered from a recording before a press is judged, by press label; `notes` for the reader."""
+    """Everything gathered from a recording before a press is judged, by press label; `notes` for the reader.
+
+    `strays` (s): by how much the clocks of single presses are off (`clocks.jumps`).
+    """
 
     recording: Recording
     reconstructor: Reconstructs
@@ -33,6 +36,7 @@ class Chain:
     touches: Mapping[str, Touched]
     rest_s: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    strays: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def forces(self) -> ForceSeries:

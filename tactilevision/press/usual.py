@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactilevision.contact.bevel import SIDES
-from tactilevision.contact.footprint import unevenness_mm
+from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.press.checks import Look, Usual, face_tilt, interval_at
 from tactilevision.records import Floats
 
@@ -29,16 +29,22 @@ def usual_of(looks: Mapping[str, Look]) -> Usual:
         interval_at(look.watch.time_s, look.event_s) for look in looks.values() if np.isfinite(look.event_s)
     ]
     finite = [gap for gap in intervals if np.isfinite(gap)]
-    uneven = [unevenness_mm(look.watch.face_map, look.watch.footprint, away_from=SIDES[look.watch.side])
-              for look in seen if look.watch.footprint is not None]  # fmt: skip
-    known = [value for value in uneven if np.isfinite(value)]
+    faces = [(look.watch, face) for look in seen if (face := look.watch.footprint) is not None]
+    uneven = [unevenness_mm(watch.face_map, face, away_from=SIDES[watch.side]) for watch, face in faces]
+    relief = [relief_mm(watch.face_map, face) for watch, face in faces]
     rest = [look.rest_s for look in looks.values() if np.isfinite(look.rest_s)]
     return Usual(
         radius=_radius_ratios(seen), tilt=np.asarray(tilt), tilt_scatter=scatter,
         interval_s=float(np.median(finite)) if finite else float("inf"),
         rest_s=float(np.median(rest)) if rest else 0.0, equal=_equal(looks),
-        uneven_mm=float(np.median(known)) if len(known) >= 3 else 0.0,
+        uneven_mm=_median(uneven), relief_mm=_median(relief),
     )  # fmt: skip
+
+
+def _median(values: Sequence[float]) -> float:
+    """Of what is known; 0 where too few tell what is usual."""
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if len(known) >= 3 else 0.0
 
 
 def _radius_ratios(seen: list[Look]) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 from contact_scenes import Scene, height_map
 
 from tactilevision.contact.circle import fit_circle
-from tactilevision.contact.footprint import find_footprint
+from tactilevision.contact.footprint import find_footprint, relief_mm
 from tactilevision.records import HeightMap
 
 SCENES: list[dict[str, Any]] = [
@@ -122,3 +122,21 @@ def test_circle_std_covers_what_noise_does() -> None:
         assert found is not None
         errors.append([(found.radius_mm - 2.5) / found.radius_std_mm])
     assert 0.7 < np.std(errors) < 1.4
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.5])
+def test_a_chip_is_no_tilt(turn: float) -> None:
+    tilted = Scene(depth_mm=0.4, tilt=(0.03, -0.02))
+    height = height_map(tilted, np.random.default_rng(3))
+    face = find_footprint(height, tilted.indenter())
+    assert face is not None
+    assert relief_mm(height, face) < 0.01 * face.depth_mm, "a lean is none"
+    rows, columns = height.depth_mm.shape
+    x = (np.arange(columns) - (columns - 1) / 2)[None, :] * height.mm_per_px[0] - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2)[:, None] * height.mm_per_px[1] - face.centre_mm[1]
+    sector = (np.abs(np.angle(np.exp(1j * (np.arctan2(y, x) - turn)))) < np.pi / 8) & (np.hypot(x, y) > 0.6)
+    broken = sector & (np.hypot(x, y) < face.radius_mm)
+    chipped = replace(height, depth_mm=np.where(broken, 0.5 * height.depth_mm, height.depth_mm))
+    found = find_footprint(chipped, tilted.indenter())
+    assert found is not None
+    assert relief_mm(chipped, found) > 0.05 * found.depth_mm

@@ -39,6 +39,8 @@ class Made:
     stop_mm: float = 0.001  # where the dwell is, beyond the touch
     pause: bool = False
     crumb: bool = False  # under the gel beside the face: a bump of a third of its depth
+    chip: bool = False  # a sector of the face has broken off, and the gel is pressed by half there
+    clock_s: float = 0.0  # by how much the F/T clock is off for this press
 
     @property
     def touch_mm(self) -> float:
@@ -105,6 +107,9 @@ def surface(press: Made, w: float) -> Floats:
     unit = _BESIDE(np.sqrt(np.clip(r - radius, 0, 12.5)))
     tilt = 0.04 * x if press.fault == "tilt" and w > 0 else 0.0
     depth = np.where(r <= radius, np.maximum(w + tilt, 0), w * unit)
+    if press.chip:
+        broken = (x > 0.8 * r) & (r > 0.25 * radius) & (r <= radius)
+        depth = np.where(broken, 0.5 * w, depth)
     if press.crumb:
         depth = depth + 0.35 * w * np.exp(-0.5 * ((r - 1.35 * radius) ** 2 + (x - 0.5) ** 2) / 0.4**2)
     beyond = along - 5.0
@@ -117,7 +122,7 @@ def forces(made: list[Made], rng: np.random.Generator) -> ForceSeries:
     time = np.arange(0, made[-1].end_s + 3, 0.005)
     force = np.zeros((time.size, 3))
     for press in made:
-        w = press.depth(time)
+        w = press.depth(time - press.clock_s)
         normal = C * w * (1 + 0.28 * w) + 0.5 * np.maximum(w - press.touch_mm, 0)
         aside = 0.25 if press.fault == "tangential" else 0.01
         if press.fault == "saturated":

@@ -211,3 +211,19 @@ def test_stops_that_scatter_about_the_touch_leave_the_force_open(tmp_path: Path)
         stds[off_mm].append(float(np.median(stopped)))
     assert np.median(stds[0.0]) < 0.003
     assert np.median(stds[0.006]) > 0.005
+
+
+def test_a_chipped_face_is_no_tilted_one(tmp_path: Path) -> None:
+    made = line_up([Made(0.35), Made(0.5), Made(0.35), Made(0.5, chip=True)])
+    certificate = certify(*recording(tmp_path, made, seed=4))
+    assert [point.reason for point in certificate.points] == ["", "", "", "footprint"]
+    assert "not flat" in str(certificate.points[3].extra["findings"])
+
+
+def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp_path: Path) -> None:
+    made = [Made(0.35, clock_s=-0.4), *(Made(0.5 - 0.15 * (k % 2)) for k in range(5))]
+    certificate = certify(*recording(tmp_path, line_up(made), seed=4))
+    first, *others = certificate.points
+    assert [point.reason for point in others] == [""] * 5
+    assert first.reason == "dropped_frames"
+    assert "another offset of the clocks" in str(first.extra["findings"])
