@@ -197,7 +197,7 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     if isinstance(method, str) and method not in PHOTOMETRIC:
         return _saved(method, sensor, flats)
     if method is None and not recording.balls:
-        return _uncalibrated(sensor, flats)
+        return _uncalibrated(recording, flats)
     if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
     fit = PHOTOMETRIC[method or DEFAULT]
@@ -266,13 +266,14 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
                      remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
 
 
-def _uncalibrated(sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
+def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
+    sensor = recording.sensor
     path = find_model(_family(sensor.kind))
     if path is None or not flats:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
         raise InputError(
-            f"no {missing}", where="reference/ball" if flats else "reference/flat", value=f"sensor {sensor.kind}",
-            remedy="Add them to the recording, or name a saved method.",
+            f"no {missing}", where=recording.path / "reference" / ("ball" if flats else "flat"),
+            value=f"sensor {sensor.kind}", remedy="Add them to the recording, or name a saved method.",
         )  # fmt: skip
     found = _without_balls(sensor, path, flats)
     found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
