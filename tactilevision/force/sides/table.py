@@ -32,6 +32,7 @@ STATION_MM = 1.25
 LOAD_MM = 0.5
 FORGETS = 3.5  # thicknesses beyond which a side is not felt
 RANK_TOLERANCE = 1e-4
+AT_ONCE = 32  # shapes that are solved together
 MOST_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
@@ -106,10 +107,13 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
     matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio)[mesh.free][:, mesh.free]
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                   options={"SymmetricMode": True})  # fmt: skip
-    right = np.zeros((len(mesh.free), rank))
-    right[wall.unknowns] = shapes[:, :rank]
-    answer = factor.solve(right)
-    seen = _at_places(mesh, answer, places_mm[near]) @ (sizes[:rank, None] * mix[:rank])
+    answers = []
+    for first in range(0, rank, AT_ONCE):  # whole fields are large, and of each only the stations are kept
+        shape = shapes[:, first : min(first + AT_ONCE, rank)]
+        right = np.zeros((len(mesh.free), shape.shape[1]))
+        right[wall.unknowns] = shape
+        answers.append(_at_places(mesh, factor.solve(right), places_mm[near]))
+    seen = np.hstack(answers) @ (sizes[:rank, None] * mix[:rank])
     three = np.arange(3)
     table = np.zeros((len(places_mm), 3, len(places_mm), 3), dtype=np.float32)
     index = np.flatnonzero(near)
