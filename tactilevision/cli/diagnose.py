@@ -195,7 +195,7 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
-        console.say(f"{number}. + {step.key.replace('_', ' ')}: {1e3 * step.rms_before_N:.2f} -> "
+        console.say(f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
                     f"{1e3 * step.rms_after_N:.2f} mN")  # fmt: skip
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")

@@ -49,6 +49,7 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
         axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", ms=4, lw=1.0,
                       color=style.BLUE, label="one contact, and one stated deviation")  # fmt: skip
         axes.axhline(0.0, color=style.GREY, lw=0.8)
+        axes.margins(x=0.1)  # room for the shares, which stand in the middle of bands as narrow as a point
         axes.set_xlabel(label)
     panels[0].set_ylabel("found less true (µm)")
     panels[0].set_title(f"{len(contacts)} {name}; share within one deviation")
