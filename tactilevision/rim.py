@@ -21,7 +21,7 @@ SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies 
 BIN_PX = 0.5
 ACROSS = 4  # directions to a sector
 SETTLED = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
-INNER_PX, OUTER = 12.0, 0.6  # the profile reaches this far inside the rim, and this part of the radius outside
+INNER_PX, OUTER = 12.0, 0.4  # the profile reaches this far inside the rim, and this part of the radius outside
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 STIFFENING = 1e-9 * np.eye(3)
@@ -94,7 +94,7 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
     bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
     places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
     low, middle, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
-    half, quarter = (_flanks(places, middle[None], part)[0] for part in (0.5, 0.25))
+    half, quarter = _flanks(places, np.stack([middle, middle]), np.array([0.5, 0.25]))
     blur = (half - quarter) / (QUARTER - HALF)
     if not blur < SHARP * radius:  # nor where it is not known
         return None
@@ -184,8 +184,8 @@ def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
-def _flanks(places: Floats, profiles: Floats, part: float) -> Floats:
-    """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it; or NaN."""
+def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
+    """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
     top, each = np.argmax(filled, axis=1), np.arange(len(filled))
     level = part * filled[each, top]

@@ -77,23 +77,30 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
     for wall in walls:
         outer, inner = wall.radius_mm + wall.reach_mm, wall.radius_mm + wall.places_mm[0]
         window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
-        square = np.add(x * x, y * y)
+        square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
-        face = cv2.inRange(square, 0.0, max(inner - 2 * half, 0.0) ** 2)
+        face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
         known = cv2.countNonZero(face) >= LEAST_FACE
         tilt = (cv2.mean(p, face)[0], cv2.mean(q, face)[0]) if known else (0.0, 0.0)
-        band = np.divmod(np.flatnonzero(cv2.inRange(square, inner * inner, outer * outer)), square.shape[1])
-        x, y, r = x[0, band[1]], y[band[0], 0], np.sqrt(square[band])
-        below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
-        table = np.stack([(above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm])
-        at = (r - inner) / (wall.places_mm[1] - wall.places_mm[0])
-        i = np.minimum(at.astype(np.intp), table.shape[1] - 2)
-        low = table[:, i]
-        low += (at - i) * (table[:, i + 1] - low)
-        steep, left = low
+        band = (square >= inner * inner) & (square < outer * outer)
+        rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
+        x, y, r = x.ravel().take(columns), y.ravel().take(rows), np.sqrt(square[band])
+        steep, left = _looked_up(wall, r, half)
         steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm) / r
         p[band] = steep * x + tilt[0] * left
         q[band] = steep * y + tilt[1] * left
+
+
+def _looked_up(wall: Wall, r: Floats, half: float) -> tuple[Floats, Floats]:
+    """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
+    below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
+    steep, left = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm
+    at = (r - (wall.radius_mm + wall.places_mm[0])) / (wall.places_mm[1] - wall.places_mm[0])
+    i = at.astype(np.int32)
+    at -= i
+    np.minimum(i, len(steep) - 2, out=i)
+    steep, left = (line.take(i) + at * np.diff(line).take(i) for line in (steep, left))
+    return steep, left
 
 
 def restore_windows(

@@ -24,7 +24,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.middle import median
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 Depth = npt.NDArray[np.floating[Any]]
@@ -71,19 +70,17 @@ def find_zero_plane(
     if count < LEAST_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
     terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
-    if count < len(free):
-        terms, blocks = terms[:, free], blocks[free]
     tilts = [1, 2]
     if 3 * count < 2 * len(free):  # two thirds of them never lie within half of the picture
-        tilts = [k for k in tilts if np.ptp(terms[k]) > 1.0]
+        tilts = [k for k in tilts if np.ptp(terms[k, free]) > 1.0]
     used = [0, *tilts, *((3, 4) if count < len(free) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std, takes = _robust(terms[used], blocks, rises=4 in used, decay_std=decay_std)
-    full, taken = np.zeros(5), np.zeros((3, len(free)), np.float32)
-    full[used] = solution
-    places = [k for k in used if k < 3]
-    taken[np.ix_(places, np.flatnonzero(free))] = takes[: len(places)]
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free), taken)
+    solution, std, found = _robust(
+        terms if len(used) == len(terms) else terms[used], blocks, free, rises=4 in used, decay_std=decay_std
+    )
+    full, takes = np.zeros(5), np.zeros((3, len(free)), np.float32)
+    full[used], takes[[0, *tilts]] = solution, found[: 1 + len(tilts)]
+    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free), takes)
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -141,54 +138,60 @@ def _outside(untouched: Bools) -> Bools:
     """
     if untouched.all():
         return untouched
-    count, labels = cv2.connectedComponents(untouched.astype(np.uint8), connectivity=4)
-    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    size = np.bincount(labels.ravel(), minlength=count) * (np.bincount(border, minlength=count) > 0)
-    size[0] = 0
-    return np.asarray(labels == size.argmax()) if size.any() else np.zeros_like(untouched)
+    rows, columns = untouched.shape
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(untouched.view(np.uint8), connectivity=4)
+    largest, most = 0, 0
+    for label, (left, top, width, height, size) in enumerate(boxes[1:].tolist(), 1):
+        ends = left == 0 or top == 0 or left + width == columns or top + height == rows
+        if ends and size > most:
+            largest, most = label, size
+    return np.asarray(labels == largest) if largest else np.zeros_like(untouched)
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
     """Terms 1, X, Y, exp(-d / L), d / L exp(-d / L) (5, blocks); the last two 0 where nothing is touched."""
     rows, columns = untouched.shape
     terms = np.zeros((5, rows * columns))
-    terms[:3] = plane_terms(tuple(shape), untouched.shape)
+    terms[:3] = plane_terms(shape, untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        away = cv2.distanceTransform(untouched.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+        away = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
         away *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
         np.exp(-away, out=terms[3])
         np.multiply(away, terms[3], out=terms[4])
     return terms
 
 
-def _robust(terms: Floats, depth: Floats, *, rises: bool, decay_std: float) -> tuple[Floats, float, Floats]:
-    """Reweighted least squares of terms (k, n): the coefficients, the deviation of the plane at the centre, and
-    what each coefficient takes (k, n) of the depths.
+def _robust(
+    terms: Floats, depth: Floats, free: Bools, *, rises: bool, decay_std: float
+) -> tuple[Floats, float, Floats]:
+    """Reweighted least squares of terms (k, n) where `free` (n,): the coefficients, the deviation of the plane at
+    the centre, and what each coefficient takes (k, n) of the depths.
 
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
-    heavy, held = terms, FIRST * len(depth) if rises else 0.0
-    correlated = min(CORRELATED, len(depth))
-    solution: Depth = np.zeros(len(terms))
+    count, touched = np.count_nonzero(free), ~free
+    correlated, held = min(CORRELATED, count), FIRST * count if rises else 0.0
+    rows, heavy = np.concatenate([terms, depth[None]]), terms * free
+    solution: Floats = np.zeros(len(terms))
     for _ in range(ROUNDS):
-        normal = (heavy @ terms.T) * STIFFENING[: len(terms), : len(terms)]
+        sums = heavy @ rows.T
+        normal = sums[:, :-1] * STIFFENING[: len(terms), : len(terms)]
         normal[-1, -1] += held
-        before, solution = (
-            solution,
-            cv2.solve(normal, (heavy @ depth)[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0],
-        )
-        left = np.abs(depth - solution @ terms)
-        scale = 1.4826 * float(median(left)) + 1e-12
-        if np.abs(solution - before)[:3].max() < SETTLED * scale:
+        before, solution = solution, cv2.solve(normal, sums[:, -1:], flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
+        square = solution @ terms
+        square -= depth
+        square *= square
+        square[touched] = np.inf
+        scale = 1.4826 * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
+        if max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True)) < SETTLED * scale:
             break
         if rises:
             held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
-        left *= 1.0 / (3.0 * scale)
-        left *= left
-        left += 1.0
-        left *= left
-        heavy = terms / left
+        square *= 1.0 / (3.0 * scale) ** 2
+        square += 1.0
+        square *= square
+        heavy = terms / square
     inverse = cv2.invert(normal)[1]
     std = float(scale * np.sqrt(correlated * inverse[0, 0]))
-    return np.asarray(solution, np.float64), std, np.asarray(inverse @ heavy)
+    return solution, std, np.asarray(inverse @ heavy)

@@ -37,6 +37,8 @@ BLOCK = 8  # pixels, about: grid on which windows are cut
 SHARE = 0.5  # of the picture in windows; above that all of it is read in full
 LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
 
+PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
+
 Picture = npt.NDArray[np.float32]
 
 
@@ -150,13 +152,13 @@ class CalmReader:
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
         seen = self._seen[: self.size[1], : self.size[0]]
         cv2.compare(steepest, self.loud, cv2.CMP_GT, dst=seen)  # 255 where it is
-        cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8), dst=seen)
+        cv2.morphologyEx(seen, cv2.MORPH_OPEN, PAIR, dst=seen)
         scatter = cv2.multiply(_scatter(slopes), self.per_noise)
         usual = float(median(scatter[::EVERY, ::EVERY].ravel()))
         seen |= cv2.compare(scatter, ROUGH**2 * max(1.0, usual), cv2.CMP_GT)
         size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
         blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
-        _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, np.ones((3, 3), np.uint8)))
+        _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
         step, found = self.px * self.block, []
         for left, top, right, bottom in _apart(stats[1:, :4].tolist()):
             found.append((slice(step * top, min(step * bottom, height)),
