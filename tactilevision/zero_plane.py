@@ -34,6 +34,7 @@ FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
 NONE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
 BLOCKS, LEAST_BLOCKS = 600, 12
+LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
 ROUNDS = 4
 SETTLED = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)
@@ -64,7 +65,7 @@ def find_zero_plane(
     uncertainty then the spread of the whole map.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
-    outside = _outside(untouched)
+    outside = _outside(untouched, blocks)
     free = outside.ravel()
     count = np.count_nonzero(free)
     if count < LEAST_BLOCKS:
@@ -131,21 +132,31 @@ def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
     return np.stack([np.ones_like(places[0]), *places])
 
 
-def _outside(untouched: Bools) -> Bools:
+def _outside(untouched: Bools, depth: Floats) -> Bools:
     """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
 
-    All of it that hangs together with the largest piece of it at the picture's border.
+    All of it that hangs together with one piece of it at the picture's border: the largest, unless the blocks'
+    `depth` (rows * columns,) shows another to lie higher by more than LOWER of all that goes up and down.
     """
     if untouched.all():
         return untouched
     rows, columns = untouched.shape
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(untouched.view(np.uint8), connectivity=4)
-    largest, most = 0, 0
-    for label, (left, top, width, height, size) in enumerate(boxes[1:].tolist(), 1):
-        ends = left == 0 or top == 0 or left + width == columns or top + height == rows
-        if ends and size > most:
-            largest, most = label, size
-    return np.asarray(labels == largest) if largest else np.zeros_like(untouched)
+    pieces = [
+        (size, label)
+        for label, (left, top, width, height, size) in enumerate(boxes.tolist())
+        if label and (left == 0 or top == 0 or left + width == columns or top + height == rows)
+    ]
+    if not pieces:
+        return np.zeros_like(untouched)
+    _, found = max(pieces)
+    large = [label for size, label in pieces if size >= CORRELATED]
+    if len(large) > 1:
+        means = {label: float(depth[labels.ravel() == label].mean()) for label in large}
+        highest = min(large, key=means.__getitem__)
+        if means[found] - means[highest] > LOWER * float(np.ptp(depth)):
+            found = highest
+    return np.asarray(labels == found)
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:

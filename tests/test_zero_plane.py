@@ -90,3 +90,14 @@ def test_the_wide_rise_beside_a_large_ball_is_not_taken_for_zero(
     assert float(depth.min()) < -0.06
     assert abs(zero.offset_mm) < 0.003, "with the decay held at .75 h: .006, .013, .018"
     assert abs(zero.offset_mm) < 2.0 * zero.std_mm
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_a_face_that_covers_most_of_the_picture_is_not_taken_for_the_gel(share: float) -> None:
+    edge = (1.0 - share) * SHAPE[1] * STEP
+    x = np.repeat(np.arange(SHAPE[1])[None, :] * STEP, SHAPE[0], axis=0)
+    depth = np.where(x > edge, 0.3, -0.03 * np.exp(-(edge - x) / 2.7))
+    untouched = np.abs(x - edge)[5::10, 5::10] > 0.6
+    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=3.0)
+    level(depth, zero)
+    assert abs(float(depth[x > edge].mean()) - 0.3) < 0.02
