@@ -10,7 +10,7 @@ import torch
 from tactilevision.photometric.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.method import Evaluator
 from tactilevision.photometric.network import NetworkEvaluator
-from tactilevision.photometric.polynomial import RAISED, PolynomialEvaluator
+from tactilevision.photometric.polynomial import MOST, RAISED, PolynomialEvaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
 
@@ -34,9 +34,9 @@ def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
         parts = list(change)
         for first, below, _ in RAISED:
             parts += [part * parts[first.start] for part in parts[below]]
-        sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), 4, 2, -1)
-        found = sums[:, 3]
-        for i in (2, 1, 0):
+        sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), MOST + 1, 2, -1)
+        found = sums[:, MOST]
+        for i in reversed(range(MOST)):
             found = found * x + sums[:, i]
         return found.clamp(-bound, bound).permute(1, 0, 2)
 

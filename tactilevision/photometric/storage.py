@@ -24,7 +24,7 @@ from tactilevision.photometric.marks import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.onnx_file import OPSET, open_bytes, run_network
-from tactilevision.photometric.polynomial import Polynomial
+from tactilevision.photometric.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.quiet import Quiet
 from tactilevision.photometric.reference import Reference
 
@@ -105,7 +105,11 @@ def digest(path: Path) -> str:
 def _law(card: Mapping[str, Any], held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
     name = card.get("method")
     if name == Polynomial.name:
-        return Polynomial(held["law_coefficients"], float(held["law_steepest"]))
+        coefficients = held["law_coefficients"]
+        if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
+            raise InputError("a polynomial of another order than this version's", where=path,
+                             value=coefficients.shape, remedy="Calibrate again.")  # fmt: skip
+        return Polynomial(coefficients, float(held["law_steepest"]))
     if name == Lookup.name:
         return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])
     if name == Network.name:
