@@ -49,7 +49,7 @@ def draw_joint(
         axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
-    axes.legend(fontsize=8, loc="upper right")
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)  # it would cover the region
     return figure
 
 
