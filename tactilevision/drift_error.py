@@ -3,10 +3,10 @@
 A wrong coefficient g_k of the drift (`photometric/drift.py`) changes the colours of the whole picture, and with
 them the surface, smoothly: by D_k(x, y) each. The zero plane takes off what of it is a plane on the untouched gel,
 
-    variance(x, y) = sum_channels D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
+    variance(x, y) = D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
 
 so that little is left beside small contacts, and much under those that leave little gel to tell drift from slopes.
-D_k is worked out once, for colours of flat gel. Assumes the channels' errors to be independent.
+D_k is worked out once, for colours of flat gel.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.change import SOFTENING_GREY
 from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Floats, Pair, SlopeMap
 from tactilevision.surface import integrate
 from tactilevision.zero_plane import ZeroPlane, plane_terms
@@ -37,7 +37,7 @@ class DriftError:
             n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
         )
         effects = tracker.effects / (tracker.level + SOFTENING_GREY)[:, None, :]
-        self.depths = np.zeros(effects.shape)
+        depths = np.zeros(effects.shape)
         for channel, parts in enumerate(effects):
             for number, part in enumerate(parts):
                 change = np.zeros((3, *self.blocks), np.float32)
@@ -46,11 +46,13 @@ class DriftError:
                     calm * (more - less) / (2.0 * STEP)
                     for more, less in zip(evaluate(change), evaluate(-change), strict=True)
                 ]
-                self.depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()
+                depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()
+
+        self.depths = depths.reshape(-1, len(tracker.basis))  # of all coefficients, channel by channel
 
     def variance(self, covariance: Floats, zero: ZeroPlane) -> npt.NDArray[np.float32]:
-        """Variance (rows, columns) of depth on the blocks, of a drift's `covariance` (3, 6, 6), mm²."""
+        """Variance (rows, columns) of depth on the blocks, of a drift's `covariance` (18, 18), mm²."""
         depths = self.depths
         if zero.takes is not None:
             depths = depths - (depths @ zero.takes.T) @ self.terms
-        return np.asarray(np.sum(depths * (covariance @ depths), axis=(0, 1)).reshape(self.blocks), np.float32)
+        return np.asarray(np.sum(depths * (covariance @ depths), axis=0), np.float32).reshape(self.blocks)

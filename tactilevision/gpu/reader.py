@@ -14,6 +14,7 @@ from tactilevision.gpu.laws import Law, law_on
 from tactilevision.photometric.calm import Look, Reading
 from tactilevision.photometric.change import ChangeMaps, Planes
 from tactilevision.photometric.method import CalibratedMethod, Evaluator
+from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Bytes, Pair, SlopeMap
 
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -97,8 +98,7 @@ class _Maps:
         gain = torch.from_numpy(self.maps.down).to(self.device) @ torch.from_numpy(self.maps.across).to(
             self.device
         )
-        rest = torch.from_numpy(self.maps.rest).to(self.device)
-        return self.read((greys * gain + rest) * self.scale - 1.0)
+        return self.read((greys * gain + SOFTENING_GREY) * self.scale - 1.0)
 
     def read(self, change: torch.Tensor) -> torch.Tensor:
         return self.law(change) * self.calm - self.bias

@@ -14,6 +14,7 @@ from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.jackknife import gain_map
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.power import response_of
 from tactilevision.photometric.quiet import Quiet, QuietSums
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.samples import (
@@ -23,6 +24,7 @@ from tactilevision.photometric.samples import (
     far_from,
     inside_ball,
     join,
+    seen_at,
     untouched,
     with_noise,
 )
@@ -138,6 +140,7 @@ def calibrate_from_balls(
         "slope_of_one_pixels_noise_best": light.best,
         "slope_of_one_pixels_noise_worst": light.worst,
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
+        "response": response_of(touching, seen_at(touching, change.level)).told(),
     }
     return Calibration(
         CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),

@@ -1,8 +1,8 @@
 """Colour change against the untouched gel: the quantity that slope is read from.
 
-    u_c = ((W I - b)_c / (1 + drift_c) - I0_c) / (I0_c + s)
+    u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
 
-W unmixes the channels where lamps have faded apart (`drift.py`), and mostly is left out.
+Where lamps have faded apart or stray light stands out, their part is undone first, in light (`drift.py`).
 Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift import Drift, DriftTracker
+from tactilevision.photometric.drift import Drift, DriftTracker, undone
 from tactilevision.photometric.marks import fill, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
+from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 
-SOFTENING_GREY = 20.0
 SHADOW_PX = 4  # pixels apart that shadows are looked for
 STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
 
@@ -40,7 +40,6 @@ class ChangeMaps:
     def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
         self.mean, self.x, self.y = mean, x, y
         self.scale: Planes = np.empty_like(mean)
-        self.rest = np.full((3, 1, 1), SOFTENING_GREY, np.float32)  # s - b/(1 + drift)
         self.settle()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
         self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
@@ -51,19 +50,18 @@ class ChangeMaps:
         np.reciprocal(self.scale, out=self.scale)
 
     def light(self, gains: Floats) -> None:
-        """Count from here on with the `gains` (3, 4) of a drift."""
+        """Count from here on with the `gains` (3, 3) of a drift."""
         share = 1.0 / (1.0 + gains[:, 0, None])
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
-        self.rest = np.asarray(SOFTENING_GREY - gains[:, 3, None, None] * share[:, :, None], np.float32)
 
     def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, out: Planes) -> Planes:
-        """Changes ((I - b) gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
+        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
-        out += self.rest
+        out += np.float32(SOFTENING_GREY)
         out *= self.scale[:, rows, columns]
         out -= np.float32(1.0)
         return out
@@ -72,9 +70,9 @@ class ChangeMaps:
 class ColourChange:
     """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
 
-    def __init__(self, reference: Reference) -> None:
+    def __init__(self, reference: Reference, response: Response | None = None) -> None:
         self.reference = reference
-        self.tracker = DriftTracker(reference)
+        self.tracker = DriftTracker(reference, response or Response())
         mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
         if reference.marks is not None:
             fill(mean, reference.marks.mask)
@@ -102,7 +100,7 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        self.rgb = rgb if drift.unmix is None else cv2.transform(rgb.astype(np.float32), drift.unmix)
+        self.rgb = rgb if drift.undo is None else undone(rgb, drift.undo, self.tracker.power)
         if rgb.max() < SATURATED and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
             return drift, self.reference.usable
         brightest = _brightest(rgb)

@@ -1,12 +1,12 @@
 """Follows the light: how brightness has drifted since the reference was taken, seen on the untouched gel.
 
-    I = M I_0 (1 + g_0 + g_x X + g_y Y) + b      per channel; X, Y from -1 to 1 over the picture
+    I^p = A I_0^p + o      then times 1 + g_x X + g_y Y      X, Y from -1 to 1 over the picture
 
-where M mixes the channels a little, as lamps leave it that fade apart (`drift_kind.py`). It is
+I^p is light (`response.py`); A mixes the channels a little where lamps fade apart, o is stray light's. It is
 fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
-pattern) and what lies close to it do not count. The gel's gentle slopes round a contact look much like an
-uneven drift; so the plane terms are held to a part of the constant one until it is known which blocks count, and
-then `drift_kind.py` parts the two.
+pattern) and what lies close to it do not count: first as a gain with a plane, which is held to a part of the gain,
+as the gel's gentle slopes round a contact look much like an uneven drift; and once it is known which blocks count,
+`drift_kind.py` tells drift, its kind and those slopes apart.
 Valid while less than about half of the picture is touched.
 """
 
@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.middle import median
-from tactilevision.photometric.drift_kind import TERMS, drift_of, slopes_beside
+from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, noise_of, slopes_beside
 from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 
 BLOCKS = 600  # blocks over the picture, about
@@ -38,31 +39,31 @@ LEAST_UNEVEN = 2e-4
 LITTLE = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
-OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
 CORRELATED = 20.0  # blocks whose errors, gentle slopes of the gel among them, hang together
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """`gains` (3 channels, 4): constant, x, y in parts of the brightness, and grey levels added to it, all of a
-    picture that `unmix` (3, 3) has been applied to; None: as it is.
+    """`gains` (3 channels, 3): constant, x, y in parts of the brightness of a picture on which `undo` (3, 4) has
+    been used, an affine map of its light; None: of the picture as it is.
 
-    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise. `covariance` (3, 6, 6): of constant,
-    x, y, grey levels, and parts of the other two channels; None where nothing has drifted.
+    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise. `covariance` (18, 18): of constant,
+    x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has drifted.
     """
 
     gains: Floats
     untouched: Bools
     strangeness: Floats
-    unmix: Floats | None = None
+    undo: Floats | None = None
     covariance: Floats | None = None
 
 
 class DriftTracker:
     """Measures the drift of frames against one reference; what depends on the reference alone is made once."""
 
-    def __init__(self, reference: Reference) -> None:
+    def __init__(self, reference: Reference, response: Response) -> None:
         height, width = reference.shape
+        self.power = response.power
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
         self.inside = min(SAMPLED, block)
@@ -78,7 +79,8 @@ class DriftTracker:
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
         self.level = self._planes(reference.rgb)
         self.all_usable = bool(self.usable.all())
-        self._bright, self._shown = np.empty((2, *self.level.shape))
+        self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
+        self._answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
         self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._settle()
 
@@ -93,7 +95,7 @@ class DriftTracker:
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
-        gains = np.zeros((3, TERMS))
+        gains = np.zeros((3, 3))
         gains[:, 0] = median(self._among_usable(change / self._bright))
         change /= self.noise
         heavy = change * self._shown
@@ -112,14 +114,18 @@ class DriftTracker:
             before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
             if np.abs(gains - before).max() < SETTLED:
                 break
-        covariance: Floats | None = None
+        undo, covariance = None, None
         if np.abs(gains[:, 0]).max() > LITTLE:
-            gains, covariance = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
-        squares = self._squares(change, gains)
+            if self.power == 2:
+                change *= 1.0 + self._bend * change
+            found, covariance = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
+            squares = self._squares(change, found)
+            gains, undo = self._undoing(found)
+        else:
+            squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
         untouched = (usable & (squares < 16.0 * scale)).reshape(shape)
-        following, unmix = self._unmixed(gains)
-        return Drift(following, untouched, np.sqrt(squares).reshape(shape), unmix, covariance)
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance)
 
     @property
     def effects(self) -> Floats:
@@ -132,13 +138,16 @@ class DriftTracker:
         np.maximum(self.level, 1.0, out=self._bright)
         np.divide(self.level, self.noise, out=self._shown)
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
-        self._terms[:, 3] = 1.0 / self.noise
+        np.divide(0.5 * self.noise, self._bright, out=self._bend)  # change of light to second order
         self.grey = self._among_usable(self.level).mean(axis=1)
-        for c, (one, other) in enumerate(OTHERS):
-            for term, j in ((4, one), (5, other)):
-                self._terms[c, term] = (
-                    self.level[j] * (self.grey[c] / self.grey[j]) - self.level[c]
-                ) / self.noise[c]
+        light = self._bright**self.power
+        self.light = self._among_usable(light).mean(axis=1)
+        light /= self.light[:, None]
+        per_light = self._shown / (self.power * light)
+        self._terms[:, 3] = per_light
+        for c, others in enumerate(OTHERS):
+            for term, j in zip((4, 5), others, strict=True):
+                self._terms[c, term] = (light[j] - light[c]) * per_light[c]
         squares = self._normal.reshape(-1, 3, 9).transpose(1, 0, 2)
         np.multiply(np.square(self._shown)[:, :, None], self.squares, out=squares)
 
@@ -153,30 +162,42 @@ class DriftTracker:
         solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
         return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
-    def _unmixed(self, gains: Floats) -> tuple[Floats, Floats | None]:
-        """Gains (3, 4) of the picture after unmixing, out of (3, 6), and what unmixes it."""
-        if np.abs(gains[:, 4:]).max() < SETTLED:
-            return gains[:, :4], None
-        mix = np.eye(3)
+    def _undoing(self, found: Floats) -> tuple[Floats, Floats | None]:
+        """Gains (3, 3) of the picture after it has been undone, out of (3, 6), and what undoes it."""
+        gain = 1.0 + self.power * found[:, 0]
+        gains = np.column_stack([np.zeros(3), found[:, 1:3] / gain[:, None]])
+        if np.abs(found[:, 3:]).max() < self.power * SETTLED:
+            level = gain ** (1.0 / self.power)
+            gains *= level[:, None]
+            gains[:, 0] = level - 1.0
+            return gains, None
+        mix = np.diag(gain - found[:, 4] - found[:, 5])
         for c, others in enumerate(OTHERS):
-            for part, j in zip(gains[c, 4:] / (1.0 + gains[c, 0]), others, strict=True):
-                mix[c, j] += part * self.grey[c] / self.grey[j]
-                mix[c, c] -= part
-        unmix: Floats = np.linalg.inv(mix).astype(np.float64)
-        return np.column_stack([gains[:, :3], unmix @ gains[:, 3]]), unmix
+            mix[c, others] = found[c, 4:]
+        undo = np.linalg.inv(self.light[:, None] * mix / self.light)
+        return gains, np.column_stack([undo, -undo @ (found[:, 3] * self.light)])
 
     def _parted(self, change: Floats, weights: Floats, constant: Floats, touched: Bools) -> tuple[Floats, Floats]:
         """The drift (3, 6) and its covariance, told from the gel's own slopes beside what is `touched` (blocks,).
 
         Lone blocks are noise.
         """
-        picture = touched.reshape(self.size[1], self.size[0]).view(np.uint8)
-        solid = cv2.morphologyEx(picture, cv2.MORPH_OPEN, SOLID) > 0
-        terms = self._terms
-        if solid.any():
-            beside = self._shown[:, None, :] * slopes_beside(solid)
-            terms = np.concatenate([terms, beside], axis=1)
-        return drift_of(change, weights, terms, constant=constant, level=self.grey)
+        shape = self.size[1], self.size[0]
+        solid = cv2.morphologyEx(touched.reshape(shape).view(np.uint8), cv2.MORPH_OPEN, SOLID) > 0
+        noise = noise_of(change.reshape(3, *shape), weights.reshape(shape))
+        beside = self._slopes(slopes_beside(solid)) / noise if solid.any() else None
+        gain = (1.0 + constant) ** self.power - 1.0
+        return drift_of(
+            change / noise, weights, self._terms / noise, beside=beside, shared=self._answers is not None,
+            gain=gain, power=self.power,
+        )  # fmt: skip
+
+    def _slopes(self, slopes: Floats) -> Floats:
+        """What slopes (forms, 2, blocks) make of the channels, (3, forms or 2 forms, blocks), in noise."""
+        if self._answers is None:
+            return np.asarray(self._shown[:, None] * slopes.reshape(-1, slopes.shape[-1]))
+        softened = (self.level + SOFTENING_GREY) / self.noise
+        return np.asarray(np.einsum("can,fan->cfn", self._answers, slopes) * softened[:, None])
 
     def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
         """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
@@ -188,7 +209,7 @@ class DriftTracker:
 
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
-        left = change - np.matmul(gains[:, None, :], self._terms)[:, 0]
+        left = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
         left *= left
         return np.asarray(left.sum(axis=0))
 
@@ -199,9 +220,9 @@ class DriftTracker:
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        gains = np.zeros((3, TERMS))
+        gains = np.zeros((3, 3))
         for found, left, wanted in zip(gains, normal.reshape(3, 3, 3), right[:, :, None], strict=True):
-            found[:3] = cv2.solve(left, wanted, flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
+            found[:] = cv2.solve(left, wanted, flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
         return gains
 
     def _check(self, blocks: Floats, change: Floats) -> None:
@@ -233,6 +254,15 @@ class DriftTracker:
                 value=f"median difference {off:.0f} grey levels",
                 remedy="Use a reference of the same sensor and light.",
             )
+
+
+def undone(rgb: Bytes, undo: Floats, power: int) -> npt.NDArray[np.float32]:
+    """A picture (H, W, 3) with the affine map `undo` (3, 4) used on its light, in grey levels."""
+    if power == 1:
+        return np.asarray(cv2.transform(rgb.astype(np.float32), undo))
+    light = cv2.transform(cv2.multiply(rgb, rgb, dtype=cv2.CV_32F), undo)
+    np.maximum(light, 0.0, out=light)
+    return np.asarray(cv2.sqrt(light, dst=light))
 
 
 def _centres(blocks: int, pixels: int) -> Floats:

@@ -15,6 +15,7 @@ from tactilevision.photometric.calm import CalmReader, Reading, calm_pixels
 from tactilevision.photometric.change import ColourChange, Planes, Window, strips
 from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.reference import Reference
+from tactilevision.photometric.response import response_in
 from tactilevision.records import Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]
@@ -73,7 +74,7 @@ class CalibratedMethod:
 
     def __post_init__(self) -> None:
         self.name = self.law.name
-        self.change = ColourChange(self.reference)
+        self.change = ColourChange(self.reference, response_in(self.card))
         self.evaluate = self.law.evaluator(self.reference.shape)
         noise = self.evaluate.noise(self.change.noise)
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)

@@ -77,11 +77,16 @@ def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:
     """The samples with the noise of their changes, out of pictures of it (3, H, W)."""
+    return replace(samples, noise=seen_at(samples, noise))
+
+
+def seen_at(samples: Samples, pictures: Planes) -> Floats:
+    """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
     columns, rows = (
         np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
-        for at, n in zip(samples.place.T, noise.shape[:0:-1], strict=True)
+        for at, n in zip(samples.place.T, pictures.shape[:0:-1], strict=True)
     )
-    return replace(samples, noise=np.asarray(noise[:, rows, columns].T, np.float64))
+    return np.asarray(pictures[:, rows, columns].T, np.float64)
 
 
 def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:

@@ -14,7 +14,7 @@ from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_b
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Bytes, Floats
+from tactilevision.records import Bytes
 from tactilevision.sensors import get_sensor
 
 BALL_MM = 4.0
@@ -42,7 +42,7 @@ def pressed(contact_mm: float, gain: float) -> Bytes:
     return picture(p, q, np.random.default_rng(1), gain=gain)
 
 
-@pytest.mark.parametrize(("channel", "number", "size"), [(2, 1, 0.004), (0, 2, -0.004), (1, 3, 0.4)])
+@pytest.mark.parametrize(("channel", "number", "size"), [(2, 1, 0.004), (0, 2, -0.004), (1, 3, 0.006)])
 def test_depth_moves_as_a_wrong_coefficient_moves_it(
     channel: int, number: int, size: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -52,15 +52,19 @@ def test_depth_moves_as_a_wrong_coefficient_moves_it(
     assert made.error is not None
     before, tracker = made.rectified_map(rgb).depth_mm.copy(), made.method.change.tracker
     assert made.zero is not None
-    covariance = np.zeros((3, 6, 6))
-    covariance[channel, number, number] = size**2
+    covariance = np.zeros((18, 18))
+    covariance[6 * channel + number, 6 * channel + number] = size**2
     said = np.sqrt(made.error.drift.variance(covariance, made.zero))
     right = tracker.measure(rgb)
+    assert right.undo is not None
 
     def wrong(_: Bytes) -> Drift:
-        gains: Floats = right.gains.copy()
-        gains[channel, number] += size
-        return dataclasses.replace(right, gains=gains)
+        gains, undo = right.gains.copy(), np.array(right.undo)
+        if number < 3:
+            gains[channel, number] += size
+        else:
+            undo[:, 3] -= undo[:, channel] * size * tracker.light[channel]
+        return dataclasses.replace(right, gains=gains, undo=undo)
 
     monkeypatch.setattr(tracker, "measure", wrong)
     moved = made.rectified_map(rgb).depth_mm - before

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from lamp_room import SHAPE, ball, picture, places
 
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.drift import Drift, DriftTracker
-from tactilevision.photometric.drift_kind import slopes_beside
-from tactilevision.records import Floats
+from tactilevision.photometric.drift import Drift, DriftTracker, undone
+from tactilevision.photometric.drift_kind import noise_of, slopes_beside
+from tactilevision.photometric.response import Response
+from tactilevision.records import Bytes, Floats
 
 BRIGHT = 3.0  # pictures of a hundred grey levels
 FLAT = np.zeros(SHAPE)
+LIGHT = Response(power=1)  # what these pictures are made of
 
 
 def tracker(stray_grey: float, rng: np.random.Generator) -> DriftTracker:
     flats = [picture(FLAT, FLAT, rng, stray_grey=stray_grey, bright=BRIGHT) for _ in range(3)]
-    return DriftTracker(make_reference(flats))
+    return DriftTracker(make_reference(flats), LIGHT)
 
 
 def drift(gain: float | Floats, *, contact_mm: float = 0.0, stray_grey: float = 0.0, seed: int = 0) -> Drift:
@@ -32,20 +36,38 @@ def drift(gain: float | Floats, *, contact_mm: float = 0.0, stray_grey: float = 
 @pytest.mark.parametrize("gain", [0.95, 1.05])
 @pytest.mark.parametrize("contact_mm", [0.0, 2.0, 3.6])
 def test_lamps_that_fade_alike_leave_no_pattern(gain: float, contact_mm: float) -> None:
-    told = drift(gain, contact_mm=contact_mm)
-    found, off = told.gains, told.gains[:, 0] - (gain - 1.0)
+    rng = np.random.default_rng(0)
+    following = tracker(0.0, rng)
+    p, q = ball((2.5, 1.0), contact_mm, 8.0)[1:] if contact_mm else (FLAT, FLAT)
+    told = following.measure(picture(p, q, rng, gain=gain, stray_grey=0.0, bright=BRIGHT))
+    off = _left(following, told, picture(FLAT, FLAT, rng, gain=gain, stray_grey=0.0, bright=BRIGHT))
+    assert np.abs(off.mean(axis=1)).max() < (0.004 if contact_mm > 3 else 0.001), "a ball is no drift"
+    assert np.abs(told.gains[:, 1:]).max() < 0.001
     assert told.covariance is not None
-    assert np.abs(off).max() < (0.006 if contact_mm > 3 else 0.002), "the gel beside a large ball is no drift"
-    assert np.all(np.abs(off) < 2.5 * np.sqrt(told.covariance[:, 0, 0])), "and how well that is known is said"
-    assert np.abs(found[:, 1:3]).max() < 0.001
-    assert np.abs(found[:, 3]).max() < 0.2, "grey levels"
+    effects = following.effects.transpose(0, 2, 1) / following.level[:, :, None]
+    for c in range(3):
+        known = told.covariance[6 * c : 6 * c + 6, 6 * c : 6 * c + 6]
+        stated = np.einsum("nk,kl,nl->n", effects[c], known, effects[c]).mean()
+        assert off[c].mean() ** 2 < 2.5**2 * stated, "and how well that is known is said"
+
+
+def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
+    """What a drift leaves (3, blocks) of a picture of the untouched gel, in parts of it."""
+    seen = rgb if told.undo is None else undone(rgb, told.undo, following.power)
+    blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
+    y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])
+    gain = 1.0 + told.gains @ np.stack([np.ones_like(x), x, y])
+    bright = picture(FLAT, FLAT, np.random.default_rng(5), stray_grey=0.0, bright=BRIGHT, noise=0.0)
+    level = bright.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
+    return np.asarray(blocks / gain / level - 1.0)
 
 
 @pytest.mark.parametrize("contact_mm", [0.0, 1.8])
 def test_stray_light_that_does_not_fade_is_found(contact_mm: float) -> None:
-    found = drift(0.95, contact_mm=contact_mm, stray_grey=40.0).gains
-    assert found[:, 0] == pytest.approx(-0.05, abs=0.005)
-    assert found[:, 3] == pytest.approx(0.05 * 40.0, abs=0.5), "grey levels that the fading is too large by"
+    undo = drift(0.95, contact_mm=contact_mm, stray_grey=40.0).undo
+    assert undo is not None
+    assert np.diag(undo) == pytest.approx(1 / 0.95, abs=0.006)
+    assert undo[:, 3] == pytest.approx(-40.0 * (1 / 0.95 - 1.0), abs=0.5), "grey levels that do not fade"
 
 
 def test_a_lean_of_all_lights_is_believed_where_the_whole_gel_shows_it() -> None:
@@ -57,30 +79,43 @@ def test_a_lean_of_all_lights_is_believed_where_the_whole_gel_shows_it() -> None
 def test_a_frame_of_faded_lamps_shows_no_change() -> None:
     rng = np.random.default_rng(1)
     flats = [picture(FLAT, FLAT, rng, stray_grey=40.0, bright=BRIGHT) for _ in range(3)]
-    change = ColourChange(make_reference(flats))
+    change = ColourChange(make_reference(flats), LIGHT)
     for gain in (0.95, 1.0, 1.05):
         seen = change.measure(picture(FLAT, FLAT, rng, gain=gain, stray_grey=40.0, bright=BRIGHT))[0]
         halves = [float(seen[c, rows].mean()) for c in range(3) for rows in (slice(0, 90), slice(90, 180))]
         assert np.abs(halves).max() < 1.5e-3, "stray light taken off again when it is gone"
 
 
+@pytest.mark.parametrize("power", [1, 2])
 @pytest.mark.parametrize("lamp", [0, 1, 2])
-def test_a_lamp_that_fades_in_three_channels_takes_its_pattern_along(lamp: int) -> None:
+def test_a_lamp_that_fades_in_three_channels_takes_its_pattern_along(lamp: int, power: int) -> None:
     """Where it shone brightest most is gone, in each channel its own part: no plane, and no change of the gel."""
     rng, gains = np.random.default_rng(2), [0.92 if number == lamp else 1.0 for number in range(3)]
-    flats = [picture(FLAT, FLAT, rng, bright=BRIGHT) for _ in range(3)]
-    change = ColourChange(make_reference(flats))
+
+    def seen(p: Floats, q: Floats, lamps: Sequence[float]) -> Bytes:
+        light = picture(p, q, rng, bright=BRIGHT, lamps=lamps, noise=0.1)
+        return light if power == 1 else np.rint(np.sqrt(255.0 * light)).astype(np.uint8)
+
+    change = ColourChange(make_reference([seen(FLAT, FLAT, (1.0, 1.0, 1.0)) for _ in range(3)]), Response(power))
     p, q = ball((2.5, 1.0), 1.5, 8.0)[1:]
-    seen = change.measure(picture(p, q, rng, bright=BRIGHT, lamps=gains))[0].copy()
-    plain = change.measure(picture(p, q, rng, bright=BRIGHT))[0]
-    off = (seen - plain)[:, 8:-8, 8:-8].reshape(3, 4, 41, 4, 56).mean(axis=(2, 4))
+    faded = change.measure(seen(p, q, gains))[0].copy()
+    plain = change.measure(seen(p, q, (1.0, 1.0, 1.0)))[0]
+    off = (faded - plain)[:, 8:-8, 8:-8].reshape(3, 4, 41, 4, 56).mean(axis=(2, 4))
     assert np.abs(off).max() < 4e-3, "a plane leaves .01"
 
 
 def test_the_gel_falls_away_from_a_contact_on_all_sides() -> None:
     touched = np.zeros((21, 31), np.bool_)
     touched[9:12, 14:17] = True
-    x, y = slopes_beside(touched).reshape(6, 21, 31)[:2]
+    x, y = slopes_beside(touched)[0].reshape(2, 21, 31)
     assert x[10, 5] > 0 > x[10, 25]
     assert y[3, 15] > 0 > y[17, 15]
     assert abs(x[10, 5]) < abs(x[10, 11]), "less, farther away"
+    assert x[10, 0] > 0 > x[10, 30], "and not level at the border"
+
+
+def test_noise_is_what_blocks_differ_by_from_their_neighbours() -> None:
+    rng, (y, x) = np.random.default_rng(3), np.mgrid[:21, :28]
+    noisy = 0.4 * rng.standard_normal((3, 21, 28)) + 0.3 * (x + y * x / 20)
+    assert noise_of(noisy, np.ones((21, 28))) == pytest.approx(0.4, rel=0.1)
+    assert noise_of(noisy, np.zeros((21, 28))) == 1.0, "nothing known"
