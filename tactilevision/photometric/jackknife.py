@@ -11,8 +11,9 @@ slopes it is asked what a contact's depth rests on: with u the colours that a sl
     gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
 
 u is drawn from the light's law (`through_light.py`). Small between the balls, large beyond the outermost ones,
-where colours are extrapolated; among the balls it is rather too large (by up to 1.6). What no choice of balls
-mends, as a light that the law cannot follow, is not in it: balls that the law was fitted to show that.
+where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
+(`held_out_depth.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
+that the law was fitted to show that.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from tactilevision.records import Floats
 
 PLACES = (16, 12)  # across, down
 DIRECTIONS = 12
+CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
@@ -55,5 +57,8 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> F
             now = law.at(seen, place) @ along
             gains += [(other.at(seen, place) @ along - now) / steep for other in others]
     gains /= DIRECTIONS * len(STEEP)
-    variance = np.square(jackknife_std(list(gains.reshape(len(others), *PLACES[::-1]))))
-    return np.asarray(np.sqrt(cv2.GaussianBlur(variance, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)))
+    maps = [
+        cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)
+        for gain in gains.reshape(len(others), *PLACES[::-1])
+    ]
+    return jackknife_std(maps)
