@@ -13,6 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.jackknife import gain_map
+from tactilevision.photometric.marks import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.power import response_of
 from tactilevision.photometric.quiet import Quiet, QuietSums
@@ -36,6 +37,7 @@ FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
+COVERED = 1.0  # of the 2 from side to side: balls in less than half of it leave most of the light to be guessed
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
@@ -162,6 +164,8 @@ def _collect(
     contact: list[Samples] = []
     quiet: list[Samples] = []
 
+    marks = change.reference.marks
+
     def share(samples: int) -> int:
         return max(100, samples // max(1, len(pictures)))
 
@@ -169,6 +173,8 @@ def _collect(
         name = picture.name or f"ball {number + 1}"
         try:
             seen, _, valid = change.measure(picture.rgb)
+            if marks is not None:
+                valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
             ball = locate(seen, valid, picture, mm_per_px)
         except InputError as fault:
             warnings.append(f"{name} left out: {fault.what}")
@@ -292,7 +298,7 @@ def _hidden(light: Told) -> list[str]:
 def _coverage(contact: Samples) -> list[str]:
     """Balls all in one corner say nothing about the light elsewhere."""
     spread = contact.place.max(axis=0) - contact.place.min(axis=0)
-    if spread.min() > 0.6:
+    if spread.min() > COVERED:
         return []
     return [
         f"the ball presses cover {50 * spread[0]:.0f} % by {50 * spread[1]:.0f} % of the picture only; "

@@ -26,6 +26,7 @@ DARK_GREY = 20  # below which a colour says nothing of marks
 SOFTENING_GREY = 20
 LEAST_AREA_PX = 4
 LARGEST = 2.5  # usual areas
+FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
 
 Planes = npt.NDArray[np.float32]
@@ -45,6 +46,8 @@ def find_marks(rgb: Bytes) -> Marks | None:
     """The marks of an untouched gel's picture (H, W, 3), or None where there is no pattern of them."""
     dark = _darkness(rgb)
     level, spots = cv2.threshold(dark, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    if level < 255 * FAINTEST:
+        return None
     _, _, stats, centres = cv2.connectedComponentsWithStats(spots)
     area, places = stats[1:, cv2.CC_STAT_AREA].astype(float), np.asarray(centres[1:], np.float64)
     seen = area >= LEAST_AREA_PX

@@ -184,6 +184,17 @@ def test_flats_that_cannot_be_used_are_named() -> None:
         make_reference([flat(rng), flat(rng), touched])
 
 
+def test_balls_all_in_one_corner_are_told_of() -> None:
+    rng = np.random.default_rng(3)
+    reach = 0.25 * MM_PER_PX * np.array(SHAPE[::-1])
+    places = [tuple(float(v) for v in rng.uniform(-0.8, -0.1, 2) * reach) for _ in range(6)]
+    shots = [BallPicture(picture(*ball((x, y), 0.9, RADIUS_MM)[1:], rng), RADIUS_MM) for x, y in places]
+    reference = make_reference([flat(rng) for _ in range(3)])
+    found = calibrate_from_balls(reference, shots, SCALE, fit=FITS["polynomial"])
+    assert any("cover" in line for line in found.warnings)
+    assert not any("cover" in line for line in calibrated("polynomial").warnings)
+
+
 def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     def glaring(rgb: np.ndarray) -> np.ndarray:
         rgb = rgb.copy()

@@ -57,6 +57,10 @@ def test_a_pattern_is_found_and_only_a_pattern() -> None:
     for row, column in rng.integers((3, 3), (SHAPE[0] - 3, SHAPE[1] - 3), (150, 2)):
         dirt[row - 2 : row + 2, column - 2 : column + 2] //= 3
     assert find_marks(dirt) is None, "dirt strewn at random is no pattern"
+    noise = np.random.default_rng(31)
+    for _ in range(20):
+        still = np.mean([picture(np.zeros(SHAPE), np.zeros(SHAPE), noise) for _ in range(3)], axis=0)
+        assert find_marks(np.rint(still).astype(np.uint8)) is None, "nor is what rounding leaves of noise"
 
 
 def test_marks_are_found_where_the_gel_has_carried_them() -> None:
@@ -90,6 +94,24 @@ def test_slopes_between_marks_carry_over_them() -> None:
         errors.append(float(np.sqrt(np.mean(off**2))))
     assert errors[0] < 0.06
     assert errors[0] < 0.5 * errors[1]
+
+
+def test_what_marks_were_filled_with_teaches_no_slope() -> None:
+    """Filled colours lag behind the slope under small balls: a law made of them reads larger ones too steep."""
+    rng = np.random.default_rng(4)
+    reference = make_reference([with_dots(flat(rng)) for _ in range(3)])
+    small = [
+        BallPicture(with_dots(picture(*ball(centre, 0.6 * contact, 2.0)[1:], rng)), 2.0)
+        for centre, contact in presses(14, rng)
+    ]
+    made = calibrate_from_balls(reference, small, SCALE, fit=PHOTOMETRIC["polynomial"]).method
+    gains = []
+    for centre in ((0.0, 0.0), (2.0, -1.0), (-2.0, 1.0)):
+        _, p, q = ball(centre, 2.4, 7.0)
+        found = made.slopes(with_dots(picture(p, q, rng)))
+        bare = (np.hypot(p, q) > 0.1) & (dots() > 0.99)
+        gains.append(np.sum((found.dz_dx * p + found.dz_dy * q)[bare]) / np.sum((p**2 + q**2)[bare]))
+    assert np.mean(gains) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_reference_that_is_followed_never_takes_marks_in() -> None:
