@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tactilevision.folder import measure
 from tactilevision.photometric import (
     BallPicture,
     Calibration,
@@ -133,6 +134,21 @@ def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
         rows, columns = np.indices(depth.shape)
         away = np.hypot(columns - x, rows - y) > 4 * ball.contact_radius_px
         assert np.std(depth[away]) < 0.1 * depth.max(), "no marks and no waves left in the gel beside"
+
+
+@pytest.mark.parametrize(
+    ("folder", "least"),
+    [("gelslim3_mcubelab/markerless", 0.8), ("gelslim3_mcubelab/markers", 1.0), ("gelslim_heightmap/dots1", 1.0)],
+)
+def test_the_ready_network_sees_real_presses(folder: str, least: float) -> None:
+    """Of all presses 47 of 55, 39 of 39, 54 of 54: its scale is doubtful, a contact is not."""
+    flat, shots = gelslim(folder)
+    path = find_model("gelslim3")
+    assert path is not None
+    reader = Reconstructor(get_sensor("gelslim3"), load_network(path, make_reference([flat])))
+    seen = [measure(reader.rectified_map(shot.rgb), reader.error)[1] > 0 for shot in shots]
+    assert np.mean(seen) >= least
+    assert measure(reader.rectified_map(flat), reader.error)[1] == 0
 
 
 def test_gelsight_mini_at_640_by_480() -> None:
