@@ -33,7 +33,8 @@ from calibration.missing import by_hand
 from calibration.missing.bias import hidden
 from calibration.missing.change import change_point
 from calibration.missing.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.missing.left import Left, describe
+from calibration.missing.left import Left, left_of, nearest
+from calibration.missing.otherwise import Otherwise, otherwise
 from calibration.missing.outside import CANDIDATES, would_have_to_be
 from calibration.missing.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
 from calibration.missing.search import MOST, TOLD_APART, Searched, Step, search
@@ -56,7 +57,9 @@ FEW = 0.1  # of the presses: what can be set aside as accidents
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What one search ends in: the steps that stand, what was tried where something is left, and p of that."""
+    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
+    well, and p of what is left.
+    """
 
     searched: Searched
     steps: tuple[Step, ...]
@@ -65,6 +68,7 @@ class _Outcome:
     unknown: bool
     flags: tuple[str, ...]
     odd: Oddity = NOTHING_ODD
+    otherwise: Otherwise | None = None
 
     @property
     def sets(self) -> list[tuple[Candidate, ...]]:
@@ -111,7 +115,7 @@ def _diagnosed(data: Observations, *, catalogue: Sequence[Effect], known: Sequen
         model = model + effect
     parts = 1 if seen is None else 2
     found_there = search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
-    force = _outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng))
+    force = _held_against_plain(_outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng)))
     sight = None
     if seen is not None:
         sight = _outcome(search(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
@@ -144,6 +148,16 @@ def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Ou
     return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
 
 
+def _held_against_plain(force: _Outcome) -> _Outcome:
+    """With the plain error that does as well as what was named, which then stands no more, or better than what was
+    tried.
+    """
+    found = otherwise(force.searched) if force.steps or (force.unknown and not force.odd) else None
+    if found is None:
+        return force
+    return replace(force, steps=(), tried=force.tried or found.instead_of, unknown=True, otherwise=found)
+
+
 def _conclude(
     force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
 ) -> Diagnosis:
@@ -156,6 +170,7 @@ def _conclude(
     outside = "beta_outside_theory" in flags
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    others += [] if force.otherwise is None else [force.otherwise.modulus_MPa]
     after, unseen = _material(alone, (force, sight), catalogue, [modulus / base.values[0] for modulus in others])
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
@@ -165,7 +180,7 @@ def _conclude(
     looked = _looked_for(catalogue, sight)
     missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
-    left = describe(force.searched.current, force.searched.last.covariates) if force.unknown else None
+    left = left_of(force.searched, force.otherwise) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing, visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
@@ -180,8 +195,8 @@ def _conclude(
         sight=None if sight is None else sight.searched,
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
-        left=left, odd=force.odd, nearest=_nearest(force.searched) if force.unknown else None,
-        unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
+        left=left, odd=force.odd, nearest=nearest(force.searched) if force.unknown else None,
+        otherwise=force.otherwise, unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
         sizes={e.key: e.parameters[0] for e in looked},
     )  # fmt: skip
 
@@ -303,18 +318,6 @@ def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Seque
     follow = by_hand.of_left(left.covariates) if left is not None else []
     found = [*_again(both[0].odd), *follow, *worth, *by_hand.of_hidden(bias)]
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
-
-
-def _nearest(searched: Searched) -> tuple[str, float] | None:
-    """The effects that came nearest to a misfit that none explains, and their share of it."""
-    if searched.steps:
-        return "+".join(step.best.effect.key for step in searched.steps), searched.explained
-    start, candidates = searched.start, searched.rounds[-1].candidates
-    beyond = start.chi2 - start.dof
-    if not candidates or beyond <= 0:
-        return None
-    share = (start.chi2 - candidates[0].chi2) / beyond
-    return candidates[0].effect.key, float(np.clip(share, 0.0, 1.0))
 
 
 def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:

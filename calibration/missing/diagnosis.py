@@ -12,6 +12,7 @@ from calibration.experiment import NextMeasurement
 from calibration.fitting import Fit
 from calibration.material.result import CalibrationResult
 from calibration.missing.left import Left
+from calibration.missing.otherwise import Otherwise
 from calibration.missing.outside import WouldHaveToBe
 from calibration.missing.screen import Scored
 from calibration.missing.search import Searched
@@ -73,7 +74,8 @@ class Diagnosis:
     `base` and `fitted` the fits before and after; `sight` the search on the
     picture's depth against the certified one, where there are both; `left` describes what nothing
     explains, where the verdict is UNKNOWN; `odd` what is odd among the presses themselves; `nearest` the effect
-    that came nearest to it, and the share that it explains; `held_out` the held-out
+    that came nearest to it, and the share that it explains; `otherwise` the plain error outside the catalogue that
+    does as well as what was named, or better than what was tried; `held_out` the held-out
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
     on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
     `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
@@ -112,6 +114,7 @@ class Diagnosis:
     without: str = ""
     whole: Fit | None = None
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
+    otherwise: Otherwise | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -132,6 +135,7 @@ class Diagnosis:
             "lack_of_fit_p": self.lack_of_fit_p,
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
+            "otherwise": None if self.otherwise is None else self.otherwise.as_json(),
             "left": None
             if self.left is None
             else {

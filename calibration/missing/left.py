@@ -8,14 +8,16 @@ Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), eq.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from calibration.fitting import Fit
 from calibration.measured.depths import nominal_depth
+from calibration.missing.otherwise import Otherwise
 from calibration.missing.screen import Scored
+from calibration.missing.search import Searched
 from tactilevision.records import Floats
 
 BINS, FEWEST = 40, 6
@@ -33,10 +35,30 @@ class Left:
     covariates: tuple[str, ...]
 
 
+def left_of(searched: Searched, plain: Otherwise | None) -> Left:
+    """What a search leaves; where `plain` stands for its steps, what its start leaves."""
+    if plain is None:
+        return describe(searched.current, searched.last.covariates)
+    found = describe(searched.start, searched.first.covariates)
+    return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
+
+
 def describe(fitted: Fit, scored: tuple[Scored, ...], level: float = 0.05) -> Left:
     """What is left of a fit."""
     size, length = _process(*_binned(fitted))
     return Left(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
+
+
+def nearest(searched: Searched) -> tuple[str, float] | None:
+    """The effects that came nearest to a misfit that none explains, and their share of it."""
+    if searched.steps:
+        return "+".join(step.best.effect.key for step in searched.steps), searched.explained
+    start, candidates = searched.start, searched.rounds[-1].candidates
+    beyond = start.chi2 - start.dof
+    if not candidates or beyond <= 0:
+        return None
+    share = (start.chi2 - candidates[0].chi2) / beyond
+    return candidates[0].effect.key, float(np.clip(share, 0.0, 1.0))
 
 
 def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:

@@ -49,6 +49,10 @@ def verdict_sentence(found: Diagnosis) -> str:
             return f"Something is missing from the model; these data cannot tell which of: {several}."
         case _ if found.odd:
             return f"{_odd(found)}. Look at these presses before E is used."
+        case _ if found.otherwise is not None:
+            return (
+                f"Something is missing from the model, and no effect of the catalogue is it: {_otherwise(found)}."
+            )
         case _:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
@@ -128,6 +132,19 @@ def _left(found: Diagnosis) -> str:
     if found.change_point is not None:
         parts.append(f"is there since press {found.change_point}")
     return f" ({', '.join(parts)})" if parts else ""
+
+
+def _otherwise(found: Diagnosis) -> str:
+    """What explains a misfit as well as effects together, or better than what was tried."""
+    plain = found.otherwise
+    assert plain is not None
+    sizes = ", ".join(f"{p.meaning} {amount(p, value)}" for p, value in plain.sizes)
+    keys = [in_words(key) for key in plain.instead_of]
+    if not keys:
+        return f"{plain.words} ({sizes}) comes nearest to it"
+    better = "better than" if plain.cheaper > 0 else "as well as"
+    together = " together" if len(keys) > 1 else ""
+    return f"{plain.words} ({sizes}) explains it {better} {' and '.join(keys)}{together}"
 
 
 def _nearest(found: Diagnosis) -> str:

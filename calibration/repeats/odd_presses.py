@@ -15,7 +15,7 @@ like presses in another order, which is exact whatever z's distribution is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,8 @@ LEAST_SPREAD_MM = 1e-3
 LEAST_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
 BEYOND_TYPICAL = 8.0  # times the usual gain and zero: two of the e-folds that the prior gives rigs (reml.SPREAD)
 OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
+OF_SENSOR = (*OF_PRESSES, "T")  # what a force sensor's zero may follow
+SAMPLES = 6  # of a press: fewer do not tell a force's zero from its depth's and its gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +67,25 @@ def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     dof = _tail_dof(beside[~far])
     foreign = bool((beside[far] > _limit(beside, dof, _over_median(dof))).any())
     stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(far))
-    wanders = tuple(_wanders(fitted, own - own.mean(), groups, rng))
+    zeros: list[tuple[Floats, Sequence[str]]] = [(own, OF_PRESSES)]
+    if np.bincount(data.press).min() >= SAMPLES:
+        zeros.append((own_force_N(fitted), OF_SENSOR))
+    wanders = tuple(_wanders(fitted, zeros, groups, rng).items())
     return Oddity(stands_out, foreign, wanders, scattered)
 
 
 def own_zero_mm(fitted: Fit) -> Floats:
     """z (M,)."""
     return np.asarray(_along_slope(fitted, fitted.residual_N) / _stiff(fitted))
+
+
+def own_force_N(fitted: Fit) -> Floats:
+    """The force's zero of each press (M,), freed of what its depth's zero and its gain do."""
+    about, press = fitted.about, fitted.data.press
+    columns = np.column_stack([np.ones(press.size), about.slope_N_per_mm, about.force_N, fitted.residual_N])
+    white = columns / about.base_N[:, None]
+    return np.array([np.linalg.lstsq(one[:, :3], one[:, 3], rcond=1e-6)[0][0]
+                     for one in np.split(white, fitted.data.first[1:])])  # fmt: skip
 
 
 def _usual_mm(fitted: Fit) -> Floats:
@@ -126,21 +140,26 @@ def _over_median(dof: float) -> float:
     return 1 / float(t.isf(0.25, dof))
 
 
-def _wanders(fitted: Fit, own: Floats, groups: Ints, rng: np.random.Generator) -> Iterator[tuple[str, float]]:
-    """Covariates of presses that z depends on; p adjusted by the smallest of all in each of the shuffles."""
+def _wanders(fitted: Fit, zeros: Sequence[tuple[Floats, Sequence[str]]], groups: Ints,
+             rng: np.random.Generator) -> dict[str, float]:  # fmt: skip
+    """Covariates of presses that a zero depends on, each zero with those it may follow; p adjusted by the smallest
+    of all in each of the shuffles.
+    """
     first = fitted.data.first
-    looked = [c for c in covariates(fitted.data) if c.of_press and c.name in OF_PRESSES]
-    if not looked:
-        return
-    along = [np.argsort(c.values[first], kind="stable") for c in looked]
-    orders = [np.arange(own.size), *(_shuffled(groups, rng) for _ in range(SHUFFLES))]
-    table = np.array([[np.max(np.abs(np.cumsum(own[one][way]))) for way in along] for one in orders])
+    along = {c.name: np.argsort(c.values[first], kind="stable") for c in covariates(fitted.data) if c.of_press}
+    looks = [(name, z - z.mean()) for z, names in zeros for name in names if name in along]
+    if not looks:
+        return {}
+    orders = [np.arange(groups.size), *(_shuffled(groups, rng) for _ in range(SHUFFLES))]
+    table = np.array([[np.max(np.abs(np.cumsum(z[one][along[name]]))) for name, z in looks] for one in orders])
     p = np.array([(column[:, None] <= column).mean(axis=1) for column in table.T]).T
     smallest = p.min(axis=1)
-    for k, covariate in enumerate(looked):
-        adjusted = float(np.mean(smallest <= p[0, k]))
+    found: dict[str, float] = {}
+    for (name, _), own in zip(looks, p[0], strict=True):
+        adjusted = float(np.mean(smallest <= own))
         if adjusted < LEVEL:
-            yield covariate.name, adjusted
+            found[name] = min(adjusted, found.get(name, 1.0))
+    return found
 
 
 def _shuffled(groups: Ints, rng: np.random.Generator) -> Ints:

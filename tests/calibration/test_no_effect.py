@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_presses import indenter, observations
+from test_diagnose import noisy
+from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.compare import base_model, fit_alone
@@ -140,6 +142,14 @@ def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
     assert shown.labels[shown.since or 0] == "p14"
     assert np.mean(shown.offset_um[14:]) - np.mean(shown.offset_um[:14]) == pytest.approx(25, abs=5)
     assert found.measure_next[0].action.startswith("repeat the first press")
+
+
+def test_a_force_sensor_whose_zero_follows_the_temperature_is_told_by_the_air() -> None:
+    warmth = RICH.temperature_C - 22
+    for per_K, wanders in ((0.0, ()), (0.003, ("T",))):
+        data = noisy(RICH, Model(FlatPunch()).predict(BASE, RICH) + per_K * warmth, 5)
+        odd = odd_presses(fit_alone(base_model(data), data), np.random.default_rng(0))
+        assert tuple(name for name, _ in odd.wanders) == wanders
 
 
 def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:

@@ -1,0 +1,106 @@
+"""Effects that together follow what one plain error of an instrument does alone are not believed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from test_diagnose import noisy
+from test_effects import BASE, RICH
+
+from calibration.diagnose import diagnose
+from calibration.effects import EFFECTS
+from calibration.fitting import fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.missing.otherwise import otherwise
+from calibration.missing.plain import PLAIN, PlainError, SinceTouch, since_touch
+from calibration.missing.refit import adopt, refit_with
+from calibration.missing.screen import Scored, Screen
+from calibration.missing.search import Searched, Step
+from calibration.model import Model
+from calibration.pages.verdict import verdict_sentence
+from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.stages import Effect
+from tactilevision.records import Floats
+
+LAW = Model(FlatPunch())
+NOTHING = Screen((), (Scored("w", 1.0, 1.0, 1.0),), {}, {})
+CREEP = np.array([-0.012, 1.5])
+
+
+def planted(effect: Effect, values: Floats) -> Floats:
+    """The force of the law with an effect."""
+    return (LAW + effect).predict(np.concatenate([BASE, values]), RICH)
+
+
+def named(force_N: Floats, keys: Sequence[str], seed: int = 3) -> Searched:
+    """A search that added these effects, one after the other, and left nothing."""
+    base = current = refit_with_pure_noise(fit(LAW, noisy(RICH, force_N, seed)))
+    steps = []
+    for key in keys:
+        best = refit_with(current, EFFECTS[key])
+        current = adopt(current, best)
+        steps.append(Step(best, Scored(key, 1.0, 0.0, 0.0), 0.5, current, (best,)))
+    return Searched(base, base, (), tuple(steps), NOTHING)
+
+
+def test_a_creep_since_the_touch_stands_for_a_relaxation_beside_an_adhesion() -> None:
+    found = otherwise(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
+    assert found is not None
+    assert (found.key, found.covariate) == ("force_since_touch", "t")
+    assert found.instead_of == ("viscoelasticity", "adhesion")
+    size, tau = (value for _, value in found.sizes)
+    assert size == pytest.approx(CREEP[0], rel=0.3)
+    assert tau == pytest.approx(CREEP[1], rel=0.6)
+    assert found.as_json()["parameters"]["size_N"]["unit"] == "N"
+
+
+@pytest.mark.parametrize("keys", [("viscoelasticity",), ("depth_zero", "viscoelasticity"), ("force_bias",)])
+def test_true_effects_alone_and_in_pairs_stand(keys: tuple[str, ...]) -> None:
+    truth = {"viscoelasticity": [0.06, 1.0], "depth_zero": [0.015], "force_bias": [0.03]}
+    model = LAW
+    for key in keys:
+        model = model + EFFECTS[key]
+    values = np.concatenate([BASE, *(truth[effect.key] for effect in model.effects)])
+    assert otherwise(named(model.predict(values, RICH), keys)) is None
+
+
+def test_where_nothing_was_named_a_plain_error_is_told_only_if_it_helps() -> None:
+    assert otherwise(named(LAW.predict(BASE, RICH), ())) is None
+    back = next(error for error in PLAIN if error.key == "depth_way_back")
+    found = otherwise(named(planted(back, np.array([0.02])), ()))
+    assert found is not None
+    assert found.key == "depth_way_back"
+    assert found.sizes[0][1] == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.mark.parametrize("error", PLAIN, ids=lambda error: error.key)
+def test_a_plain_error_is_nothing_at_its_defaults_and_starts_inside_its_bounds(error: PlainError) -> None:
+    off = np.array([p.default for p in error.parameters_on(RICH)])
+    np.testing.assert_array_equal(planted(error, off), LAW.predict(BASE, RICH))
+    assert not error.missing(RICH)
+    for start in error.starts(RICH):
+        for value, parameter in zip(start, error.parameters_on(RICH), strict=True):
+            assert parameter.bounds[0] <= value <= parameter.bounds[1]
+        assert np.ptp(planted(error, start) - planted(error, off)) > 0
+
+
+def test_the_touch_is_where_the_depth_passes_nothing() -> None:
+    since = since_touch(RICH)
+    first = slice(0, 19)  # the first press: from -.012 mm on, 50 um/s
+    expected = np.maximum(RICH.time_s[first] - RICH.time_s[0] - 0.012 / 0.05, 0.0)
+    np.testing.assert_allclose(since[first], expected, atol=1e-9)
+    inside = RICH.samples(RICH.depth_mm > 0)  # no sample of the air: back from the first two
+    np.testing.assert_allclose(since_touch(inside), since[RICH.depth_mm > 0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_creeping_sensor_is_unknown_and_said_so() -> None:
+    data = noisy(RICH, planted(SinceTouch(), CREEP), 4)
+    found = diagnose(data, np.random.default_rng(0))
+    assert found.verdict == "UNKNOWN"
+    assert found.otherwise is not None
+    assert "grows from the moment of touch" in verdict_sentence(found)
+    assert "dead weight" in found.measure_next[0].action
+    assert found.as_json()["otherwise"]["key"] == "force_since_touch"
