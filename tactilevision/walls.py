@@ -148,8 +148,8 @@ class _Law:
         self.radius_mm, self.px, self.step = radius_mm, px, FINE * px
         self.edges = np.arange(-14 * px, far + 8 * px, self.step)
         self.places = self.edges[:-1] + 0.5 * self.step
-        r = radius_mm + np.maximum(self.edges, 0.0)
-        log, root = np.arccosh(r / radius_mm), np.sqrt(r * r - radius_mm**2)
+        s = np.maximum(self.edges, 0.0)
+        log, root = np.arccosh(1.0 + s / radius_mm), np.sqrt(s * (s + 2.0 * radius_mm))  # of r = a + s
         angle = np.arctan(root / radius_mm)
         self.lines = np.stack(
             [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]

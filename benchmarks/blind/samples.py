@@ -50,7 +50,7 @@ def make_rig(folder: Path) -> None:
         camera=CameraOptions(width_px=280, height_px=210, mm_per_px=(0.0965, 0.0965), distortion_px=0.0),
         indenters=IndenterOptions(heights_mm=(0.25, 0.4, 0.55)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),
-        presses=3, faults=(), frames="jpeg", jpeg_quality=84, flats=1, balls=12, torn_frame=False,
+        presses=3, faults=(), frames="jpeg", jpeg_quality=84, flats=1, balls=20, torn_frame=False,
     )  # fmt: skip
     simulate(folder, seed=SEED, options=options)
     balls = read_recording(folder).balls
@@ -97,7 +97,7 @@ _RIG = """# hidden_rig: a simulated calibration run with pictures, and something
 
 Three flat cylinders (radius 2.5 mm; .25, .4 and .55 mm over the bevel on their right), three presses each, seen by
 a small camera (280 x 210, JPEG, colours at full resolution, about 18 frames a press), made by
-`tactilevision.synthetic`; `reference/` holds one picture of the untouched gel and twelve of balls.
+`tactilevision.synthetic`; `reference/` holds one picture of the untouched gel and twenty of balls.
 """
 
 _CURVES = """# {title}

@@ -167,7 +167,7 @@ def unseen_beside(data: Observations) -> str:
     if data.slopes is not None:
         return ""
     return (
-        "Not testable by slope and azimuth: that needs frames of ten presses of a flat cylinder, and the "
+        "Not testable by slope and azimuth: that needs frames of six presses of a flat cylinder, and the "
         "gel beside its face in view."
     )
 
@@ -214,8 +214,10 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     if slopes is None:
         return []
     azimuths, rise = np.unique(slopes.azimuth_deg[_beside(data)]), max(data.shared.rise, LEAST_RISE_STD)
-    quarter, flattened = float(np.nanmedian(slopes.gain_std)), (slopes.slope / slopes.ball_slope) ** 2 / 3
-    changes = [(f"quarter_{azimuth:.0f}", quarter, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
+    gain, flattened = float(np.nanmedian(slopes.gain_std)), (slopes.slope / slopes.ball_slope) ** 2 / 3
+    # a light's law errs smoothly over the picture: quarters err alike for the most part, their mean by `gain`
+    changes: list[tuple[str, float, Floats | Bools]] = [("light", float(np.sqrt(0.75)) * gain, _beside(data))]
+    changes += [(f"quarter_{azimuth:.0f}", gain, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
     changes += [(f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
                 for begin in np.unique(slopes.from_mm[_beside(data)])]  # fmt: skip
     # each indenter has its height, and a depth at which the table has an error of its own

@@ -24,13 +24,13 @@ READ_STD_MM = 0.001  # of a fall: the camera's noise in the mean over a quarter 
 FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
 LEAST_MM = 0.004  # of an expected fall: below it a micron is a quarter
 UNSTATED_NU_STD, HIGHEST_NU = 0.015, 0.499
-FEWEST_PRESSES = 10  # fewer leave too little beside what each indenter may be off by
+FEWEST_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
 
 
 def with_slopes(faces: Observations) -> Observations | None:
     """Samples of faces (one a press, what was seen in the force's place) and of the slopes beside them.
 
-    None where fewer than ten presses have slopes beside them that can be expected.
+    None where fewer than six presses have slopes beside them that can be expected.
     """
     place = {(int(number), label): k for k, (number, label) in
              enumerate(zip(faces.presses.recording, faces.presses.label, strict=True))}  # fmt: skip

@@ -173,7 +173,7 @@ def test_the_rig_with_wrong_balls_is_found_out_by_its_pictures_and_a_sound_one_i
         assert [effect.key for effect in found.effects] == keys
         if keys:
             low, high = dict(found.effects[0].parameters)["gain"].interval95 or (0.0, 0.0)
-            assert low < 1 / 1.25 - 1 < high < -0.1
+            assert low < 1 / 1.25 - 1 < high < -0.05
 
 
 def test_clean_presses_are_adequate_and_say_what_they_would_have_shown() -> None:
