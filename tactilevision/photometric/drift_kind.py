@@ -7,7 +7,7 @@ I is the untouched picture, c a channel and j the other two, I^p the light that 
 light, its mean 1 in each channel. Exposure and supply dim all channels alike: g_x, g_y, b, m are 0. A stray light
 that does not fade with the lamps leaves b = -p g_0 times it. Lamps add up in light, so what the fading of one
 leaves is a mixture of channels, m, exactly; m_j has the sign of what channel j gained over c, as it is a part of
-that lamp's light that c sees. A lean is for what is none of these alone, as stray light that is uneven itself.
+that lamp's light that c sees. A lean is for what is none of these.
 The last term is the gel's own slope at a distance d beside the contacts, which is no drift: J (3, 2) is what a
 slope makes of colours, s the softening of `change.py`, A and B are free. Where J is not known, each channel has A
 and B of its own in x and in y. L, about the thickness of a gel, need not be right.
@@ -31,7 +31,7 @@ KINDS = np.array(
         (0.0, 0.0, 0.003, 0.0, 0.0, 0.03),
         (0.1, 0.1, 0.003, 0.0, 0.0, 0.03),
         (0.0, 0.15, 0.003, 0.2, 0.2, 0.03),
-        (0.0, 0.15, 0.3, 0.2, 0.2, 0.3),
+        (0.0, 0.0, 0.3, 0.0, 0.0, 0.3),
     ]
 )
 LEAST = 1e-4
