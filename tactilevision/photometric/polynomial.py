@@ -1,10 +1,10 @@
 """Slope as a polynomial of the colour change, its coefficients varying smoothly over the picture.
 
     p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 19 products of one to three of the colour changes r, g, b
-    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 3, 1 for products of one, two, three; X, Y from -1 to 1
+    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 2, 1 for products of one, two, three; X, Y from -1 to 1
 
 Lamps as near as the pad is wide turn and fade over the picture, and what undoes them is no low polynomial: on the
-lights of a GelSlim 3.0, 16 balls, slopes of .1 are off by 7 % (rms over places) with 3 in place of 5, by 5 with 5.
+lights of a GelSlim 3.0, 14 balls, slopes of .1 are off by 8 % (rms over places) with 3 in place of 5, by 6 with 5.
 
 u (3,) is the colour change of `change.py`. There is no constant term: no change of colour is no slope. The fit is
 ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are right in
@@ -40,7 +40,7 @@ RAISED = tuple(  # colour, the products of one order from it on, their products 
     for start, end, skips, aboves in ((0, 3, (0, 1, 2), (3, 6, 8)), (3, 9, (0, 3, 5), (9, 15, 18)))
     for c, skip, above in zip(range(3), skips, aboves, strict=True)
 )
-PLACE_ORDER = {1: 5, 2: 3, 3: 1}
+PLACE_ORDER = {1: 5, 2: 2, 3: 1}
 MOST = max(PLACE_ORDER.values())
 POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
 TYPICAL = 0.2

@@ -30,6 +30,8 @@ def lacking(depth_mm: float) -> float:
 class Short:
     """The frame's brightness is the depth in hundredths of a millimetre; deep faces are read too shallow."""
 
+    error = None
+
     def height_map(self, frame: Frame) -> HeightMap:
         depth = float(np.median(frame.rgb)) / 100
         x, y = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * MM for n in map(int, SIZE)))

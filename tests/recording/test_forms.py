@@ -142,7 +142,7 @@ def test_a_rectification_gives_the_sensor_its_size(folder: Path) -> None:
     recording = read_recording(folder)
     assert (recording.sensor.width_px, recording.warnings) == (20, ())
     np.savez(folder / "maps.npz", map_x=map_x + 100, map_y=map_y)
-    assert any("looks past the frames for 100%" in warning for warning in read_recording(folder).warnings)
+    assert any("looks past the frames for 100 %" in warning for warning in read_recording(folder).warnings)
 
 
 def test_points_alone_are_a_recording(tmp_path: Path) -> None:
