@@ -12,7 +12,7 @@ SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 
 def main() -> None:
     recording = read_recording(SAMPLE)
-    stream = Stream(build_reconstructor(recording), recording.indenters["A1"], renew=0.02)
+    stream = Stream(build_reconstructor(recording), recording.indenters["A1"])
     for frame in islice(iter_frames(recording), 40):
         if isinstance(frame, BadFrame):
             print(f"{frame.name}: passed over, {frame.why}")

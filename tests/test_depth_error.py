@@ -43,5 +43,5 @@ def test_the_sample_states_what_its_other_free_frames_show() -> None:
     assert len(pulls) > 8
     corners = np.concatenate([pulls[:, :50, :50], pulls[:, -50:, :50]])
     for some in (pulls, corners, pulls[:, 100:220, 150:280]):
-        assert 0.6 < np.sqrt(np.mean(some**2)) < 1.3
+        assert 0.55 < np.sqrt(np.mean(some**2)) < 1.3
         assert 0.55 < np.mean(np.abs(some) < 1) < 0.9
