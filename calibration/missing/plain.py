@@ -31,6 +31,7 @@ TAU_S = (0.05, 100.0)
 TAUS = (0.2, 1.0, 5.0, 25.0)
 FINEST_MM, LENGTHS, PHASES = 0.05, 24, 4
 FEWEST_PLACES = 12
+FORCE = Parameter("size_N", "N", 0.0, (-1.0, 1.0), "size", 0.02)
 
 
 class PlainError(EffectBase):
@@ -44,37 +45,34 @@ class PlainError(EffectBase):
         raise NotImplementedError(f"{type(self).__name__} does nothing")
 
 
-def _force(default: float = 0.0) -> Parameter:
-    return Parameter("size_N", "N", default, (-1.0, 1.0), "size", 0.02)
+class _InPress(PlainError):
+    """A force error of time within a press, with a time constant; `begin`: size to start from, either sign."""
 
-
-def _tau() -> Parameter:
-    return Parameter("tau_s", "s", 3.0, TAU_S, "time constant", 3.0)
-
-
-def _needs_times(data: Observations) -> str:
-    return "" if data.is_curves and np.isfinite(data.time_s).all() else "needs times within a press"
-
-
-class SinceTouch(PlainError):
-    """The force sensor's zero runs away from the moment of touch, whatever the load, and is back for the next."""
-
-    key = "force_since_touch"
     stage = Stage.INSTRUMENT
-    words, covariate = "a force error that grows from the moment of touch", "t"
+    covariate = "t"
+    size: ClassVar[Parameter]
+    begin: ClassVar[float]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """b and tau."""
-        return (_force(), _tau())
+        """The size and tau."""
+        return (self.size, Parameter("tau_s", "s", 3.0, TAU_S, "time constant", 3.0))
 
     def missing(self, data: Observations) -> str:
         """Needs times."""
-        return _needs_times(data)
+        return "" if data.is_curves and np.isfinite(data.time_s).all() else "needs times within a press"
 
     def starts(self, data: Observations) -> Floats:
         """Either sign, time constants over the decades."""
-        return np.array([[side * 0.01, tau] for tau in TAUS for side in (1, -1)])
+        return np.array([[side * self.begin, tau] for tau in TAUS for side in (1, -1)])
+
+
+class SinceTouch(_InPress):
+    """The force sensor's zero runs away from the moment of touch, whatever the load, and is back for the next."""
+
+    key = "force_since_touch"
+    words = "a force error that grows from the moment of touch"
+    size, begin = FORCE, 0.01
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add it."""
@@ -82,67 +80,54 @@ class SinceTouch(PlainError):
         return replace(state, force_N=state.force_N + values[0] * grown)
 
 
-class UnderLoad(PlainError):
+class UnderLoad(_InPress):
     """The force sensor creeps under a load: up, as no gel does, or down, and then below nothing once it is off."""
 
     key = "force_under_load"
-    stage = Stage.INSTRUMENT
-    words, covariate = "a force sensor that creeps in proportion to its load", "t"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """s and tau."""
-        return (Parameter("share", "1", 0.0, (-0.6, 0.6), "share of the load", 0.05), _tau())
-
-    def missing(self, data: Observations) -> str:
-        """Needs times."""
-        return _needs_times(data)
-
-    def starts(self, data: Observations) -> Floats:
-        """Either sign, time constants over the decades."""
-        return np.array([[side * 0.02, tau] for tau in TAUS for side in (1, -1)])
+    words = "a force sensor that creeps in proportion to its load"
+    size, begin = Parameter("share", "1", 0.0, (-0.6, 0.6), "share of the load", 0.05), 0.02
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add what follows the load late."""
         return replace(state, force_N=state.force_N + values[0] * relaxed(state.force_N, values[1], data))
 
 
-class ForceWayBack(PlainError):
-    """The force sensor reads another zero once it has been loaded, until the punch is off."""
+class _WayBack(PlainError):
+    """An error of one size while the punch is drawn off."""
 
-    key = "force_way_back"
-    stage = Stage.INSTRUMENT
-    words, covariate = "a force error on the way back", "load/unload"
+    covariate = "load/unload"
+    size: ClassVar[Parameter]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """b."""
-        return (_force(),)
+        """The size."""
+        return (self.size,)
 
     def missing(self, data: Observations) -> str:
         """Needs a way back."""
         return "" if _way_back(data).any() else "needs unloading"
+
+
+class ForceWayBack(_WayBack):
+    """The force sensor reads another zero once it has been loaded, until the punch is off."""
+
+    key = "force_way_back"
+    stage = Stage.INSTRUMENT
+    words = "a force error on the way back"
+    size = FORCE
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add it."""
         return replace(state, force_N=state.force_N + values[0] * _way_back(data))
 
 
-class DepthWayBack(PlainError):
+class DepthWayBack(_WayBack):
     """Lost motion: the depth reads otherwise on the way back."""
 
     key = "depth_way_back"
     stage = Stage.DEPTH
-    words, covariate = "a depth error on the way back", "load/unload"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """d."""
-        return (Parameter("size_mm", "mm", 0.0, (-0.2, 0.2), "size", 0.01),)
-
-    def missing(self, data: Observations) -> str:
-        """Needs a way back."""
-        return "" if _way_back(data).any() else "needs unloading"
+    words = "a depth error on the way back"
+    size = Parameter("size_mm", "mm", 0.0, (-0.2, 0.2), "size", 0.01)
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add it."""
@@ -196,7 +181,7 @@ class WorkingTime(PlainError):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """b and the share of the time after which it settles."""
-        return (_force(), Parameter("settles", "1", 1.0, (0.1, 20.0), "settles after a share of the time of", 1.0))
+        return (FORCE, Parameter("settles", "1", 1.0, (0.1, 20.0), "settles after a share of the time of", 1.0))
 
     def missing(self, data: Observations) -> str:
         """Needs times of several presses."""
