@@ -14,12 +14,11 @@ import numpy as np
 
 from tactilevision.photometric.response import SOFTENING_GREY, STRAIGHT, Response
 from tactilevision.photometric.samples import Samples
-from tactilevision.photometric.through_light import fit_light
+from tactilevision.photometric.through_light import GENTLE, fit_light
 from tactilevision.records import Bools, Floats
 
 STRAY = (0.0, 0.1, 0.2)
 CLEARLY = 2 / 3
-GENTLE = 0.2
 DARK_GREY = 30.0  # below, stray light and the black level bend the answer
 SHADOW = 0.1  # least I / I_0
 
