@@ -12,6 +12,8 @@ import typer
 from tactilevision.cli import console, source
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
     from tactilevision.records import Bytes, HeightMap
@@ -41,16 +43,10 @@ def view(
     window: Annotated[bool, typer.Option("--window", help="Show the pictures in windows, too.")] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
-    from tactilevision.errors import InputError
-    from tactilevision.exports import EXPORTS
     from tactilevision.exports import export as write
-    from tactilevision.plots import height as draw
     from tactilevision.plots import style
 
-    unknown = [form for form in export or [] if form not in EXPORTS]
-    if unknown:
-        raise InputError("no such format of height maps", where="--export", value=unknown[0],
-                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
+    _check_known(export or [])
     rgb: Bytes | None = None
     opened: _Opened | None = None
     filmed: list[int] = []
@@ -60,18 +56,9 @@ def view(
         opened = _Opened(source.open_source(path, sensor, reference), method)
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
-    stem = Path(height.name).stem
-    figures = {"depth": draw.draw_height(height), "surface": draw.draw_surface(height)}
-    figures["normals"] = draw.draw_normals(height)
-    if rgb is not None:
-        figures["frame"] = draw.draw_overlay(rgb, height, None)
-    if minus is not None:
-        other = _other(minus, opened, mm_per_px)
-        figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(
-            other, height, title=f"{height.name} minus {other.name}"
-        )
+    figures = _draw(height, rgb, None if minus is None else _other(minus, opened, mm_per_px))
     for name, figure in figures.items():
-        path_out = out / f"{stem}_{name}.png"
+        path_out = out / f"{Path(height.name).stem}_{name}.png"
         style.save_png(figure, path_out)
         console.say(f"wrote {path_out}")
     for form in export or []:
@@ -80,6 +67,32 @@ def view(
         _film(opened, film, filmed, out)
     if window:
         style.show(list(figures.values()))
+
+
+def _check_known(forms: list[str]) -> None:
+    from tactilevision.errors import InputError
+    from tactilevision.exports import EXPORTS
+
+    unknown = [form for form in forms if form not in EXPORTS]
+    if unknown:
+        raise InputError("no such format of height maps", where="--export", value=unknown[0],
+                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
+
+
+def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:
+    from tactilevision.plots import height as draw
+
+    figures = {
+        "depth": draw.draw_height(height),
+        "surface": draw.draw_surface(height),
+        "normals": draw.draw_normals(height),
+    }
+    if rgb is not None:
+        figures["frame"] = draw.draw_overlay(rgb, height, None)
+    if other is not None:
+        title = f"{height.name} minus {other.name}"
+        figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
+    return figures
 
 
 class _Opened:
