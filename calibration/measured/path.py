@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data import Ints, Observations
-from calibration.measured.depths import HOLD, LOAD, UNLOAD, ways
+from calibration.measured.depths import FREE, HOLD, LOAD, UNLOAD, ways
 from tactilevision.records import Floats
 
 COMING_S = 1.0  # longer than any clock is off
@@ -64,7 +64,7 @@ def _drawn(data: Observations) -> _Course:
         time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
         if _coming(time, depth, float(speed)):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
-        if branch[end - 1] == UNLOAD and (going := _line(time[-2:], depth[-2:])) is not None:
+        if (going := _leaving(time, depth, int(branch[end - 1]), float(speed))) is not None:
             time, depth = np.append(time, time[-1] + COMING_S), np.append(depth, depth[-1] + going * COMING_S)
         times.append(time - time[0] + after)
         depths.append(depth)
@@ -78,6 +78,15 @@ def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:
     """Whether a press begins on its way in: nearer to the speed of its loading than to rest."""
     first = _line(time_s[:2], depth_mm[:2]) if time_s.size > 1 else None
     return first is not None and np.isfinite(speed_mm_s) and first > speed_mm_s / 2 > 0
+
+
+def _leaving(time_s: Floats, depth_mm: Floats, last: int, speed_mm_s: float) -> float | None:
+    """The speed (mm/s, negative) of a press that was left on its way out, None where it had come to rest: in air
+    it is still on its way if it goes nearer to the speed of its press than to rest.
+    """
+    going = _line(time_s[-2:], depth_mm[-2:]) if time_s.size > 1 else None
+    on_its_way = last == UNLOAD or (last == FREE and going is not None and going < -speed_mm_s / 2 < 0)
+    return going if on_its_way else None
 
 
 def with_corners(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_presses import indenter, observations
@@ -60,3 +62,17 @@ def test_a_corner_lies_where_the_depth_turns_and_not_where_the_forces_clock_says
     phase = ["load"] * 6 + ["hold"] * 5 + ["unload"] * 4
     data = observations([depth(time_s + late_s)], [indenter()], time_s=[time_s], phase=[phase])
     np.testing.assert_allclose(depth_at(data, -late_s)[1:], depth(time_s)[1:], atol=1e-3)
+
+
+@pytest.mark.parametrize("late_s", [-0.05, 0.05])
+def test_a_press_left_in_air_on_its_way_out_is_followed_further(late_s: float) -> None:
+    """The last sample is of the free gel, while the punch goes on at the speed of its press."""
+
+    def depth(t: Floats) -> Floats:
+        return np.interp(t, [-1, 0.6, 1.5, 3.5], [-1.2, 0.4, 0.4, -1.6])
+
+    time_s = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.3, 1.6, 1.7, 1.8, 1.95])
+    phase = ["free"] + ["load"] * 4 + ["hold"] * 3 + ["unload"] * 3 + ["free"]
+    data = observations([depth(time_s + late_s)], [indenter()], time_s=[time_s], phase=[phase])
+    data = replace(data, presses=replace(data.presses, speed_mm_s=np.array([1.0])))
+    np.testing.assert_allclose(depth_at(data, -late_s), depth(time_s), atol=1e-3)
