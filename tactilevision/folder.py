@@ -11,35 +11,33 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from tactilevision.contact.region import at_border, find_contact
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import make_folder, write_text
+from tactilevision.flags import BORDER, add
 from tactilevision.height_files import masked, write_tiff
 from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
-from tactilevision.records import Frame, HeightMap
+from tactilevision.records import Bools, Frame, HeightMap
 from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
-from tactilevision.touching import untouched_std
 
 TABLE = "depth.csv"
 MAPS, STORE = "depth", "depth.zarr"
-WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
-STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
 JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
-COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm")
+COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
 Form = Literal["tiff", "zarr"]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameResult:
-    """One row of depth.csv: `status` is "ok", or why there is no map."""
+    """One row of depth.csv: `status` is "ok", or why there is no map; `flags` (flags.py) say what is doubtful."""
 
     frame: str
     status: str
@@ -47,16 +45,18 @@ class FrameResult:
     contact_area_mm2: float = float("nan")
     ms: float = float("nan")
     peak_std_mm: float = float("nan")
+    flags: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, row: Row) -> Self:
         """From its row of text."""
-        return cls(row[0], row[1], *(float(cell) for cell in row[2:]))
+        peak_mm, area_mm2, ms, std_mm = (float(cell or "nan") for cell in row[2:-1])
+        return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
 
     def as_row(self) -> Row:
         """As text, every digit kept."""
         numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
-        return (self.frame, self.status, *map(repr, numbers))
+        return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,11 @@ class DepthJob:
             write_tiff(self._path(frame.name), height)
         else:
             write_frame(self.scratch, number, {"depth_mm": masked(height)})
-        peak_mm, area_mm2 = measure(height, self.reconstructor.error)
-        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_at(height, peak_mm)).as_row()
+        contact = find_contact(height, self.reconstructor.error)
+        peak_mm, area_mm2 = _measured(height, contact)
+        flags = add(height.flags, [BORDER] if at_border(contact) else [])
+        std_mm = std_at(height, peak_mm)
+        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
 
     def kept(self, row: Row) -> bool:
         """Whether the map is there. A store that is being filled is there as a whole."""
@@ -147,27 +150,19 @@ def reconstruct_folder(
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Peak depth in mm, and the area in mm² of the regions that are pressed in beyond what noise explains.
+    """Peak depth in mm, and the area in mm² in contact (contact/region.py); `error` of the map's method.
 
-    The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set. Pressed in: deeper
-    than five robust standard deviations of the map's shallower half, and than 10 µm; specks below a tenth of the
-    largest region do not count. Slow waves of untouched gel go as deep as that over wide areas: a region counts
-    where it is deeper than they are to be expected anywhere in the picture (`_surely_mm`), by the `error` of the
-    method that made the map.
+    The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
     """
-    from skimage.measure import label
+    return _measured(height, find_contact(height, error))
 
+
+def _measured(height: HeightMap, contact: Bools) -> tuple[float, float]:
     depth = height.depth_mm[height.valid]
     if depth.size == 0:
         return float("nan"), float("nan")
-    quiet = depth[depth <= np.median(depth)]
-    noise = 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
-    regions = label(height.valid & (height.depth_mm > max(5 * noise, 0.01)), connectivity=1)
-    sizes = np.bincount(regions.ravel())
-    sure = np.bincount(regions.ravel(), (height.depth_mm > _surely_mm(height, error)).ravel(), len(sizes)) > 0
-    sizes = np.where(sure, sizes, 0)[1:]
-    pixels = sizes[sizes >= 0.1 * sizes.max()].sum() if sizes.size else 0
-    return float(np.percentile(depth, 99.9)), float(pixels * height.mm_per_px[0] * height.mm_per_px[1])
+    area_mm2 = np.count_nonzero(contact) * height.mm_per_px[0] * height.mm_per_px[1]
+    return float(np.percentile(depth, 99.9)), float(area_mm2)
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
@@ -178,20 +173,6 @@ def std_at(height: HeightMap, peak_mm: float) -> float:
     return float(np.median(there)) if there.size else float("nan")
 
 
-def _surely_mm(height: HeightMap, error: DepthError | None) -> npt.NDArray[np.floating[Any]] | float:
-    """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
-
-        sqrt(2 ln N) standard deviations
-
-    above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
-    """
-    std_mm = untouched_std(height, error)
-    if std_mm is None:
-        return 0.0
-    patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
-    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)
-
-
 def table(rows: Iterable[FrameResult]) -> str:
     """depth.csv: what is not known is left empty."""
     text = io.StringIO()
@@ -199,5 +180,7 @@ def table(rows: Iterable[FrameResult]) -> str:
     writer.writerow(COLUMNS)
     for row in rows:
         numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
-        writer.writerow([row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers)])
+        writer.writerow(
+            [row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags)]
+        )
     return text.getvalue()

@@ -7,12 +7,14 @@ running mean, so that a stream may run for days. Where there is a GPU, frames ar
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
+from tactilevision.contact.region import at_border
 from tactilevision.errors import InputError
+from tactilevision.flags import BORDER, add
 from tactilevision.gpu.device import find_gpu
 from tactilevision.middle import median
 from tactilevision.reconstruct import Reconstructor
@@ -33,8 +35,8 @@ class Moment:
     """What one frame says. `contact` is True where the gel is pressed; `peak_mm` its greatest depth there, else 0.
 
     `least_mm` is the depth from which a contact would be seen in half of the picture: where none is seen, one less
-    deep may be there. `footprint` is None without contact or without an indenter to look for; `latency_ms` from
-    frame to result.
+    deep may be there. `height.flags` (flags.py) say what makes all of it doubtful. `footprint` is None without
+    contact or without an indenter to look for; `latency_ms` from frame to result.
     """
 
     height: HeightMap
@@ -75,8 +77,12 @@ class Stream:
             raise InputError("a stream takes frames", where="Stream.take", value=type(frame).__name__,
                              remedy="Hand over Frame(rgb).")  # fmt: skip
         began = time.perf_counter()
+        if self.frames == 0:  # for all that come: it takes longer than a frame
+            self.reconstructor.look([self.reconstructor.rectified(frame)])
         height = self.reconstructor.height_map(frame)
-        contact, peak_mm, least_mm = self._contact(height)
+        contact, peak_mm, least_mm, cut = self._contact(height)
+        if cut:
+            height = replace(height, flags=add(height.flags, [BORDER]))
         self._last = self._footprint(height) if contact else None
         if not contact and least_mm < BLIND_MM and self.renew > 0:
             self._follow(frame)
@@ -89,8 +95,9 @@ class Stream:
         """(upper edge in ms, frames) of the latencies so far."""
         return [(float(edge), int(count)) for edge, count in zip(EDGES_MS, self.latencies, strict=True)]
 
-    def _contact(self, height: HeightMap) -> tuple[bool, float, float]:
-        """Whether there is a contact, its depth, and the depth that would show as one in half of the picture."""
+    def _contact(self, height: HeightMap) -> tuple[bool, float, float, bool]:
+        """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
+        whether the contact reaches the picture's border."""
         depth, valid = height.depth_mm[::EVERY, ::EVERY], height.valid[::EVERY, ::EVERY]
         spread = untouched_std(height, self.reconstructor.error, EVERY)
         if spread is None:
@@ -98,8 +105,8 @@ class Stream:
         least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > SIGMAS * spread) & valid
         if EVERY**2 * np.count_nonzero(pressed) < LEAST_PIXELS:
-            return False, 0.0, least_mm
-        return True, float(depth[pressed].max()), least_mm
+            return False, 0.0, least_mm, False
+        return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 
     def _footprint(self, height: HeightMap) -> Footprint | None:
         if self.indenter is None:

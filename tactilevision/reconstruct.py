@@ -20,6 +20,7 @@ from tactilevision.depth_error import DepthError, untouched_std_mm
 from tactilevision.errors import InputError
 from tactilevision.free_gel import free_frames, settle, tare, untouched_of
 from tactilevision.held_out_depth import held_out_depth, seen_gain_std
+from tactilevision.likeness import UNTOLD, Likeness, some_frames, usual_of
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
     from tactilevision.recording import Recording
 
-Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None]
+Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 DEFAULT = "polynomial"
 MOST_WAVES = 8
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
@@ -75,15 +76,17 @@ class Reconstructor:
         if isinstance(method, CalibratedMethod) and method.calm_reader:
             self.grids = TwoGrids(method.reference.shape, method.calm_reader.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
+        self.likeness = Likeness(method) if isinstance(method, CalibratedMethod) else None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
 
-        Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them.
+        Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
+        unlike the reference is flagged (likeness.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        surface, valid, std = self._mapped(self.rectified(frame))
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name)
+        surface, valid, std, flags = self._mapped(self.rectified(frame))
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
 
     def rectified(self, frame: Frame) -> Bytes:
         """The rectified picture of a raw frame."""
@@ -91,11 +94,11 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
-        surface, valid, std = self._mapped(rgb)
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std)
+        surface, valid, std, flags = self._mapped(rgb)
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
 
     def _mapped(self, rgb: Bytes) -> Mapped:
-        """Depth, validity and deviation (H, W) each of a rectified picture."""
+        """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
         if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
             return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
         slopes, untouched, drift, steepest, surface = self._glance(rgb)
@@ -106,7 +109,7 @@ class Reconstructor:
         level(surface, self.zero)
         std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return surface, valid, std
+        return surface, valid, std, self.likeness.flags(drift, self.zero) if self.likeness else ()
 
     def _on_two_grids(self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids) -> Mapped:
         """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
@@ -120,7 +123,12 @@ class Reconstructor:
         tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
         surface = grids.whole(coarse, look.windows, look.fine, tilt=tilt)
         std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
-        return surface, look.valid, std
+        return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
+
+    def look(self, pictures: Sequence[Bytes]) -> None:
+        """See by rectified pictures whether they lie beside the reference; warn, and flag maps, where they do."""
+        if self.likeness is not None:
+            self.warnings += self.likeness.look(pictures)
 
     def _std_mm(
         self,
@@ -185,11 +193,18 @@ class Reconstructor:
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
     """A reconstructor calibrated on the recording's own flats and ball presses.
 
-    `method` is a name in PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the
-    recording's flats where there are some. None: DEFAULT on the recording's balls or, without any, the method
-    trained beforehand for this kind of sensor, which its warnings then say. Raises InputError or
-    RecordingError where the reference is missing or cannot be used.
+    It warns where the recording's frames lie beside the reference. `method` is a name in PHOTOMETRIC, the path
+    of a saved method, or a ready one; a ready one is used against the recording's flats where there are some.
+    None: DEFAULT on the recording's balls or, without any, the method trained beforehand for this kind of
+    sensor, which its warnings then say. Raises InputError or RecordingError where the reference is missing or
+    cannot be used.
     """
+    found = _built(recording, method)
+    found.look(some_frames(recording))
+    return found
+
+
+def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
     from tactilevision.recording import read_image
 
     sensor = recording.sensor
@@ -238,6 +253,8 @@ def tuned(
         flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = dataclasses.replace(settled, card={**settled.card, "untouched_std_mm": std_mm})
+    usual = usual_of(Reconstructor(sensor, settled), [*(picture.rgb for picture in pictures), *free])
+    settled = dataclasses.replace(settled, card={**settled.card, "usual": usual})
     return Reconstructor(sensor, settled, calibration=calibration)
 
 
@@ -285,6 +302,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
+    found.likeness = Likeness(method, usual=UNTOLD)
     if "light" in method.card:  # else it was made for any light
         found.warnings = other_light(method.card["light"], reference, method.relative_error)
     return found

@@ -164,7 +164,8 @@ class HeightMap:
     """Depth of the gel's surface.
 
     `depth_mm` (H, W), positive into the gel; `valid` (H, W): where False the depth is not known, which is
-    not the same as 0; `mm_per_px` (x, y); `std_mm` (H, W) or None where the method does not know it.
+    not the same as 0; `mm_per_px` (x, y); `std_mm` (H, W) or None where the method does not know it. `flags` say
+    what makes the map as a whole doubtful (flags.py).
     """
 
     depth_mm: npt.NDArray[np.floating[Any]]
@@ -173,6 +174,7 @@ class HeightMap:
     std_mm: npt.NDArray[np.floating[Any]] | None = None
     time_s: float = float("nan")
     name: str = ""
+    flags: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:

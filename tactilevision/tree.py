@@ -127,7 +127,7 @@ def _rows_of_finished(place: Path, recording: Recording, form: Form) -> tuple[Fr
     try:
         said = _finished(place).read_text(encoding="utf-8").split("\n")
         with (place / TABLE).open(encoding="utf-8", newline="") as file:
-            rows = [tuple(cell or "nan" for cell in row) for row in csv.reader(file)][1:]
+            rows = [tuple(row) for row in csv.reader(file)][1:]
     except OSError:
         return None
     if said != [form, str(recording.path.resolve()), *recording.frame_names]:

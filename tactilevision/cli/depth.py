@@ -13,6 +13,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
+from tactilevision.flags import MEANING
 
 if TYPE_CHECKING:
     from tactilevision.folder import FrameResult
@@ -82,7 +83,7 @@ def depth(
     statuses = Counter(row.status.split(":")[0] for row in rows)
     bad = {row.frame: row.status for row in rows if row.status != "ok"}
     content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
-    content |= {"faces_certified": certified}
+    content |= {"faces_certified": certified, "flags": dict(Counter(flag for row in rows for flag in row.flags))}
     console.hand_over(content | {"warnings": warned}, json)
 
 
@@ -113,6 +114,10 @@ def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
     bad = [row for row in rows if row.status != "ok"]
     console.say_first([f"  {row.frame}: {row.status}" for row in bad], out / "depth.csv")
     best = max((row for row in rows if row.status == "ok"), key=lambda row: row.peak_mm, default=None)
+    flagged = Counter(flag for row in rows for flag in row.flags)
+    console.warn(
+        [f"{count} of {len(rows)} frames are flagged {flag!r}: {MEANING[flag]}" for flag, count in flagged.items()]
+    )
     if best is not None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 

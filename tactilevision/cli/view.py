@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
+from tactilevision.flags import MEANING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +57,7 @@ def view(
         opened = _Opened(source.open_source(path, sensor, reference), method)
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
+    console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
     figures = _draw(height, rgb, None if minus is None else _other(minus, opened, mm_per_px))
     for name, figure in figures.items():
         path_out = out / f"{Path(height.name).stem}_{name}.png"

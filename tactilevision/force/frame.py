@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.flags import MEANING
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
@@ -103,7 +104,11 @@ class ForceJob:
 
     def solve(self, frame: Frame) -> Solved:
         """Raises InputError for a frame that cannot be read, ConvergenceError where the contact never settles."""
-        height = self.reconstructor.height_map(frame)
+        solved = self._solved(frame, self.reconstructor.height_map(frame))
+        doubts = tuple(MEANING[flag] for flag in solved.height.flags)
+        return replace(solved, found=replace(solved.found, flags=(*solved.found.flags, *doubts)))
+
+    def _solved(self, frame: Frame, height: HeightMap) -> Solved:
         if not self.field.touched(height):
             return self._without_shear(height, "")
         height = self.anchor(height)

@@ -49,6 +49,7 @@ class Drift:
 
     `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise. `covariance` (18, 18): of constant,
     x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has drifted.
+    `misfit`: median strangeness, of what is touched, too.
     """
 
     gains: Floats
@@ -56,6 +57,7 @@ class Drift:
     strangeness: Floats
     undo: Floats | None = None
     covariance: Floats | None = None
+    misfit: float = 0.0
 
 
 class DriftTracker:
@@ -125,7 +127,8 @@ class DriftTracker:
             squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
         untouched = (usable & (squares < 16.0 * scale)).reshape(shape)
-        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance)
+        misfit = float(median(self._among_usable(squares))) ** 0.5
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit)
 
     @property
     def effects(self) -> Floats:

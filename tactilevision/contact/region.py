@@ -1,0 +1,92 @@
+"""Which part of a height map is contact: what is pressed in beyond what noise explains, each region to its edge.
+
+Gel slopes down to a contact from far off, so what is deeper than noise is up to four times the contact. At the
+edge of a ball, a cone or a flat face the surface is steepest; beyond it the slope falls off. With g(z) the mean
+slope of a region's surface at depth z,
+
+    edge = the shallowest z with g(z) >= STEEPEST max g
+
+and contact is what lies deeper. On balls of 6 to 60 px in radius and flat steps the area so comes out between .9
+and 1.15 of the true one; of a ball wider than twice the gel is thick, whose rim rises above untouched gel, a fifth
+is missing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.depth_error import DepthError
+from tactilevision.records import Bools, HeightMap
+from tactilevision.touching import roughness_mm, untouched_std
+
+NOISY, LEAST_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
+WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
+LEAST_PX = 16  # as deep; the outermost pixels of a map are noisier than it states
+STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
+SPECK = 0.1  # of the largest region
+STEEPEST, LEVELS = 0.9, 20
+SMOOTH_PX = 1.0
+FEW = 3  # pixels, too few to tell a slope
+
+Array = npt.NDArray[np.floating[Any]]
+
+
+def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
+    """Where something presses (H, W).
+
+    A region is deeper than NOISY robust deviations of the map's shallower half, and than LEAST_MM; as slow waves
+    of untouched gel go as deep as that over wide areas, it counts where LEAST_PX of it are deeper than they are to
+    be expected anywhere in the picture, by the `error` of the method that made the map. Specks do not count.
+    """
+    found = np.zeros(height.depth_mm.shape, np.bool_)
+    deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), LEAST_MM))
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(deep.view(np.uint8), connectivity=4)
+    sure = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=count) >= LEAST_PX
+    sizes = np.where(sure, boxes[:, cv2.CC_STAT_AREA], 0)
+    sizes[0] = 0
+    for k in np.flatnonzero((sizes > 0) & (sizes >= SPECK * sizes.max())):
+        left, top, width, tall, _ = boxes[k]
+        window = slice(top, top + tall), slice(left, left + width)
+        found[window] |= _to_its_edge(height, window, labels[window] == k)
+    return found
+
+
+def at_border(contact: Bools) -> bool:
+    """Whether a contact (H, W) reaches the picture's border."""
+    return bool(contact[0].any() or contact[-1].any() or contact[:, 0].any() or contact[:, -1].any())
+
+
+def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) -> Bools:
+    """The part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
+    if min(region.shape) < FEW:
+        return region
+    smooth = cv2.GaussianBlur(np.asarray(height.depth_mm[window], np.float32), (0, 0), SMOOTH_PX)
+    down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
+    depth, slope = smooth[region], np.hypot(across, down)[region]
+    least, most = float(depth.min()), float(depth.max())
+    step = (most - least) / LEVELS
+    if step <= 0:
+        return region
+    level = np.minimum(((depth - least) / step).astype(int), LEVELS - 1)
+    count = np.bincount(level, minlength=LEVELS)
+    mean = np.where(count >= FEW, np.bincount(level, slope, LEVELS) / np.maximum(count, 1), 0.0)
+    edge = least + step * (float(np.argmax(mean >= STEEPEST * mean.max())) + 0.5)
+    return np.asarray(region & (smooth > edge))
+
+
+def _surely_mm(height: HeightMap, error: DepthError | None) -> Array | float:
+    """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
+
+        sqrt(2 ln N) standard deviations
+
+    above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
+    """
+    std_mm = untouched_std(height, error)
+    if std_mm is None:
+        return 0.0
+    patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
+    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)

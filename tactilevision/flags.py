@@ -1,0 +1,21 @@
+"""What makes a height map as a whole doubtful, one word each: `HeightMap.flags`, and what each of them means."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+MOVED = "moved"
+LIGHT = "light"
+BORDER = "border"
+MEANING = {
+    MOVED: "the picture lies beside its reference: depth may be false everywhere",
+    LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
+    "that has moved, or contact over much of it",
+    BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
+}
+
+
+def add(flags: tuple[str, ...], more: Iterable[str]) -> tuple[str, ...]:
+    """Both, each once, in the order of MEANING."""
+    both = {*flags, *more}
+    return tuple(flag for flag in MEANING if flag in both)

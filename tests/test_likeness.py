@@ -1,0 +1,140 @@
+"""Pictures of another light, moved ones, and gel touched nearly all over are flagged; ordinary ones are not."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.flags import LIGHT, MEANING, MOVED, add
+from tactilevision.live import Stream
+from tactilevision.photometric import (
+    PHOTOMETRIC,
+    BallPicture,
+    CalibratedMethod,
+    calibrate_from_balls,
+    make_reference,
+)
+from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
+from tactilevision.recording import Recording
+from tactilevision.records import Bytes, Frame, Pair
+from tactilevision.sensors import get_sensor
+
+sys.path.insert(0, str(Path(__file__).parent / "photometric"))
+from lamp_room import LAMPS, MM_PER_PX, SHAPE, ball, flat, picture, places, presses
+
+SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
+SEED = 61
+
+
+def grain() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    rough = cv2.GaussianBlur(np.random.default_rng(SEED).standard_normal(SHAPE), (0, 0), 1.0)
+    return np.asarray(1.0 + 0.015 * rough / rough.std())[..., None]
+
+
+@lru_cache
+def shots() -> tuple[BallPicture, ...]:
+    rng = np.random.default_rng(SEED)
+    return tuple(BallPicture(picture(*ball(c, a, 4.0)[1:], rng, gain=grain()), 4.0) for c, a in presses(8, rng))
+
+
+@lru_cache
+def made() -> Reconstructor:
+    rng = np.random.default_rng(SEED)
+    reference = make_reference([flat(rng, gain=grain()) for _ in range(3)], may_have_marks=False)
+    balls = list(shots())
+    calibration = calibrate_from_balls(reference, balls, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return tuned(SENSOR, calibration, balls, [flat(rng, gain=grain()) for _ in range(6)])
+
+
+def reader() -> Reconstructor:
+    return Reconstructor(SENSOR, made().method)
+
+
+def moved(rgb: Bytes, shift: Pair) -> Bytes:
+    return np.roll(rgb, (int(shift[1]), int(shift[0])), axis=(0, 1))
+
+
+@pytest.mark.parametrize("gain", [0.75, 1.0, 1.15])
+@pytest.mark.parametrize("radius_mm", [0.0, 1.0, 2.2])
+def test_ordinary_pictures_are_not_flagged(gain: float, radius_mm: float) -> None:
+    rng = np.random.default_rng(SEED + 1)
+    for place in ((0.0, 0.0), (-4.0, 2.0), (3.0, -2.5)):
+        p, q = ball(place, radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
+        assert reader().rectified_map(picture(p, q, rng, gain=gain * grain())).flags == ()
+
+
+def test_a_lamp_that_was_moved_is_another_light() -> None:
+    rng = np.random.default_rng(SEED + 2)
+    for radius_mm, y in ((0.0, 6.0), (0.0, 14.0), (1.5, 14.0), (0.0, 25.0)):
+        elsewhere = ((-30.0, y, 18.0), *LAMPS[1:])
+        p, q = ball((1.0, 1.0), radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
+        assert LIGHT in reader().rectified_map(picture(p, q, rng, at=elsewhere)).flags
+
+
+def test_daylight_from_a_side_is_another_light() -> None:
+    rng = np.random.default_rng(SEED + 3)
+    day = 25.0 * np.linspace(0.0, 1.0, SHAPE[1]) ** 2
+    lit = np.clip(flat(rng) + day[None, :, None], 0, 255).astype(np.uint8)
+    assert LIGHT in reader().rectified_map(lit).flags
+
+
+def test_a_ball_over_more_than_half_of_the_picture_is_flagged() -> None:
+    """Its slopes pass for the light's drift: two thirds of its depth are missing."""
+    rng = np.random.default_rng(SEED + 4)
+    x, y = places()
+    contact, radius = 6.8, 28.0
+    assert np.mean(np.hypot(x, y) < contact) > 0.5
+    _, p, q = ball((0.0, 0.0), contact, radius)
+    assert LIGHT in reader().rectified_map(picture(p, q, rng)).flags
+
+
+def recording(folder: Path, frames: list[Bytes]) -> Recording:
+    (folder / "frames").mkdir(parents=True)
+    names = [f"{k}.png" for k in range(len(frames))]
+    for name, rgb in zip(names, frames, strict=True):
+        cv2.imwrite(str(folder / "frames" / name), rgb[..., ::-1])
+    return Recording(folder, "r", SENSOR, frames_path=folder / "frames", frame_names=tuple(names),
+                     frame_times_s=np.arange(len(frames), dtype=np.float64))  # fmt: skip
+
+
+def test_a_recording_whose_camera_was_knocked_says_by_how_much(tmp_path: Path) -> None:
+    rng = np.random.default_rng(SEED + 5)
+    still = [flat(rng, gain=grain()), *(shot.rgb for shot in shots()[:3])]
+    found = build_reconstructor(recording(tmp_path / "still", still), made().method)
+    assert not any("beside the untouched reference" in line for line in found.warnings)
+    assert found.rectified_map(still[0]).flags == ()
+    knocked = [moved(rgb, (7, -4)) for rgb in still]
+    found = build_reconstructor(recording(tmp_path / "knocked", knocked), made().method)
+    assert any("(+7.0, -4.0) px (right, down) beside" in line for line in found.warnings)
+    assert MOVED in found.rectified_map(knocked[0]).flags
+
+
+def test_a_stream_sees_it_with_its_first_frame() -> None:
+    rng = np.random.default_rng(SEED + 6)
+    still = Stream(reader(), renew=0.0)
+    assert still.take(Frame(flat(rng, gain=grain()))).height.flags == ()
+    knocked = Stream(reader(), renew=0.0)
+    for _ in range(2):
+        assert MOVED in knocked.take(Frame(moved(flat(rng, gain=grain()), (5, 0)))).height.flags
+
+
+def test_what_is_usual_is_told_by_the_calibration() -> None:
+    method = made().method
+    assert isinstance(method, CalibratedMethod)
+    assert 0.2 < method.card["usual"]["misfit"] < 1.5
+    assert 0.0002 < method.card["usual"]["zero_std_mm"] < 0.003
+    rough = dataclasses.replace(method, card={**method.card, "usual": {"misfit": 40.0, "zero_std_mm": 0.2}})
+    level = np.zeros(SHAPE)
+    still = picture(level, level, np.random.default_rng(SEED + 7), at=((-30.0, 14.0, 18.0), *LAMPS[1:]))
+    assert Reconstructor(SENSOR, rough).rectified_map(still).flags == ()
+
+
+def test_flags_have_a_meaning_and_an_order() -> None:
+    assert add((LIGHT,), [MOVED, LIGHT]) == (MOVED, LIGHT)
+    assert all(len(said) > 20 for said in MEANING.values())
