@@ -5,18 +5,14 @@ Under a ball of radius R the gel is the ball, so that the depth of the contact's
     dent = mean over the middle of sqrt(R^2 - r^2) - mean over the rim of it
 
 is known but for how well its radius a is. Found and true are compared there alone: what lies beside the contact,
-and where the untouched gel is, have no part in it. They show as well how far what other balls would have made of
-the scale (`photometric/jackknife.py`) is what the scale is off by: it is stated times
-
-    k^2 = (m + sum z^2) / (m + n)        z: errors of n dents in deviations as stated without k
-
-with m = BELIEVED, so that a few balls do not change it much.
+and where the untouched gel is, have no part in it. Beside the error stands the deviation that the law which never
+saw the ball states of it (`photometric/left_out.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -33,7 +29,6 @@ MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies 
 MOST = 24  # balls; more tell no more
 BANDS = 3
 GAIN_SAMPLES = 500  # of each ball
-BELIEVED = 4  # dents that the leaving out of balls is worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,39 +59,25 @@ def held_out_depth(
 ) -> dict[str, Any]:
     """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm.
 
-    `held_out_balls` has each dent with its contact radius; `place_gain_std` is as they bear it out. `seen_gain` is
-    `seen_gain_std`.
+    `held_out_balls` has each dent with its contact radius. `seen_gain` is `seen_gain_std`.
     """
-    now, methods, balls, gains = calibration.method, dict[int, CalibratedMethod](), list[Known](), list[float]()
-    for picture, ball, law in _apart(calibration, pictures):
+    now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
+    for picture, ball, (law, gain) in _apart(calibration, pictures):
         if id(law) not in methods:
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px)
-        gains.append(_gain_at(now.card, ball, now.reference.shape, parts=len(calibration.other_laws)))
-        balls.append(Known(true, found, float(np.hypot(gains[-1], seen_gain)) * true, ball.contact_radius_px))
+        balls.append(Known(true, found, float(np.hypot(gain, seen_gain)) * true, ball.contact_radius_px))
     if not balls:
         return {}
-    share = borne_out(balls)
-    balls = [
-        replace(ball, stated_mm=float(np.hypot(share * gain, seen_gain)) * ball.true_mm)
-        for ball, gain in zip(balls, gains, strict=True)
-    ]
     ratio = np.array([ball.found_mm / ball.true_mm for ball in balls])
     return {
-        "place_gain_std": np.round(share * np.array(now.card["place_gain_std"]), 5).tolist(),
         "held_out_depth_ratio": float(np.median(ratio)),
         "held_out_depth_ratio_std": 1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))),
         "held_out_depth_rms_mm": float(np.sqrt(np.mean([(ball.found_mm - ball.true_mm) ** 2 for ball in balls]))),
         **told("held_out_balls", balls),
     }
-
-
-def borne_out(contacts: Sequence[Known]) -> float:
-    """k: how many times as far as stated the depths of contacts are off, or nearly so."""
-    errors = [(contact.found_mm - contact.true_mm) / contact.stated_mm for contact in contacts]
-    return float(np.sqrt((BELIEVED + np.sum(np.square(errors))) / (BELIEVED + len(errors))))
 
 
 def told(name: str, contacts: Sequence[Known]) -> dict[str, Any]:
@@ -129,15 +110,6 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
     return {key: value if isinstance(value, int) else round(value, 5) for key, value in row.items()}
 
 
-def _gain_at(card: Mapping[str, Any], ball: Ball, shape: tuple[int, int], *, parts: int) -> float:
-    """What other balls would have changed of the scale at a ball, for a law that lacks one of so many `parts`."""
-    gains = np.array(card["place_gain_std"])
-    rows, columns = gains.shape
-    row = int(np.clip(ball.centre_px[1] / shape[0] * rows, 0, rows - 1))
-    column = int(np.clip(ball.centre_px[0] / shape[1] * columns, 0, columns - 1))
-    return float(gains[row, column] * np.sqrt(parts / max(parts - 1, 1)))
-
-
 def seen_gain_std(
     method: CalibratedMethod, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
 ) -> float:
@@ -163,8 +135,10 @@ def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -
     return float(depth[middle].mean() - depth[rim].mean()), float(cap[middle].mean() - cap[rim].mean())
 
 
-def _apart(calibration: Calibration, pictures: Sequence[BallPicture]) -> list[tuple[BallPicture, Ball, ColourLaw]]:
-    """At most MOST balls that were found, evenly chosen, each with its law."""
+def _apart(
+    calibration: Calibration, pictures: Sequence[BallPicture]
+) -> list[tuple[BallPicture, Ball, tuple[ColourLaw, float]]]:
+    """At most MOST balls that were found, evenly chosen, each with its law and that one's deviation there."""
     rows = zip(pictures, calibration.balls, calibration.unseen, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
     return kept[:: max(1, -(-len(kept) // MOST))]

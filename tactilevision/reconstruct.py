@@ -263,7 +263,7 @@ def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPic
     method = calibration.method
     others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
     maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
-    gain = np.array(method.card["place_gain_std"])
+    gain = np.array(method.card["place_gain_std"]) / method.card["place_gain_borne_out"]
     return spread_beside(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
 
 

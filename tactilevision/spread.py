@@ -5,7 +5,8 @@ the ball, as a part of the mean over a thickness of gel of what the depths there
 
     spread = <std^2> / < <gain^2 depth^2> >          from the contact's rim to a thickness of gel away from it
 
-is what the deviation of a height map takes for the gel beside any contact (`depth_error.py`). The mean over balls.
+is what the deviation of a height map takes for the gel beside any contact (`depth_error.py`). Both means are over
+all balls: the ratio at one ball alone is anything where little depends on it.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def spread_beside(
     `maps` make the depth (H, W) of a rectified picture, the first by the calibration, the others by one without a
     group of balls each; `gain` (h, w) is what that changes of the depth scale (`photometric.jackknife.gain_map`).
     """
-    found = []
+    found, answered = 0.0, 0.0
     kept = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
     for rgb, ball in kept[:: max(1, -(-len(kept) // MOST))]:
         depth, *others = (make(rgb) for make in maps)
@@ -54,5 +55,5 @@ def spread_beside(
         radii = radii_from(ball, depth.shape, mm_per_px)
         away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
         beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
-        found.append(float(variance[beside].mean() / nearby[beside].mean()))
-    return float(np.mean(found)) if found else 1.0
+        found, answered = found + float(variance[beside].mean()), answered + float(nearby[beside].mean())
+    return found / answered if answered else 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.depth_error import gain_std, place_gain_std
-from tactilevision.held_out_depth import Known, bands, borne_out, dent_mm, told
+from tactilevision.held_out_depth import Known, bands, dent_mm, told
 from tactilevision.photometric.ball import Ball
 
 
@@ -36,13 +36,6 @@ def test_bands_hold_their_errors_against_the_stated_one() -> None:
     assert high.within == 1.0
     assert [band.within for band in bands(contacts(0.01), "radius_px")] == [0.0] * 3
     assert bands([], "true_mm") == []
-
-
-def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
-    assert borne_out([]) == 1.0
-    assert 0.65 < borne_out(contacts(0.04)) < 0.75, "half as far off as stated, but these are nine"
-    assert borne_out(contacts(0.04) * 50) == pytest.approx(0.5, abs=0.01)
-    assert borne_out(contacts(0.01) * 50) == pytest.approx(2.0, abs=0.01)
 
 
 def test_contacts_alike_are_never_torn_into_two_bands() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,7 +12,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
-from tactilevision.photometric.jackknife import gain_map
+from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, held_out
 from tactilevision.photometric.marks import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.power import response_of
@@ -33,21 +33,11 @@ from tactilevision.photometric.two_ways import Told, told_slopes
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3
-FOLDS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
 COVERED = 1.0  # of the 2 from side to side: balls in less than half of it leave most of the light to be guessed
 PATCHES = (8, 3)  # of a ball: round it, and outwards
-
-
-class Fitter(Protocol):
-    """Makes a colour law of samples of balls and of untouched gel; `ridge` says how smooth.
-
-    It may list the `ridges` to choose from, or the `ways`: pairs of a fitter and a ridge.
-    """
-
-    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw: ...
 
 
 @runtime_checkable
@@ -76,7 +66,7 @@ class Calibration:
 
     `balls` as found, None where a picture was left out (its reason is among `warnings`);
     `direction_error_deg` median and `slope_error` rms over balls held out of the fit; `unseen` for each ball a
-    law that never saw it.
+    law that never saw it, with how far its depth scale may be off there; `other_laws` these, each once.
     """
 
     method: CalibratedMethod
@@ -84,12 +74,8 @@ class Calibration:
     direction_error_deg: float
     slope_error: float
     warnings: tuple[str, ...]
-    unseen: tuple[ColourLaw | None, ...] = ()
-
-    @property
-    def other_laws(self) -> list[ColourLaw]:
-        """The laws that were fitted without a part of the balls, each once."""
-        return _each_once(self.unseen)
+    unseen: tuple[tuple[ColourLaw, float] | None, ...] = ()
+    other_laws: tuple[ColourLaw, ...] = ()
 
 
 def calibrate_from_balls(
@@ -119,14 +105,15 @@ def calibrate_from_balls(
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [_held_out(way, touching, still, ridge) for way, ridge in ways]
+    scores = [held_out(way, touching, still, ridge) for way, ridge in ways]
     best = int(np.argmin([_relative_miss(found, touching) for found, _ in scores]))
     way, ridge = ways[best]
-    law, (found, unseen) = way(touching, still, ridge=ridge), scores[best]
+    law, (found, others) = way(touching, still, ridge=ridge), scores[best]
     quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
+    doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
     light = told_slopes(touching)
     warnings += _coverage(touching) + _hidden(light) + _ghost(change, pictures, balls)
     card: dict[str, Any] = {
@@ -135,8 +122,9 @@ def calibrate_from_balls(
         "balls_left_out": len(pictures) - len(contact),
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
-        "held_out_gain_std": _gain_std(found, touching),
-        "place_gain_std": np.round(gain_map(law, _each_once(unseen.values()), touching), 5).tolist(),
+        "held_out_gain_std": gain_std(found, touching),
+        "place_gain_std": np.round(doubt.gain_std, 5).tolist(),
+        "place_gain_borne_out": doubt.borne_out,
         "fitted_by": getattr(way, "__name__", type(way).__name__),
         "ridge": ridge,
         "slope_of_one_pixels_noise_best": light.best,
@@ -146,7 +134,7 @@ def calibrate_from_balls(
     }
     return Calibration(
         CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
-        tuple(unseen.get(number) for number in range(len(pictures))),
+        tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
     )  # fmt: skip
 
 
@@ -218,28 +206,6 @@ def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) 
     )
 
 
-def _held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> tuple[Floats, dict[int, ColourLaw]]:
-    """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and each ball's such law."""
-    found = np.empty_like(contact.slopes)
-    numbers = np.unique(contact.press)
-    laws: dict[int, ColourLaw] = {}
-    for fold in range(FOLDS):
-        apart = np.isin(contact.press, numbers[fold::FOLDS])
-        law = fit(contact.where(~apart), quiet.where(~np.isin(quiet.press, numbers[fold::FOLDS])), ridge=ridge)
-        found[apart] = law.at(contact.change[apart], contact.place[apart])
-        laws |= dict.fromkeys(map(int, numbers[fold::FOLDS]), law)
-    return found, laws
-
-
-def _gain_std(found: Floats, samples: Samples) -> float:
-    """Scatter of the depth scale over balls held out: 1.48 times the median distance from 1."""
-    gains = []
-    for number in np.unique(samples.press):
-        true, seen = samples.slopes[samples.press == number], found[samples.press == number]
-        gains.append(float(np.sum(seen * true) / np.sum(true**2)))
-    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
-
-
 def _relative_miss(found: Floats, samples: Samples) -> float:
     """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
 
@@ -258,10 +224,6 @@ def _relative_miss(found: Floats, samples: Samples) -> float:
         for many in (samples.slopes, found - samples.slopes)
     )
     return float(np.average(off / (true + GENTLE), weights=count))
-
-
-def _each_once(laws: Iterable[ColourLaw | None]) -> list[ColourLaw]:
-    return list({id(law): law for law in laws if law is not None}.values())
 
 
 def _mean_square(found: Floats, samples: Samples) -> float:

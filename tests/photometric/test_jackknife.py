@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
+from tactilevision.photometric.left_out import borne_out, doubt_of, gain_std, gains_of, held_out
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.samples import Samples
@@ -41,11 +42,19 @@ def balls(rng: np.random.Generator, numbers: Sequence[int]) -> Samples:
     return Samples(change, at, slope, press, np.full_like(change, NOISE))
 
 
-def fitted(samples: Samples) -> ColourLaw:
-    still = np.random.default_rng(0).normal(0.0, NOISE, (500, 3))
+def still() -> Samples:
+    """Samples of gel at rest."""
+    change = np.random.default_rng(0).normal(0.0, NOISE, (500, 3))
     place = np.random.default_rng(1).uniform(-1, 1, (500, 2))
-    quiet = Samples(still, place, np.zeros((500, 2)), np.zeros(500, np.int64), np.full_like(still, NOISE))
-    return fit_polynomial(samples, quiet, ridge=1e-3)
+    return Samples(change, place, np.zeros((500, 2)), np.full(500, -1), np.full_like(change, NOISE))
+
+
+def fitting(contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw:
+    return fit_polynomial(contact, quiet, ridge=ridge)
+
+
+def fitted(samples: Samples) -> ColourLaw:
+    return fitting(samples, still(), ridge=1e-3)
 
 
 def true_gain(law: ColourLaw) -> Floats:
@@ -61,16 +70,17 @@ def true_gain(law: ColourLaw) -> Floats:
 
 
 @lru_cache
-def many() -> tuple[Floats, Floats]:
-    """Gains that are true and that are stated (calibrations, 12, 16)."""
-    off, stated = [], []
+def many() -> tuple[Floats, Floats, Floats]:
+    """Gains that are true, what a jackknife states, and that as balls bear it out (calibrations, 12, 16)."""
+    off, stated, borne = [], [], []
     for seed in range(10):
         samples = balls(np.random.default_rng(seed), range(BALLS))
-        groups = [np.isin(samples.press, range(first, BALLS, 3)) for first in range(3)]
-        law = fitted(samples)
-        stated.append(gain_map(law, [fitted(samples.where(~group)) for group in groups], samples))
+        law, (_, others) = fitted(samples), held_out(fitting, samples, still(), 1e-3)
+        stated.append(gain_map(law, others, samples))
+        doubt = doubt_of(fitting, samples, still(), ridge=1e-3, law=law, others=others)
+        borne.append(doubt.gain_std)
         off.append(true_gain(law))
-    return np.stack(off), np.stack(stated)
+    return np.stack(off), np.stack(stated), np.stack(borne)
 
 
 @pytest.mark.parametrize("groups", [3, 5, 12])
@@ -89,8 +99,38 @@ def test_no_change_is_no_doubt() -> None:
 
 @pytest.mark.parametrize("part", [np.s_[4:8, 5:11], np.s_[:, :2], np.s_[:2, :]])
 def test_what_is_stated_is_how_calibrations_scatter(part: tuple[slice, slice]) -> None:
-    off, stated = (maps[:, *part] for maps in many())
+    off, stated = (maps[:, *part] for maps in many()[:2])
     assert 0.5 < 1.4826 * np.median(np.abs(off) / stated) < 1.3
+
+
+def test_two_thirds_are_off_by_no_more_than_balls_bear_out() -> None:
+    off, _, borne = many()
+    assert 0.6 < np.mean(np.abs(off) < borne) < 0.8
+
+
+def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
+    off = np.random.default_rng(3).normal(0.0, 0.02, 500)
+    assert borne_out(off[:0], off[:0]) == 1.0
+    assert 0.6 < borne_out(off[:9], np.full(9, 0.04)) < 0.9, "half as far off as stated, but these are nine"
+    assert borne_out(off, np.full(500, 0.04)) == pytest.approx(0.5, abs=0.04)
+    assert borne_out(off, np.full(500, 0.01)) == pytest.approx(2.0, abs=0.15)
+    strange = np.concatenate([off, [1.0]])
+    assert borne_out(strange, np.full(501, 0.04)) == pytest.approx(0.5, abs=0.04), (
+        "one that is strange moves it little"
+    )
+
+
+def test_each_ball_has_a_law_that_never_saw_it() -> None:
+    samples = balls(np.random.default_rng(0), range(BALLS))
+    found, others = held_out(fitting, samples, still(), 1e-3)
+    doubt = doubt_of(fitting, samples, still(), ridge=1e-3, law=fitted(samples), others=others)
+    assert sorted(doubt.unseen) == list(range(BALLS))
+    for number, (law, std) in doubt.unseen.items():
+        at = samples.press == number
+        assert found[at] == pytest.approx(law.at(samples.change[at], samples.place[at]))
+        assert 0.0 < std < 0.5
+    for number, gain in gains_of(found, samples).items():
+        assert abs(gain - 1.0) < 6.0 * np.hypot(doubt.unseen[number][1], gain_std(found, samples))
 
 
 def test_beyond_the_outermost_balls_less_is_known() -> None:
