@@ -71,7 +71,9 @@ class TorchReader:
 
     def _greys(self) -> torch.Tensor:
         """Grey levels (3, H, W) of the frame that the method has taken in."""
-        return torch.from_numpy(self.method.change.rgb).to(self.device).permute(2, 0, 1).float()
+        height, width = self.method.reference.shape
+        greys = self.method.change.greys((slice(0, height), slice(0, width)))
+        return torch.from_numpy(np.stack(greys)).to(self.device).float()
 
 
 def _steepest(slopes: torch.Tensor) -> float:

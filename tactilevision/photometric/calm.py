@@ -22,6 +22,7 @@ import numpy.typing as npt
 from tactilevision.middle import median
 from tactilevision.photometric.change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.means import means, usual_pixels
 from tactilevision.photometric.quiet import rest_bias
 from tactilevision.records import Bools, Bytes, SlopeMap
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 LOUD = 4.0
 ROUGH = 3.5  # deviations by which 3 by 3 means scatter, or as many times what most of a frame does
-COARSE = 60  # means along the shorter side of the picture, about
-FEWEST, MOST = 2, 4  # pixels along each side of a mean
 EVERY = 4  # means along each side, of which one tells what most do
 BLOCK = 8  # pixels, about: grid on which windows are cut
 SHARE = 0.5  # of the picture in windows; above that all of it is read in full
@@ -69,7 +68,7 @@ def calm_pixels(method: CalibratedMethod) -> int:
     side = min(method.reference.shape)
     if method.reference.marks is not None or side < LEAST:
         return 1
-    return min(MOST, max(FEWEST, round(side / COARSE)))
+    return usual_pixels(method.reference)
 
 
 class CalmReader:
@@ -101,7 +100,7 @@ class CalmReader:
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
-        self.maps.mean += np.float32(share) * (self._means(rgb) - self.maps.mean)
+        self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
         self.maps.settle()
 
     def read(self, rgb: Bytes) -> Reading:
@@ -136,7 +135,7 @@ class CalmReader:
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
-        greys = self._means(self.method.change.rgb)
+        greys = self.method.change.means(self.px)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
             self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, change), window, part)
@@ -166,20 +165,9 @@ class CalmReader:
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
         return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 
-    def _means(self, picture: npt.NDArray[np.generic]) -> Planes:
-        """Means (n, h, w) over `px` by `px` pixels of a picture (H, W, n), exact for whole numbers."""
-        rows, columns = self.even
-        lines = picture[rows].reshape(self.size[1], self.px, -1)
-        total = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32)
-        across = np.asarray(total.reshape(self.size[1], *picture.shape[1:])[:, columns], np.float32)
-        means = cv2.resize(across, self.size, interpolation=cv2.INTER_AREA).reshape(*self.size[::-1], -1)
-        out: Planes = np.empty((picture.shape[2], *self.size[::-1]), np.float32)
-        np.multiply(means.transpose(2, 0, 1), np.float32(1.0 / self.px), out=out)
-        return out
-
     def _over(self, planes: Planes) -> Planes:
         """Means (n, h, w) of planes (n, H, W)."""
-        return self._means(planes.transpose(1, 2, 0))
+        return means(planes.transpose(1, 2, 0), self.px)
 
 
 def _scatter(slopes: Planes) -> Picture:

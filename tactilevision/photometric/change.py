@@ -21,6 +21,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.photometric.drift import Drift, DriftTracker, undone
 from tactilevision.photometric.marks import fill, marked
+from tactilevision.photometric.means import means
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
 from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
@@ -29,8 +30,6 @@ SHADOW_PX = 4  # pixels apart that shadows are looked for
 STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
-
-
 Window = tuple[slice, slice]  # rows and columns
 
 
@@ -80,7 +79,8 @@ class ColourChange:
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
         self.darkest = darkest_grey(reference.noise_grey)
-        self.rgb: npt.NDArray[Any] = np.empty((0, 0, 3), np.uint8)
+        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
+        self.undo: Floats | None = None
         self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
@@ -90,7 +90,7 @@ class ColourChange:
         """
         drift, valid = self.take(rgb)
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
-            self.maps.changes(cv2.split(self.rgb[window]), window, self._whole[:, window[0]])
+            self.maps.changes(self.greys(window), window, self._whole[:, window[0]])
         if self.reference.marks is not None:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
@@ -100,7 +100,7 @@ class ColourChange:
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        self.rgb = rgb if drift.undo is None else undone(rgb, drift.undo, self.tracker.power)
+        self.rgb, self.undo = rgb, drift.undo
         if rgb.max() < SATURATED and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
             return drift, self.reference.usable
         brightest = _brightest(rgb)
@@ -114,7 +114,20 @@ class ColourChange:
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.maps.changes(cv2.split(self.rgb[window]), window, out)
+            yield window, self.maps.changes(self.greys(window), window, out)
+
+    def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
+        """Channels (3, h, w) of a window of the frame taken in."""
+        greys = cv2.split(self.rgb[window])
+        return greys if self.undo is None else list(undone(greys, self.undo, self.tracker.power))
+
+    def means(self, px: int) -> Planes:
+        """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
+
+        Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
+        """
+        found = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
+        return found if self.undo is None else undone(found, self.undo, self.tracker.power)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""

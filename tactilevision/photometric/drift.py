@@ -12,7 +12,9 @@ Valid while less than about half of the picture is touched.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +23,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.middle import median
 from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, noise_of, slopes_beside
+from tactilevision.photometric.means import Planes, block_means, means, usual_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
@@ -28,7 +31,6 @@ from tactilevision.records import Bools, Bytes, Floats
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3
 SETTLED = 3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
-SAMPLED = 8  # pixels at most along each side of a block that stand for it
 CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
 SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
@@ -68,18 +70,16 @@ class DriftTracker:
         self.power = response.power
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
-        self.inside = min(SAMPLED, block)
-        lines = self.inside * self.size[1]
-        self.rows = np.arange(lines) * height // lines
-        self.across = np.tile(np.eye(3) / self.inside**2, self.inside)
+        self.px = usual_pixels(reference)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)[:, None]
-        self.noise = np.sqrt(noise**2 / self.inside**2 + COMPRESSED_GREY**2)  # of a block's mean
+        self.noise = np.sqrt(noise**2 / block**2 + COMPRESSED_GREY**2)  # of a block's mean
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
-        self.level = self._planes(reference.rgb)
+        self.means = means(reference.rgb, self.px)  # of the last frame that was measured
+        self.level = block_means(self.means, self.size)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         self._answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
@@ -88,12 +88,13 @@ class DriftTracker:
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Count from a picture moved towards `rgb` by `share`: what the reference follows is drift no more."""
-        self.level += share * (self._planes(rgb) - self.level)
+        self.level += share * (block_means(means(rgb, self.px), self.size) - self.level)
         self._settle()
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
-        blocks = self._planes(rgb)
+        means(rgb, self.px, out=self.means)
+        blocks = block_means(self.means, self.size)
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
@@ -202,14 +203,6 @@ class DriftTracker:
         softened = (self.level + SOFTENING_GREY) / self.noise
         return np.asarray(np.einsum("can,fan->cfn", self._answers, slopes) * softened[:, None])
 
-    def _planes(self, picture: Bytes | npt.NDArray[np.float32]) -> Floats:
-        """Means (3, h * w) over SAMPLED by SAMPLED pixels, evenly spread, of each block of a picture (H, W, 3)."""
-        lines = picture[self.rows].reshape(self.size[1], self.inside, -1)
-        total = np.add.reduce(lines, axis=1, dtype=np.uint16 if lines.dtype == np.uint8 else np.float32)
-        few = self.size[0] * self.inside, self.size[1]
-        sampled = cv2.resize(total.reshape(self.size[1], -1, 3), few, interpolation=cv2.INTER_NEAREST)
-        return np.asarray(self.across @ sampled.reshape(-1, 3 * self.inside).T)
-
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
         left = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
@@ -259,13 +252,14 @@ class DriftTracker:
             )
 
 
-def undone(rgb: Bytes, undo: Floats, power: int) -> npt.NDArray[np.float32]:
-    """A picture (H, W, 3) with the affine map `undo` (3, 4) used on its light, in grey levels."""
-    if power == 1:
-        return np.asarray(cv2.transform(rgb.astype(np.float32), undo))
-    light = cv2.transform(cv2.multiply(rgb, rgb, dtype=cv2.CV_32F), undo)
-    np.maximum(light, 0.0, out=light)
-    return np.asarray(cv2.sqrt(light, dst=light))
+def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
+    """Grey levels (3, h, w) with the affine map `undo` (3, 4) used on their light."""
+    light = np.asarray(greys, np.float32).reshape(3, -1)
+    mix, stray = np.split(undo.astype(np.float32), [3], axis=1)
+    found = np.asarray(mix @ (light if power == 1 else light * light) + stray)
+    if power == 2:
+        cv2.sqrt(np.maximum(found, 0.0, out=found), dst=found)
+    return found.reshape(3, *greys[0].shape)
 
 
 def _centres(blocks: int, pixels: int) -> Floats:

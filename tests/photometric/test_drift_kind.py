@@ -53,7 +53,9 @@ def test_lamps_that_fade_alike_leave_no_pattern(gain: float, contact_mm: float) 
 
 def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
     """What a drift leaves (3, blocks) of a picture of the untouched gel, in parts of it."""
-    seen = rgb if told.undo is None else undone(rgb, told.undo, following.power)
+    seen = (
+        rgb if told.undo is None else undone(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
+    )
     blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
     y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])
     gain = 1.0 + told.gains @ np.stack([np.ones_like(x), x, y])

@@ -1,0 +1,46 @@
+"""A frame in means of several pixels: what the light's drift is seen in, and calm gel is read in."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.reference import Reference
+
+Planes = npt.NDArray[np.float32]
+
+COARSE = 60  # means along the shorter side of the picture, about
+FEWEST, MOST = 2, 4  # pixels along each side of a mean
+
+
+def usual_pixels(reference: Reference) -> int:
+    """Pixels along each side of the means in which frames are seen; marks are small, and seen finely."""
+    return FEWEST if reference.marks is not None else min(MOST, max(FEWEST, round(min(reference.shape) / COARSE)))
+
+
+def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) -> Planes:
+    """Means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n), exact for whole numbers."""
+    height, width = (count // px for count in picture.shape[:2])
+    lines = picture[: px * height].reshape(height, px, -1)
+    total = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32)
+    across = np.asarray(total.reshape(height, *picture.shape[1:])[:, : px * width], np.float32)
+    found = cv2.resize(across, (width, height), interpolation=cv2.INTER_AREA).reshape(height, width, -1)
+    if out is None:
+        out = np.empty((picture.shape[2], height, width), np.float32)
+    return np.asarray(np.multiply(found.transpose(2, 0, 1), np.float32(1.0 / px), out=out))
+
+
+def block_means(planes: Planes, size: tuple[int, int]) -> npt.NDArray[np.float64]:
+    """Means (n, rows * columns) of planes (n, h, w) over their blocks; `size` is (columns, rows)."""
+    down, across = (_shares(count, blocks) for count, blocks in zip(planes.shape[1:], size[::-1], strict=True))
+    return np.asarray((down @ planes).reshape(-1, planes.shape[2]) @ across.T, np.float64).reshape(len(planes), -1)
+
+
+@lru_cache(maxsize=32)
+def _shares(count: int, blocks: int) -> npt.NDArray[Any]:
+    """What each of `count` places on a line gives to the mean of each block (blocks, count)."""
+    return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))
