@@ -23,7 +23,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.middle import median
 from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, noise_of, slopes_beside
-from tactilevision.photometric.means import Planes, block_means, means, usual_pixels
+from tactilevision.photometric.means import Planes, means, shares, usual_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
@@ -79,7 +79,9 @@ class DriftTracker:
         self.basis = np.stack([np.ones_like(x), x, y], axis=-1).reshape(-1, 3)
         self.squares = (self.basis[:, :, None] * self.basis[:, None, :]).reshape(-1, 9)
         self.means = means(reference.rgb, self.px)  # of the last frame that was measured
-        self.level = block_means(self.means, self.size)
+        self.down = shares(self.means.shape[1], self.size[1])
+        self.across = np.ascontiguousarray(shares(self.means.shape[2], self.size[0]).T)
+        self.level = self._blocks(self.means)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         self._answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
@@ -88,13 +90,12 @@ class DriftTracker:
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Count from a picture moved towards `rgb` by `share`: what the reference follows is drift no more."""
-        self.level += share * (block_means(means(rgb, self.px), self.size) - self.level)
+        self.level += share * (self._blocks(means(rgb, self.px)) - self.level)
         self._settle()
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
-        means(rgb, self.px, out=self.means)
-        blocks = block_means(self.means, self.size)
+        blocks = self._blocks(means(rgb, self.px, out=self.means))
         change = blocks - self.level
         self._check(blocks, change)
         usable = self.usable
@@ -203,6 +204,11 @@ class DriftTracker:
         softened = (self.level + SOFTENING_GREY) / self.noise
         return np.asarray(np.einsum("can,fan->cfn", self._answers, slopes) * softened[:, None])
 
+    def _blocks(self, planes: Planes) -> Floats:
+        """Means (3, h * w) of planes over the blocks."""
+        found = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
+        return found.astype(np.float64).reshape(3, -1)
+
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
         left = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
@@ -216,24 +222,21 @@ class DriftTracker:
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis
-        gains = np.zeros((3, 3))
-        for found, left, wanted in zip(gains, normal.reshape(3, 3, 3), right[:, :, None], strict=True):
-            found[:] = cv2.solve(left, wanted, flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
-        return gains
+        return np.asarray(np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
-        blocks = self._among_usable(blocks)
-        level, usual, clear = float(blocks.mean()), self.usual, self.clear
-        dark = bool((blocks.mean(axis=1) < 0.1 * self.grey).any())
+        blocks, usual, clear = self._among_usable(blocks), self.usual, self.clear
+        grey = np.add.reduce(blocks, axis=1) / blocks.shape[1]
+        dark = bool((grey < 0.1 * self.grey).any())
         if dark or (blocks.max() > 252.0 > usual + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
             raise InputError(
                 "the frame is " + ("black, or one of its channels is" if dark else "saturated"),
                 where="frame",
-                value=f"mean grey {level:.0f}, the reference has {usual:.0f}",
+                value=f"mean grey {grey.mean():.0f}, the reference has {usual:.0f}",
                 remedy="Leave the frame out; check lights and exposure.",
             )
         size = np.abs(self._among_usable(change))
-        if 2.0 * float(size.mean()) <= min(clear, 0.5 * usual):
+        if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear, 0.5 * usual) * size.size:
             return  # no median of what is not negative is more than twice its mean
         off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -34,13 +31,6 @@ def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) 
     return np.asarray(np.multiply(found.transpose(2, 0, 1), np.float32(1.0 / px), out=out))
 
 
-def block_means(planes: Planes, size: tuple[int, int]) -> npt.NDArray[np.float64]:
-    """Means (n, rows * columns) of planes (n, h, w) over their blocks; `size` is (columns, rows)."""
-    down, across = (_shares(count, blocks) for count, blocks in zip(planes.shape[1:], size[::-1], strict=True))
-    return np.asarray((down @ planes).reshape(-1, planes.shape[2]) @ across.T, np.float64).reshape(len(planes), -1)
-
-
-@lru_cache(maxsize=32)
-def _shares(count: int, blocks: int) -> npt.NDArray[Any]:
+def shares(count: int, blocks: int) -> Planes:
     """What each of `count` places on a line gives to the mean of each block (blocks, count)."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))
