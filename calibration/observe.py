@@ -36,7 +36,15 @@ class _Touch:
     force_std_N: Floats
     reconstructed_mm: Floats
     reconstructed_std_mm: Floats
+    dated_s: float  # what calendar and clock say of its beginning, since the calendar's; NaN: nothing
     falls: tuple[Fall, ...] = ()
+
+    @property
+    def begin_s(self) -> float:
+        """When it began: by its clock; by its date where there is no clock or one that knows no days; else NaN."""
+        clock, days = float(self.time_s[0]), 1.5 * DAY_S
+        told = np.isfinite(clock) and not (self.protocol.date and abs(clock - self.dated_s) > days)
+        return clock if told else self.dated_s
 
 
 def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
@@ -82,7 +90,7 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
             reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
-            falls=tuple(_falls(point, number)),
+            dated_s=_dated_s(row, recording), falls=tuple(_falls(point, number)),
         )  # fmt: skip
 
 
@@ -118,7 +126,7 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
             force_std_N=np.full(size, _force_std(recording)),
             reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
-            reconstructed_std_mm=np.full(size, NAN),
+            reconstructed_std_mm=np.full(size, NAN), dated_s=_dated_s(row, recording),
         )  # fmt: skip
 
 
@@ -126,9 +134,8 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
     if not touches:
         raise InputError("there is no press to fit", remedy="Hand in accepted points, or curves.")
     gel = _one_gel([m.recording for m in sets])
-    touches = sorted(touches, key=lambda t: (_sortable(t.time_s[0]), t.recording))
-    origin = np.nanmin([t.time_s[0] for t in touches]) if np.isfinite(touches[0].time_s[0]) else 0.0
-    origin = math.floor(origin / DAY_S) * DAY_S
+    touches = sorted(touches, key=lambda t: (_sortable(t.begin_s), t.recording, _sortable(t.time_s[0])))
+    origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
     indenters = list(dict.fromkeys(t.indenter for t in touches))
     sizes = [t.time_s.size for t in touches]
     seen, seen_std = (
@@ -171,7 +178,7 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
         radius_mm=np.array([t.indenter.radius_mm for t in touches]),
         x_mm=column("x_mm"), y_mm=column("y_mm"), rest_s=rest, speed_mm_s=speed, hold_s=column("hold_s"),
         temperature_C=column("temperature_C"), lubricated=column("lubricated"),
-        day=np.array([_day(t, b) for t, b in zip(touches, begin, strict=True)]),
+        day=np.array([_day(t, origin) for t in touches]),
         order=np.arange(len(touches), dtype=float),
     )  # fmt: skip
 
@@ -187,10 +194,16 @@ def _speed(touch: _Touch) -> float:
     return float(np.median(rate[rate > 0])) if (rate > 0).any() else NAN
 
 
-def _day(touch: _Touch, begin: float) -> float:
-    if np.isfinite(begin):
-        return begin / DAY_S
+def _day(touch: _Touch, origin: float) -> float:
+    if np.isfinite(touch.begin_s):
+        return (touch.begin_s - origin) / DAY_S
     return 0.0 if touch.recording == 0 else NAN
+
+
+def _dated_s(press: Press, recording: RecordingLike) -> float:
+    """The press's own date and time of day, else its recording's date; NaN where there is none."""
+    date = press.date or recording.date
+    return _days_since_epoch(date) * DAY_S + _zero(press.time_of_day_s) if date else NAN
 
 
 def _sortable(time: float) -> float:
