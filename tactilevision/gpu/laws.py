@@ -10,7 +10,7 @@ import torch
 from tactilevision.photometric.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.method import Evaluator
 from tactilevision.photometric.network import NetworkEvaluator
-from tactilevision.photometric.polynomial import RAISED, ROWS, PolynomialEvaluator
+from tactilevision.photometric.polynomial import MOST, RAISED, PolynomialEvaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
 
@@ -27,20 +27,18 @@ def law_on(evaluate: Evaluator, device: str) -> Law | None:
 
 
 def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
-    per_row, x, single = (
-        torch.from_numpy(table).to(device) for table in (evaluate.per_row, evaluate.x, evaluate.single)
-    )
+    per_row, x = (torch.from_numpy(table).to(device) for table in (evaluate.per_row, evaluate.x))
     bound = float(evaluate.bound)
 
     def slopes(change: torch.Tensor) -> torch.Tensor:
         parts = list(change)
         for first, below, _ in RAISED:
             parts += [part * parts[first.start] for part in parts[below]]
-        sums = (per_row @ torch.stack(parts[3:], dim=1)).reshape(len(per_row), ROWS + 1, 2, -1)
-        found = sums[:, ROWS]
-        for i in reversed(range(ROWS)):
+        sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), MOST + 1, 2, -1)
+        found = sums[:, MOST]
+        for i in reversed(range(MOST)):
             found = found * x + sums[:, i]
-        return (found.permute(1, 0, 2) + (single * change).sum(1)).clamp(-bound, bound)
+        return found.clamp(-bound, bound).permute(1, 0, 2)
 
     return slopes
 

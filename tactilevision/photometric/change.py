@@ -27,7 +27,7 @@ from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 
 SHADOW_PX = 4  # pixels apart that shadows are looked for
-STRIP_PX = 10000  # pixels worked on at once, so that all that is made of them stays in the cache
+STRIP_PX = 15000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
 Window = tuple[slice, slice]  # rows and columns
@@ -38,7 +38,7 @@ class ChangeMaps:
 
     def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
         self.mean, self.x, self.y = mean, x, y
-        self.scale, self.still = np.empty_like(mean), np.empty_like(mean)
+        self.scale: Planes = np.empty_like(mean)
         self.settle()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
         self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
@@ -47,15 +47,12 @@ class ChangeMaps:
         """To be called when `mean` has changed."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
-        np.multiply(self.scale, np.float32(SOFTENING_GREY), out=self.still)
-        self.still -= np.float32(1.0)  # the change of what is all dark
 
     def light(self, gains: Floats) -> None:
         """Count from here on with the `gains` (3, 3) of a drift."""
-        share = np.asarray(1.0 / (1.0 + gains[:, :1]), np.float32)
-        lean = -share * share * gains[:, 1:].astype(np.float32)
-        self.down[:, :, 0] = share + lean[:, 1:] * self.y
-        self.across[:, 1] = lean[:, :1] * self.x
+        share = 1.0 / (1.0 + gains[:, 0, None])
+        self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
 
     def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, out: Planes) -> Planes:
         """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
@@ -63,8 +60,9 @@ class ChangeMaps:
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
         for grey, plane in zip(greys, out, strict=True):
             cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
+        out += np.float32(SOFTENING_GREY)
         out *= self.scale[:, rows, columns]
-        out += self.still[:, rows, columns]
+        out -= np.float32(1.0)
         return out
 
 

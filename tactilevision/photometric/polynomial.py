@@ -41,7 +41,8 @@ RAISED = tuple(  # colour, the products of one order from it on, their products 
     for c, skip, above in zip(range(3), skips, aboves, strict=True)
 )
 PLACE_ORDER = {1: 5, 2: 2, 3: 1}
-MOST, ROWS = PLACE_ORDER[1], PLACE_ORDER[2]  # of single colours, and of all others
+MOST = max(PLACE_ORDER.values())
+LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two and three have a part in
 POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
 TYPICAL = 0.2
 AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
@@ -147,26 +148,23 @@ def _without(power: Floats, noise: Floats) -> Floats:
 
 
 class PolynomialEvaluator:
-    """The polynomial over a whole picture: what a colour says by itself is a map of it, made once; the rest goes
+    """The polynomial over a whole picture, row by row: in one row it is a polynomial of X alone.
 
-    row by row: slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u) in one row, so that one small matrix product does most
-    of the work. The products phi stand in an order in which r, g, b times what follows them gives all of the next
-    order.
+    slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
+    The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
     """
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
-        by_power = np.zeros((2, len(PRODUCTS), MOST + 1, MOST + 1))
+        y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MOST + 1)[None, :]
+        per_row = np.zeros((shape[0], MOST + 1, 2, len(PRODUCTS)))
         for m, (i, j) in enumerate(POWERS):
-            by_power[:, :, i, j] = polynomial.coefficients[:, :, m]
-        x, y = (np.linspace(-1, 1, n) ** np.arange(MOST + 1)[:, None] for n in shape[::-1])
-        rows = by_power @ y
-        self.single: Picture = np.einsum("skih,iw->skhw", rows[:, :3], x).astype(np.float32)
-        self.per_row: Picture = np.ascontiguousarray(
-            rows[:, 3:, : ROWS + 1].transpose(3, 2, 0, 1).reshape(shape[0], -1, len(PRODUCTS) - 3), np.float32
-        )
-        self.x: Picture = x[1].astype(np.float32)
+            per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
+        self.per_row: Picture = per_row.reshape(shape[0], -1, len(PRODUCTS)).astype(np.float32)
+        # high powers of X belong to single colours alone
+        self._low = np.ascontiguousarray(self.per_row[:, :LOW])
+        self._high = np.ascontiguousarray(self.per_row[:, LOW:, :3])
+        self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
         self.bound = np.float32(REACH * polynomial.steepest)
-        self._x = np.repeat(self.x[None, :], shape[0], axis=0)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
@@ -184,18 +182,21 @@ class PolynomialEvaluator:
         for first, below, above in RAISED:
             np.multiply(products[below], products[first], out=products[above])
         by_row = np.empty((self.per_row.shape[1], *size), np.float32)
-        np.matmul(self.per_row[window[0]], products[3:].transpose(1, 0, 2), out=by_row.transpose(1, 0, 2))
-        sums, x = by_row.reshape(-1, 2, *size), self._x[window]
-        found = sums[ROWS]
-        for i in reversed(range(ROWS)):
+        rows, lines = products.transpose(1, 0, 2), by_row.transpose(1, 0, 2)
+        np.matmul(self._low[window[0]], rows, out=lines[:, :LOW])
+        np.matmul(self._high[window[0]], rows[:, :3], out=lines[:, LOW:])
+        sums, x = by_row.reshape(-1, 2, *size), self.x[window[1]]
+        found = sums[MOST]
+        for i in reversed(range(MOST)):
             found *= x
             found += sums[i]
-        found += np.einsum("skhw,khw->shw", self.single[:, :, *window], change)
         np.clip(found, -self.bound, self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
-        return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", self.single**2, noise**2) / 2.0), dtype=np.float32)
+        x = self.x[None, :] ** np.arange(MOST + 1)[:, None]
+        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MOST + 1, 2, len(PRODUCTS))[..., :3], x)
+        return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 
 def _design(change: Floats, place: Floats) -> Floats:
