@@ -22,7 +22,6 @@ from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.effects import EFFECTS
-from calibration.effects.thickness import Thickness
 from calibration.experiment import NextMeasurement, measure_next
 from calibration.fitting import Fit
 from calibration.identify import holding
@@ -36,7 +35,7 @@ from calibration.missing.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.missing.left import Left, left_of, nearest
 from calibration.missing.otherwise import Otherwise, otherwise
 from calibration.missing.outside import CANDIDATES, would_have_to_be
-from calibration.missing.refit import CANNOT_FIT, Candidate, held_out_rms, refit_with
+from calibration.missing.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.missing.search import MOST, TOLD_APART, Searched, Step, search
 from calibration.missing.sight import fit_sight, risen, sighted
 from calibration.missing.unseen import Unseen, allow_for_unseen
@@ -343,5 +342,5 @@ def _refitted(base: Fit, keys: Sequence[str]) -> Sequence[Candidate]:
     for key in keys:
         if key not in base.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(refit_with(base, Thickness(held=False) if key == "thickness" else EFFECTS[key]))
+                found.append(refit_with(base, freed(EFFECTS[key])))
     return found

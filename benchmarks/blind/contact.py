@@ -38,7 +38,10 @@ def elastic_N(world: World, touch: Touch, depth_mm: Floats, known: Curves | None
     if tilt:
         x, up = layer.askew(round(touch.radius_mm / thickness, 2))
         scale = touch.radius_mm * tilt
-        depth_mm = np.where(depth_mm < 2.5 * scale, scale * np.interp(depth_mm / scale, x, up), depth_mm)
+        askew = (depth_mm > -scale) & (
+            depth_mm < 2.5 * scale
+        )  # drawn off further, a face that clings is whole again
+        depth_mm = np.where(askew, scale * np.interp(depth_mm / scale, x, up), depth_mm)
     known = {} if known is None else known
     kind = (touch.radius_mm, thickness)
     if kind not in known:
@@ -66,19 +69,9 @@ def _slope(world: World, radius: float, thickness: float) -> float:
 
 
 def _curve(world: World, radius: float, thickness: float, depth: Floats) -> Floats:
+    force = _upright(world, radius, thickness, depth)
     edge = world.amount("edge_fillet")
-    if not edge:
-        return _upright(world, radius, thickness, depth)
-    # the contact grows: each ring that joins adds its own stiffness from then on
-    reach = layer.rounded_radius(radius, edge, depth)
-    radii = np.linspace(reach.min(), reach.max(), 25)
-    step = depth[1] - depth[0]
-    stiffness = np.array([np.gradient(_upright(world, float(a), thickness, depth), step) for a in radii])
-    place = np.clip((reach - radii[0]) / max(radii[-1] - radii[0], 1e-12) * 24, 0, 23.999)
-    low, share = place.astype(int), place % 1
-    here = np.arange(depth.size)
-    tangent = (1 - share) * stiffness[low, here] + share * stiffness[low + 1, here]
-    return np.concatenate([[0.0], np.cumsum((tangent[1:] + tangent[:-1]) / 2) * step])
+    return force * figures.rounded(edge / thickness, depth / thickness, radius / thickness) if edge else force
 
 
 def _upright(world: World, radius: float, thickness: float, depth: Floats) -> Floats:

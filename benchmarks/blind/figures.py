@@ -21,7 +21,7 @@ import numpy as np
 from tactilevision.records import Floats
 
 if TYPE_CHECKING:
-    from scipy.interpolate import RectBivariateSpline
+    from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 
 HERE = Path(__file__).parent
 FEM_THICKNESS_MM = 3.0
@@ -59,6 +59,15 @@ def times_frictionless(contact: Contact, strain: Floats, ratio: Floats) -> Float
     """Force over that of the same punch without friction, by finite elements; smoothed over strain and a/h."""
     line = _ratio(contact)
     return np.asarray(sum(line[k](ratio) * np.maximum(strain, 0) ** k for k in range(3)))
+
+
+def rounded(edge: float, strain: Floats, ratio: float) -> Floats:
+    """Force of a punch with a rounded edge over a sharp one's, at rho/h = `edge`, w/h = `strain`, a/h = `ratio`.
+
+    By finite elements of a gel that slides (edge_fem.csv), as the slope of `slope_N_per_mm` does.
+    """
+    lost = _lost_to_the_edge()
+    return np.asarray(1 - lost((np.minimum(ratio, lost.grid[0][-1]), edge, np.clip(strain, 0, lost.grid[2][-1]))))
 
 
 def rows(name: str) -> list[dict[str, str]]:
@@ -116,6 +125,34 @@ def _printed_parabola() -> tuple[float, float]:
     rise = np.array(PRINTED_P_OVER_EW_MM) / PRINTED_START_MM - 1
     line, curve = np.linalg.lstsq(np.column_stack([strain, strain**2]), rise, rcond=None)[0]
     return float(line), float(curve)
+
+
+@lru_cache(maxsize=1)
+def _lost_to_the_edge() -> RegularGridInterpolator:
+    """Share of the sharp punch's force that is missing, over a/h, rho/h and w/h.
+
+    The sharp punch is the limit of the three sharpest edges by Aitken's step: what is lost goes with rho while the
+    contact grows, and with rho^1.5 once it is whole, as it is taken to be where an edge was not pressed so deep.
+    """
+    from scipy.interpolate import RegularGridInterpolator
+
+    table = [[float(value) for value in row.values()] for row in rows("edge_fem.csv")]
+    radius, edge, depth = (np.unique([row[k] for row in table]) for k in range(3))
+    force = np.full((radius.size, edge.size, depth.size), np.nan)
+    for a, rho, w, value in table:
+        force[np.searchsorted(radius, a), np.searchsorted(edge, rho), np.searchsorted(depth, w)] = value
+    for k in (1, 0):  # edges that double
+        whole = force[:, k + 1] + (force[:, k + 1] - force[:, k + 2]) / 2**1.5
+        force[:, k] = np.where(np.isfinite(force[:, k]), force[:, k], whole)
+    steps = -np.diff(force[:, :3], axis=1)
+    doubled = np.clip(steps[:, 1:] / steps[:, :1], 2.0, 2**1.5)
+    limit = force[:, :1] + steps[:, :1] / (doubled - 1)
+    lost = np.concatenate([np.zeros_like(limit), 1 - force / limit], axis=1)
+    near, next_one = depth[:2] ** (2 / 3)  # the contact grows with this power at first
+    start = lost[:, :, :1] + (lost[:, :, :1] - lost[:, :, 1:2]) * near / (next_one - near)
+    lost = np.concatenate([start, lost], axis=2)
+    axes = (radius, np.append(0.0, edge), np.append(0.0, depth))
+    return RegularGridInterpolator([axis / FEM_THICKNESS_MM for axis in axes], lost, method="cubic")
 
 
 @lru_cache(maxsize=8)

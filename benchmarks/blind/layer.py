@@ -93,19 +93,3 @@ def _influence(distance: Floats, side: float, thickness: float) -> Floats:
     with np.errstate(divide="ignore"):
         half_space = np.where(distance > 0, 1 / (np.pi * modulus * distance), own)
     return np.asarray(half_space + layer)
-
-
-def rounded_radius(radius: float, edge: float, depth: Floats) -> Floats:
-    """Contact radius of a flat punch with a rounded edge at each depth, by looking the depth up along the radius.
-
-    The depth that brings the contact to b is b times the integral of f'(r)/sqrt(b^2 - r^2), f' = (r - r0)/edge,
-    taken numerically. Half-space; the contact never exceeds `radius`.
-    """
-    flat = radius - edge
-    reach = np.linspace(flat, radius, 200)[1:]
-    angle = (np.arange(400) + 0.5) / 400
-    low = np.arcsin(flat / reach)
-    theta = low[:, None] + (np.pi / 2 - low)[:, None] * angle
-    slope = (reach[:, None] * np.sin(theta) - flat) / edge
-    needed = reach * (np.pi / 2 - low) * slope.mean(axis=1)
-    return np.asarray(np.interp(depth, np.concatenate([[0.0], needed]), np.concatenate([[flat], reach])))

@@ -3,7 +3,7 @@
     edge -> edge + rho
 
 The contact of a rounded edge: tactilevision.mechanics.rounded_edge. Vanishes at rho = 0.
-Source: Sneddon, Int. J. Eng. Sci. 3 (1965) 47.
+Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 """
 
 from __future__ import annotations

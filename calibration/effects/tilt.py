@@ -6,7 +6,8 @@ w = w_read - t a theta the depth of the face's centre: t is 1 where the depth co
 lower edge, as a stage's does, and 0 where it counts from the gel's own base; of other depths nobody says which. f
 is the exact contact without tension of a rigid flat face on a bonded layer, from the table of
 tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
-(w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Vanishes at theta = 0.
+(w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Below -a theta nothing presses, and what clings to the
+face is drawn by all of w. Vanishes at theta = 0.
 Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
 """
 
@@ -62,5 +63,6 @@ class Tilt(EffectBase):
         found = depth.copy()
         for radius in np.unique(data.presses.radius_mm):
             mine = data.radius_mm == radius
-            found[mine] = reach[mine] * upright(depth[mine] / reach[mine], float(radius / data.gel.thickness_mm))
+            x = depth[mine] / reach[mine]
+            found[mine] = reach[mine] * np.where(x < -1, x, upright(x, float(radius / data.gel.thickness_mm)))
         return replace(state, depth_mm=found)

@@ -67,7 +67,7 @@ class FlatPunch(Composable):
         """c and the force on the state's own radius and thickness."""
         sharp, begun = (
             where.factor * punch_stiffness(values[0], values[1], where.radius_mm, where.thickness_mm)
-            for where in (state, on_its_edge(state))
+            for where in (state, on_its_edge(state, values[1], self.sticking))
         )
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
@@ -84,16 +84,22 @@ class FlatPunch(Composable):
         return replace(state, stiffness_N_per_mm=sharp, force_N=begun * depth * bracket)
 
 
-def on_its_edge(state: State) -> State:
+def on_its_edge(state: State, poisson_ratio: float, sticking: float = 0.0) -> State:
     """The contact's radius in place of the punch's where the edge is rounded, its share of force in `factor`."""
     if not np.any(state.edge_mm > 0):
         return state
     radius, share = state.radius_mm.copy(), state.factor.copy()
-    for outer, edge in set(zip(state.radius_mm.tolist(), state.edge_mm.tolist(), strict=True)):
-        if edge <= 0:
-            continue
-        mine = (state.radius_mm == outer) & (state.edge_mm == edge)
-        radius[mine], met = rounded_contact(np.maximum(state.depth_mm[mine], 0), outer, edge)
+    kinds = np.column_stack([state.radius_mm, state.edge_mm, state.thickness_mm])
+    for outer, edge, thickness in np.unique(kinds[kinds[:, 1] > 0], axis=0):
+        mine = np.all(kinds == (outer, edge, thickness), axis=1)
+        radius[mine], met = rounded_contact(
+            state.depth_mm[mine],
+            outer,
+            edge,
+            thickness_mm=thickness,
+            poisson_ratio=poisson_ratio,
+            sticking=sticking,
+        )
         share[mine] *= met
     return replace(state, radius_mm=radius, factor=share)
 

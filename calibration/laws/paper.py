@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.laws.flat_punch import betas, on_its_edge, radius_number, starting_modulus
+from calibration.laws.flat_punch import NOMINAL_NU, betas, on_its_edge, radius_number, starting_modulus
 from calibration.model import Composable
 from calibration.parameters import Parameter
 from calibration.stages import State
@@ -42,7 +42,7 @@ class Paper(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """P = c w (1 + beta w/h), c in proportion to the radius."""
-        met = on_its_edge(state)
+        met = on_its_edge(state, NOMINAL_NU)
         stiffness = values[0] * met.factor * met.radius_mm / np.min(data.presses.radius_mm)
         beta = values[1:][radius_number(data)]
         depth = np.maximum(state.depth_mm, 0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Ints, Observations
+from calibration.effects.thickness import Thickness
 from calibration.fitting import Fit, Problem, fit
 from calibration.minimise import QUICK, Minimum, minimise
 from calibration.model import Model
@@ -76,10 +77,18 @@ def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floa
 
 
 def separation(base: Fit, one: Candidate, other: Effect) -> float:
-    """d: how many std part `one` at its fitted values from the best that `other` can do instead."""
-    mimic = refit_with(base, other, target_N=one.force_N, most=2)
+    """d: how many std part `one` at its fitted values from the best that `other` can do instead.
+
+    What is taken to be known of the other's own size does not part them: that is a judgement, not a look.
+    """
+    mimic = refit_with(base, freed(other), target_N=one.force_N, most=2)
     prior = _prior_cost(base, one)
     return float(np.sqrt(max(mimic.chi2 - prior, 0.0)))
+
+
+def freed(effect: Effect) -> Effect:
+    """The effect without what is stated or judged of its size beforehand."""
+    return Thickness(held=False) if effect.key == Thickness.key else effect
 
 
 def _prior_cost(base: Fit, one: Candidate) -> float:

@@ -20,6 +20,7 @@ import numpy as np
 
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fitting import Fit, fit
+from calibration.identify import beta_name
 from calibration.laws.flat_punch import FlatPunch
 from calibration.missing.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.missing.screen import Scored, Screen, screen
@@ -28,6 +29,7 @@ from calibration.noise import Whitener
 from calibration.repeats.products import Weighing
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.stages import Effect
+from calibration.theory import beta_outside_theory
 from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
@@ -125,11 +127,23 @@ def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
     rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
     enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
     best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
-                and _cost(found, current) < enough), key=lambda f: _cost(f, current), default=None)  # fmt: skip
+                and _cost(found, current) < enough and (not rivals or _lawful(found))),
+               key=lambda f: _cost(f, current), default=None)  # fmt: skip
     try:
         return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
     except CANNOT_FIT:
         return None
+
+
+def _lawful(found: Fit) -> bool:
+    """Whether each radius's slope is one that theory allows; a bend beside another slope is none of theory's."""
+    if not isinstance(found.model.law, FlatPunch):
+        return True
+    nu, h = found.estimate("poisson_ratio"), found.data.gel.thickness_mm
+    radii = np.unique(found.data.presses.radius_mm)
+    return not any(
+        beta_outside_theory(found.estimate(beta_name(found, float(a))), nu, float(a) / h) for a in radii
+    )
 
 
 def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
