@@ -42,9 +42,10 @@ class Stage(IntEnum):
 class State:
     """What travels through the stages; each array is (N,), one number a sample.
 
-    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` by which its edge is rounded;
-    `thickness_mm` of the gel; `factor` on the stiffness; set by the law: `stiffness_N_per_mm` (force over depth as
-    the depth goes to 0, of a sharp edge) and `force_N`.
+    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` by which its edge is rounded and
+    `sticking` from a gel that slides over that (0) to one that sticks (1); `thickness_mm` of the gel; `factor` on
+    the stiffness; set by the law: `stiffness_N_per_mm` (force over depth as the depth goes to 0, of a sharp edge)
+    and `force_N`.
     """
 
     depth_mm: Floats
@@ -54,6 +55,7 @@ class State:
     factor: Floats
     stiffness_N_per_mm: Floats
     force_N: Floats
+    sticking: float = 0.0
 
 
 @runtime_checkable

@@ -2,7 +2,8 @@
 
     edge -> edge + rho
 
-The contact of a rounded edge: tactilevision.mechanics.rounded_edge. Vanishes at rho = 0.
+The contact of a rounded edge: tactilevision.mechanics.rounded_edge, between a gel that slides (t = 0) and one that
+sticks (t = 1) to the edge, and then to the face as well. Vanishes at rho = 0.
 Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 """
 
@@ -33,8 +34,10 @@ class EdgeFillet(EffectBase):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """rho."""
-        return (Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),)
+        """rho, t."""
+        sticks = "0: the gel slides over the edge; 1: it sticks"
+        return (Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
+                Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3))  # fmt: skip
 
     def missing(self, data: Observations) -> str:
         """Only a flat punch has an edge."""
@@ -43,8 +46,8 @@ class EdgeFillet(EffectBase):
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.03], [0.1], [0.3], [0.6]])
+        return np.array([[rho, sticks] for rho in (0.03, 0.1, 0.3, 0.6) for sticks in (0.0, 1.0)])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Round the edge further."""
-        return replace(state, edge_mm=state.edge_mm + values[0])
+        return replace(state, edge_mm=state.edge_mm + values[0], sticking=float(values[1]))

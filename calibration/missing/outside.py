@@ -16,7 +16,6 @@ import numpy as np
 from calibration.data import Observations
 from calibration.effects import get_effect
 from calibration.fitting import Fit, Problem
-from calibration.laws.flat_punch import FlatPunch
 from calibration.missing.refit import CANNOT_FIT
 from calibration.model import Model
 from calibration.noise import Noise, Whitener
@@ -63,10 +62,7 @@ def theory_beta(radius_mm: float, thickness_mm: float) -> float:
 
 def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
     effect, data = get_effect(key), fitted.data
-    law = fitted.model.law
-    if key == "edge_fillet" and isinstance(law, FlatPunch):
-        law = replace(law, sticking=1.0)  # theory's beta is that of a gel that sticks, and so climbs the edge
-    model = Model(law, fitted.model.effects) + effect
+    model = fitted.model + effect
     place = model.slices(data)[key].start
     starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])
     values, thickness = starts[0], data.gel.thickness_mm

@@ -181,7 +181,7 @@ def test_the_tilted_punch_joins_the_upright_one_in_value_and_slope() -> None:
 
 def test_a_rounded_edge_begins_as_a_smaller_punch_and_ends_as_the_sharp_one() -> None:
     data = observations([np.array([1e-6, 0.5, 1.0])], [indenter()])
-    force = (Model(FlatPunch()) + EdgeFillet()).predict(np.array([0.2, 0.48, 0.0, 0.05]), data)
+    force = (Model(FlatPunch()) + EdgeFillet()).predict(np.array([0.2, 0.48, 0.0, 0.05, 0.0]), data)
     small = 2 * 2.45 * 0.2 * kappa(0.48, 2.45 / 3) / (1 - 0.48**2)
     sharp = 2 * 2.5 * 0.2 * kappa(0.48, 2.5 / 3) / (1 - 0.48**2)
     assert force[0] / 1e-6 == pytest.approx(small, rel=2e-3)
