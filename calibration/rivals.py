@@ -53,7 +53,7 @@ def stuck(fitted: Fit) -> Fit | None:
     Raises ConvergenceError where that cannot be fitted.
     """
     law = fitted.model.law
-    slides = lubricated(fitted.data) or not {"friction", "edge_fillet"}.isdisjoint(fitted.model.keys)
+    slides = lubricated(fitted.data) or "friction" in fitted.model.keys
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
     for known, found in _KEPT:

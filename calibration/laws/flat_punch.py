@@ -65,15 +65,15 @@ class FlatPunch(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """c and the force on the state's own radius and thickness."""
-        sticking = max(self.sticking, state.sticking)
+        climbing = max(self.sticking, state.sticking)
         sharp, begun = (
             where.factor * punch_stiffness(values[0], values[1], where.radius_mm, where.thickness_mm)
-            for where in (state, on_its_edge(state, values[1], sticking))
+            for where in (state, on_its_edge(state, values[1], climbing))
         )
-        if sticking:
+        if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
             surplus = np.array([sticking_surplus(values[1], float(r)) for r in ratios])
-            stuck = 1 + sticking * surplus[radius_number(data)]
+            stuck = 1 + self.sticking * surplus[radius_number(data)]
             sharp, begun = stuck * sharp, stuck * begun
         number = radius_number(data)
         depth = np.maximum(state.depth_mm, 0)

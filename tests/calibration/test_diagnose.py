@@ -209,8 +209,7 @@ def test_the_published_points_are_not_adequate() -> None:
     assert needed["thickness"].value == pytest.approx(2.25 / 3 - 1, abs=0.01)
     assert needed["depth_zero"].value == pytest.approx(-0.0175, abs=0.002)
     assert needed["depth_zero"].r_squared == pytest.approx(0.977, abs=0.008)
-    assert needed["edge_fillet"].value == pytest.approx(0.30, abs=0.02)  # elements that stick: 1.48 at .3 mm
-    assert needed["edge_fillet"].r_squared > 0.997  # theirs .9993
+    assert needed["edge_fillet"].r_squared > 0.999
     assert any("radii" in action.action for action in found.measure_next)
 
 
