@@ -8,8 +8,9 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Self
 
@@ -29,7 +30,8 @@ from tactilevision.records import Bools, Frame, HeightMap
 from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
 
 TABLE = "depth.csv"
-MAPS, STORE = "depth", "depth.zarr"
+MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
+QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
 JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
 COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
 Form = Literal["tiff", "zarr"]
@@ -63,13 +65,16 @@ class FrameResult:
 class DepthJob:
     """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each.
 
+    `names` are the frames' without endings, where that leaves them apart. `with_std` keeps the deviation, too.
     `anchor` puts the faces of certified presses where their certificate has them.
     """
 
     reconstructor: Reconstructor
-    maps: Path
+    out: Path
     scratch: Path | None = None
     anchor: FaceAnchor = UNHELD
+    with_std: bool = False
+    names: Mapping[str, str] = field(default_factory=dict)
     columns: int = len(COLUMNS)
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
@@ -82,10 +87,7 @@ class DepthJob:
             spent = 1e3 * (time.perf_counter() - start)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
-        if self.scratch is None:
-            write_tiff(self._path(frame.name), height)
-        else:
-            write_frame(self.scratch, number, {"depth_mm": masked(height)})
+        self._keep(height, frame.name, number)
         contact = find_contact(height, self.reconstructor.error)
         peak_mm, area_mm2 = _measured(height, contact)
         flags = add(height.flags, [BORDER] if at_border(contact) else [])
@@ -96,10 +98,21 @@ class DepthJob:
         """Whether the map is there. A store that is being filled is there as a whole."""
         if row[1] != "ok":
             return True
-        return self._path(row[0]).exists() if self.scratch is None else self.scratch.exists()
+        if self.scratch is not None:
+            return self.scratch.exists()
+        return all(self._path(row[0], folder).exists() for folder in (MAPS, *((STDS,) if self.with_std else ())))
 
-    def _path(self, name: str) -> Path:
-        return self.maps / f"{Path(name).stem}.tiff"
+    def _keep(self, height: HeightMap, name: str, number: int) -> None:
+        std_mm = np.full(height.depth_mm.shape, np.nan) if height.std_mm is None else height.std_mm
+        fields = {MAPS: height} | ({STDS: replace(height, depth_mm=std_mm)} if self.with_std else {})
+        if self.scratch is not None:
+            write_frame(self.scratch, number, {f"{kind}_mm": masked(one) for kind, one in fields.items()})
+            return
+        for kind, one in fields.items():
+            write_tiff(self._path(name, kind), one, quantity=QUANTITIES[kind])
+
+    def _path(self, name: str, kind: str) -> Path:
+        return self.out / kind / f"{self.names.get(name, Path(name).stem)}.tiff"
 
 
 def reconstruct_folder(
@@ -111,34 +124,33 @@ def reconstruct_folder(
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
     anchor: FaceAnchor = UNHELD,
+    with_std: bool = False,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
 
-    `form` "tiff": depth/NAME.tiff; "zarr": depth.zarr with depth_mm (frames, rows, columns) and frame, the names.
+    `form` "tiff": depth/NAME.tiff, of two frames that differ in their ending alone depth/NAME.ENDING.tiff; "zarr":
+    depth.zarr with depth_mm (frames, rows, columns) and frame, the names. `with_std` adds the standard deviation
+    of every depth: depth_std/NAME.tiff, or depth_std_mm.
     `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
     `anchor` holds the faces of certified presses (press/anchor.py).
     """
     out, names = Path(out), recording.frame_names
-    make_folder(out / MAPS if form == "tiff" else out)
-    if len({Path(name).stem for name in names}) != len(names):
-        raise InputError("two frames share a name but for its ending", where=recording.path,
-                         remedy="Rename one: each frame's map is stored under its name.")  # fmt: skip
-    clear_leftovers(out / MAPS)
+    kinds = (MAPS, STDS) if with_std else (MAPS,)
+    for folder in (out / kind for kind in kinds) if form == "tiff" else (out,):
+        make_folder(folder)
+        clear_leftovers(folder)
     scratch = out / SCRATCH if form == "zarr" else None
-    journal = Journal(
-        out / JOURNAL,
-        fingerprint_of(recording, form, way_of_reading(recording, reconstructor.height_map), anchor.gauge),
-    )
-    job = DepthJob(reconstructor, out / MAPS, scratch, anchor)
+    seen = way_of_reading(recording, reconstructor.height_map)
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, anchor.gauge, with_std))
+    job = DepthJob(reconstructor, out, scratch, anchor, with_std, _apart(recording))
     sensor = reconstructor.sensor
 
     def begin() -> None:
         if scratch is not None:
             about = {"mm_per_px": list(sensor.mm_per_px), "quantity": "depth into the gel"}
-            begin_frames(
-                scratch, names, {"depth_mm": "mm"}, shape=(sensor.height_px, sensor.width_px), about=about
-            )
+            fields = dict.fromkeys((f"{kind}_mm" for kind in kinds), "mm")
+            begin_frames(scratch, names, fields, shape=(sensor.height_px, sensor.width_px), about=about)
 
     done = run_job(recording, job, journal, workers=workers, progress=progress, begin=begin)
     rows = tuple(FrameResult.of(row) for row in done)
@@ -147,6 +159,16 @@ def reconstruct_folder(
     write_text(out / TABLE, table(rows))
     journal.end()
     return rows
+
+
+def _apart(recording: Recording) -> dict[str, str]:
+    """Names of the frames' maps: without their endings, but where two frames differ in nothing else."""
+    stems = Counter(Path(name).stem for name in recording.frame_names)
+    apart = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
+    if len(set(apart.values())) != len(apart):
+        raise InputError("two frames would share a map's name", where=recording.path,
+                         remedy="Rename one: a map is stored under its frame's name.")  # fmt: skip
+    return apart
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:

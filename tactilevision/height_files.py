@@ -14,11 +14,14 @@ from tactilevision.files import replacing
 from tactilevision.records import HeightMap, Pair
 
 
-def write_tiff(path: Path | str, height: HeightMap) -> None:
-    """Write depth in mm as float32, NaN where invalid, never clipped; the scale goes into the file's own tags."""
+def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
+    """Write depth in mm as float32, NaN where invalid, never clipped; the scale goes into the file's own tags.
+
+    `quantity`: what is in place of the depth.
+    """
     import tifffile
 
-    about = {"quantity": "depth into the gel", "unit": "mm", "mm_per_px": list(height.mm_per_px)}
+    about = {"quantity": quantity, "unit": "mm", "mm_per_px": list(height.mm_per_px)}
     with replacing(path) as temporary:
         tifffile.imwrite(
             temporary,

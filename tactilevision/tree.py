@@ -10,6 +10,7 @@ import io
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tactilevision.errors import InputError, OutputError, RecordingError
@@ -22,6 +23,7 @@ from tactilevision.recording.pictures import find_frames
 REFERENCE = layout.FLATS.split("/")[0]
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
+Run = Callable[[Recording, Reconstructor, Path], tuple[FrameResult, ...]]
 Progress = Callable[[int, int, str], None]
 
 
@@ -60,6 +62,7 @@ def reconstruct_tree(
     form: Form = "tiff",
     workers: int | None = None,
     progress: Progress | None = None,
+    with_std: bool = False,
 ) -> tuple[Branch, ...]:
     """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
@@ -79,7 +82,7 @@ def reconstruct_tree(
         raise InputError("there are neither recordings, pictures nor videos in it", where=root)
     total, branches, left = sum(len(recording.frame_names) for _, recording in found), [], []
     for name, recording in found:
-        known = _rows_of_finished(out / name, recording, form)
+        known = _rows_of_finished(out / name, recording, _way(form, with_std))
         if known is None:
             left.append((name, recording))
         else:
@@ -93,7 +96,8 @@ def reconstruct_tree(
             if progress is not None:
                 progress(before + done, total, name)
 
-        branches.append(_branch(name, recording, out, light=light, form=form, workers=workers, report=report))
+        run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
+        branches.append(_branch(name, recording, out, light=light, run=run, way=_way(form, with_std)))
         before += len(recording.frame_names)
     every = sorted((*branches, *refused), key=lambda branch: branch.name)
     if all(branch.why for branch in every):
@@ -105,16 +109,20 @@ def reconstruct_tree(
     return tuple(every)
 
 
-def _branch(name: str, recording: Recording, out: Path, *, light: Light, form: Form, workers: int | None,
-            report: Callable[[int, int], None]) -> Branch:  # fmt: skip
+def _way(form: Form, with_std: bool) -> str:
+    """How maps are kept, in words."""
+    return f"{form} with std" if with_std else form
+
+
+def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Run, way: str) -> Branch:
     place = out / name
     try:
-        rows = reconstruct_folder(recording, light(recording), place, workers=workers, progress=report, form=form)
+        rows = run(recording, light(recording), place)
     except OutputError:
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))
-    write_text(_finished(place), "\n".join((form, str(recording.path.resolve()), *recording.frame_names)))
+    write_text(_finished(place), "\n".join((way, str(recording.path.resolve()), *recording.frame_names)))
     return Branch(name, rows)
 
 
@@ -123,14 +131,14 @@ def _finished(place: Path) -> Path:
     return place / ".depth-finished"
 
 
-def _rows_of_finished(place: Path, recording: Recording, form: Form) -> tuple[FrameResult, ...] | None:
+def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
         said = _finished(place).read_text(encoding="utf-8").split("\n")
         with (place / TABLE).open(encoding="utf-8", newline="") as file:
             rows = [tuple(row) for row in csv.reader(file)][1:]
     except OSError:
         return None
-    if said != [form, str(recording.path.resolve()), *recording.frame_names]:
+    if said != [way, str(recording.path.resolve()), *recording.frame_names]:
         return None
     return tuple(FrameResult.of(row) for row in rows)
 

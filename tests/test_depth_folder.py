@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tifffile
+import zarr
 
 from tactilevision.folder import COLUMNS, measure, reconstruct_folder, std_at
 from tactilevision.height_files import read_tiff, write_tiff
 from tactilevision.photometric.method import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
-from tactilevision.records import Bytes, HeightMap, Sensor, SlopeMap
+from tactilevision.records import Bytes, Frame, HeightMap, Sensor, SlopeMap
 
 SENSOR = Sensor("custom", 64, 48, (0.1, 0.2))
 
@@ -159,3 +162,40 @@ def test_waves_of_untouched_gel_are_no_contact_and_a_gentle_touch_is() -> None:
     assert np.count_nonzero(free) <= 1
     assert touched.min() > 0.2
     assert np.median(touched) < 1.5, "of .75 mm2 above the waves"
+
+
+def test_frames_that_differ_in_their_ending_alone_have_each_its_map(tmp_path: Path) -> None:
+    """One of them is pressed, one is not."""
+    source = recording(tmp_path / "in", count=3)
+    frames = tmp_path / "in" / "frames"
+    cv2.imwrite(str(frames / "001.bmp"), np.full((48, 64, 3), 100, np.uint8))
+    names = ("000.png", "001.png", "001.bmp")
+    both = dataclasses.replace(source, frame_names=names)
+    rows = reconstruct_folder(both, Reconstructor(SENSOR, method()), tmp_path / "out", workers=1)
+    assert {row.status for row in rows} == {"ok"}
+    depth = tmp_path / "out" / "depth"
+    assert sorted(path.name for path in depth.iterdir()) == ["000.tiff", "001.bmp.tiff", "001.png.tiff"]
+    assert (
+        read_tiff(depth / "001.png.tiff").depth_mm.max() > 0.01 > read_tiff(depth / "001.bmp.tiff").depth_mm.max()
+    )
+
+
+class Unsure(Reconstructor):
+    """States that all its depths are known to 12 um."""
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        height = super().height_map(frame)
+        return dataclasses.replace(height, std_mm=np.full(height.depth_mm.shape, 0.012))
+
+
+def test_deviations_are_kept_beside_the_depths(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "in", count=2), tmp_path / "out"
+    reconstruct_folder(source, Unsure(SENSOR, method()), out, workers=1, with_std=True)
+    assert sorted(path.name for path in (out / "depth").iterdir()) == ["000.tiff", "001.tiff"]
+    std = tifffile.imread(out / "depth_std" / "001.tiff")
+    assert std.shape == tifffile.imread(out / "depth" / "001.tiff").shape == (48, 64)
+    assert np.allclose(std, 0.012)
+    reconstruct_folder(source, Unsure(SENSOR, method()), tmp_path / "z", workers=1, form="zarr", with_std=True)
+    store = zarr.open_group(str(tmp_path / "z" / "depth.zarr"), mode="r")
+    assert np.allclose(np.asarray(store["depth_std_mm"]), 0.012)
+    assert store["depth_mm"].shape == store["depth_std_mm"].shape == (2, 48, 64)

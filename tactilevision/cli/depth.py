@@ -40,6 +40,9 @@ def depth(
         typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: holds the faces."),
     ] = None,
     form: Annotated[Form, typer.Option("--format", help="One TIFF a frame, or one Zarr store.")] = Form.TIFF,
+    with_std: Annotated[
+        bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
+    ] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,
@@ -59,7 +62,7 @@ def depth(
         with console.progress_bar("frames") as progress:
             branches = reconstruct_tree(
                 path, out, read=lambda one: source.open_branch(one, sensor, reference), light=light,
-                form=form.value, workers=workers, progress=progress,
+                form=form.value, workers=workers, progress=progress, with_std=with_std,
             )  # fmt: skip
         for branch in branches:
             said = f"passed over: {branch.why}" if branch.why else _counted(branch.rows)
@@ -74,8 +77,9 @@ def depth(
             certified = anchor.gauge is not None
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
-                recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor
-            )
+                recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor,
+                with_std=with_std,
+            )  # fmt: skip
         refused = {}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"

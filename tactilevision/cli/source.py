@@ -77,5 +77,6 @@ def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
     else:
+        console.warn([anchor.doubt] if anchor.doubt else [])
         console.say("faces are as deep as the certificate beside the calibration has them")
     return anchor

@@ -31,6 +31,7 @@ def train(
     from tactilevision.photometric.card import provenance
     from tactilevision.photometric.method import CalibratedMethod
     from tactilevision.photometric.storage import save_method
+    from tactilevision.press.gauge import doubt_of_scale
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 
@@ -50,7 +51,12 @@ def train(
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     with console.progress_bar("certifying flat steps"):
         steps, why = flat_steps(source, made)
+    doubt = doubt_of_scale(
+        [(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls]
+    )
+    console.warn([doubt] if doubt else [])
     known = told("flat_steps", steps) if steps else {"flat_steps": why}
+    known |= {"doubt_of_scale": doubt} if doubt else {}
     card = {**made.method.card, **known, **provenance(data, licence=licence)}
     path = save_method(dataclasses.replace(made.method, card=card), out)
     also: tuple[str, ...] = (".onnx", ".json") if method == "network" else (".json",)

@@ -14,6 +14,7 @@ import numpy as np
 
 from tactilevision.records import Bools, Floats, Pair
 
+TRIALS = 200
 _TUKEY = 4.685  # of the residuals' scale: 95 % efficient on Gaussian points
 
 
@@ -54,19 +55,29 @@ def fit_circle(
 
 
 def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:
-    """The circle through three points that most others lie on; the start, where no three points agree better."""
-    from skimage.measure import CircleModel, ransac
+    """The circle through three points that most others lie on; the start, where no three points agree better.
 
+    Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
+    """
     near, wide = 3 * scale_mm, start[1]
-    model, inliers = ransac(
-        points, CircleModel, min_samples=3, residual_threshold=near, max_trials=200, stop_probability=0.9999,
-        is_model_valid=lambda found, *_: 0.3 * wide < found.radius < 3 * wide,
-        rng=len(points),  # a draw that repeats: the same points give the same circle
-    )  # fmt: skip
-    offset = np.abs(np.hypot(*(points - np.asarray(start[0])).T) - wide)
-    if model is None or inliers is None or inliers.sum() < (offset < near).sum():
-        return np.asarray(start[0], dtype=np.float64), wide
-    return np.asarray(model.center, dtype=np.float64), float(model.radius)
+    rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
+    first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
+    b, c = b - first, c - first
+    twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    apart = np.abs(twice) > 1e-9 * wide**2
+    first, b, c, twice = first[apart], b[apart], c[apart], twice[apart, None]
+    square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
+    to_centre = (
+        np.stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b], axis=1)
+        / twice
+    )
+    radii = np.hypot(*to_centre.T)
+    likely = (0.3 * wide < radii) & (radii < 3 * wide)
+    centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
+    radii = np.concatenate([[wide], radii[likely]])
+    away = np.hypot(*(points.T[:, None] - centres.T[..., None]))
+    best = int(np.argmax(np.count_nonzero(np.abs(away - radii[:, None]) < near, axis=1)))
+    return centres[best], float(radii[best])
 
 
 def _refine(points: Floats, start: tuple[Floats, float], scale_mm: float) -> tuple[Floats, float, Floats]:

@@ -42,15 +42,20 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     of untouched gel go as deep as that over wide areas, it counts where LEAST_PX of it are deeper than they are to
     be expected anywhere in the picture, by the `error` of the method that made the map. Specks do not count.
     """
+    from scipy.ndimage import find_objects
+    from skimage.measure import label
+
     found = np.zeros(height.depth_mm.shape, np.bool_)
     deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), LEAST_MM))
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(deep.view(np.uint8), connectivity=4)
-    sure = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=count) >= LEAST_PX
-    sizes = np.where(sure, boxes[:, cv2.CC_STAT_AREA], 0)
+    labels = label(deep, connectivity=1)
+    sizes = np.bincount(labels.ravel())
+    surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
+    sizes[surely < LEAST_PX] = 0
     sizes[0] = 0
+    windows = find_objects(labels)
     for k in np.flatnonzero((sizes > 0) & (sizes >= SPECK * sizes.max())):
-        left, top, width, tall, _ = boxes[k]
-        window = slice(top, top + tall), slice(left, left + width)
+        rows, columns = windows[k - 1]
+        window = rows, columns
         found[window] |= _to_its_edge(height, window, labels[window] == k)
     return found
 

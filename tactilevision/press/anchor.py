@@ -18,7 +18,7 @@ import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
-from tactilevision.press.gauge import Gauge, find_gauge
+from tactilevision.press.gauge import Gauge, doubt_of_scale, find_gauge
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
 
@@ -41,10 +41,14 @@ class Certified:
 
 @dataclass(frozen=True, slots=True)
 class FaceAnchor:
-    """`gauge` of the faces in `spans` (first and last time of a press, its indenter); without them, nothing."""
+    """`gauge` of the faces in `spans` (first and last time of a press, its indenter); without them, nothing.
+
+    `doubt` is a sentence where they contradict the picture's scale.
+    """
 
     gauge: Gauge | None = None
     spans: tuple[tuple[float, float, Indenter], ...] = ()
+    doubt: str = ""
 
     def __call__(self, height: HeightMap) -> HeightMap:
         """The map with its face where the certificate puts it; as it was where no face of these presses shows."""
@@ -96,7 +100,11 @@ def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified
             pairs.append((seen, one.depth_mm))
             spans.append((press.start_s, press.end_s, indenter))
     gauge = find_gauge(pairs) if len(pairs) >= FEWEST else None
-    return UNHELD if gauge is None else FaceAnchor(gauge, tuple(spans))
+    if gauge is None:
+        return UNHELD
+    return FaceAnchor(
+        gauge, tuple(spans), doubt_of_scale(pairs, [ball.ball_radius_mm for ball in recording.balls])
+    )
 
 
 def _seen_mm(recording: Recording, maps: _Maps, indenter: Indenter, time_s: float) -> float:

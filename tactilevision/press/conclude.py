@@ -16,7 +16,7 @@ from tactilevision.press.curves import press_curve
 from tactilevision.press.event import crossing
 from tactilevision.press.evidence import evidence_of
 from tactilevision.press.falls import falls_beside
-from tactilevision.press.gauge import find_gauge
+from tactilevision.press.gauge import doubt_of_scale, find_gauge
 from tactilevision.press.rise import (
     Rise,
     blur_place,
@@ -58,8 +58,10 @@ def conclude(chain: Chain) -> Certificate:
         point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press),
                        leans_rad=leans)  # fmt: skip
         points.append(_judged(point, said.get(press.press, (_UNSEEN,))))
-    gauge = find_gauge([(touch.depth_seen_mm, point.depth_mm) for point in points
-                        if point.accepted and (touch := looks[point.press].touch) is not None])  # fmt: skip
+    faces = [(touch.depth_seen_mm, point.depth_mm) for point in points
+             if point.accepted and (touch := looks[point.press].touch) is not None]  # fmt: skip
+    gauge = find_gauge(faces)
+    doubts = filter(None, [doubt_of_scale(faces, [ball.ball_radius_mm for ball in chain.recording.balls])])
     seen = [(looks[point.press], point) for point in points if point.press in looks]
     curves = [curve for look, point in seen if (curve := press_curve(look, point, gauge)) is not None]
     evidence = {point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
@@ -68,7 +70,7 @@ def conclude(chain: Chain) -> Certificate:
     return Certificate(
         points=tuple(points), curves=tuple(curves), clock_offset=chain.offset, evidence=evidence,
         rise=next(iter(rises.values()), None), bevel_distance_mm=given.distance_mm if given else None,
-        gauge=gauge, warnings=tuple(_warnings(chain, timed, rises)),
+        gauge=gauge, warnings=(*_warnings(chain, timed, rises), *doubts),
     )  # fmt: skip
 
 

@@ -115,6 +115,6 @@ def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
     peaks = []
     for held in (UNHELD, anchor):
         DepthJob(cast(Reconstructor, Short()), tmp_path, anchor=held)(frame, 0)
-        peaks.append(float(np.median(read_tiff(tmp_path / "20.tiff").depth_mm[50:70, 70:90])))
+        peaks.append(float(np.median(read_tiff(tmp_path / "depth" / "20.tiff").depth_mm[50:70, 70:90])))
     assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)
     assert peaks[1] == pytest.approx(0.4, rel=0.01)
