@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 MUCH = 3.0  # times the usual misfit, or
-WAVY = 12.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
-LEAST_MISFIT, LEAST_STD_MM = 1.0, 0.001  # that are usual: one reading's own noise
+WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
+LEAST_MISFIT, LEAST_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
 UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
 LOOKED_AT = 5  # frames of a recording
 
