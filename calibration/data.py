@@ -182,6 +182,11 @@ class Observations:
         return np.asarray(stated[self.presses.indenter[self.press]])
 
     @property
+    def lubricated(self) -> bool:
+        """Whether all presses were."""
+        return bool(np.all(self.presses.lubricated == 1))
+
+    @property
     def is_curves(self) -> bool:
         """True where presses hold more than one sample."""
         return self.size > self.count

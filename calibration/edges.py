@@ -23,32 +23,26 @@ def stated_edge_mm(fitted: Fit, radius_mm: float) -> float | None:
     return max(known) if edges and len(known) == len(edges) else None
 
 
-def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_ratio: float, beta: float,
-                  sticking: float = 0.0) -> Pair:  # fmt: skip
+def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_ratio: float, beta: float) -> Pair:
     """Intercept over the sharp punch's c, and slope over intercept, of the line through P/w at this radius."""
     h = fitted.data.gel.thickness_mm
     depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
     if edge_mm <= 0 or np.ptp(depth) <= 0:
         return 1.0, beta
-    met, share = rounded_contact(
-        depth, radius_mm, edge_mm, thickness_mm=h, poisson_ratio=poisson_ratio, sticking=sticking
-    )
+    met, share = rounded_contact(depth, radius_mm, edge_mm, thickness_mm=h, poisson_ratio=poisson_ratio,
+                                 sticking=float(not fitted.data.lubricated))  # fmt: skip
     share = share * _stiffness(poisson_ratio, met, h) / _stiffness(poisson_ratio, np.array([radius_mm]), h)
-    strain = depth / h  # forces are what was read: P/w counts by its depth
-    line = np.column_stack([strain, strain**2])
-    start, slope = np.linalg.lstsq(line, strain * share * (1 + beta * strain), rcond=None)[0]
+    ones, strain = np.ones(depth.size), depth / h
+    start, slope = np.linalg.lstsq(np.column_stack([ones, strain]), share * (1 + beta * strain), rcond=None)[0]
     return float(start), float(slope / start)
 
 
 def usual_softening(fitted: Fit, radius_mm: float, poisson_ratio: float) -> float:
-    """By what share E may be higher because an edge that is not stated is rounded as machined ones are.
-
-    Of a gel that sticks, which the edge softens more; finite elements of one that slides have 2 % at a/h .83.
-    """
+    """By what share E may be higher because an edge that is not stated is rounded as machined ones are."""
     if not isinstance(fitted.model.law, FlatPunch) or stated_edge_mm(fitted, radius_mm) is not None:
         return 0.0
     edge = EDGE_OVER_H * fitted.data.gel.thickness_mm
-    start, _ = straight_line(fitted, radius_mm, edge, poisson_ratio=poisson_ratio, beta=0.0, sticking=1.0)
+    start, _ = straight_line(fitted, radius_mm, edge, poisson_ratio=poisson_ratio, beta=0.0)
     return max(1 / start - 1, 0.0)
 
 

@@ -122,7 +122,8 @@ def rest_state(data: Observations) -> State:
     """The state before the first stage: everything as it was read or stated."""
     ones, zeros = np.ones(data.size), np.zeros(data.size)
     thickness = np.full(data.size, data.gel.thickness_mm)
-    return State(data.depth_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros)
+    sticking = float(not data.lubricated)  # to the edge: silicone grips what it is pressed on
+    return State(data.depth_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros, sticking)
 
 
 def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:

@@ -78,4 +78,4 @@ def with_usual_edges(data: Observations) -> Observations:
 
 def lubricated(data: Observations) -> bool:
     """Whether all presses were."""
-    return bool(np.all(data.presses.lubricated == 1))
+    return data.lubricated

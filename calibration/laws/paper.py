@@ -42,7 +42,7 @@ class Paper(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """P = c w (1 + beta w/h), c in proportion to the radius."""
-        met = on_its_edge(state, NOMINAL_NU)
+        met = on_its_edge(state, NOMINAL_NU, state.sticking)
         stiffness = values[0] * met.factor * met.radius_mm / np.min(data.presses.radius_mm)
         beta = values[1:][radius_number(data)]
         depth = np.maximum(state.depth_mm, 0)

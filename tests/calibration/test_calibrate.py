@@ -69,8 +69,7 @@ def test_one_punch_fixes_c_and_not_nu() -> None:
     curve = dict(result.youngs_modulus_of_nu)
     assert curve[0.48] == pytest.approx(0.19124, abs=1e-4)
     low, high = result.youngs_modulus.interval95 or (0, 0)
-    softer = high / curve[0.45] - 1  # elements that slide: .0142
-    assert 0.0142 < softer < 0.03, "a rounded edge, of which nothing is stated, raises E"
+    assert curve[0.45] * 1.02 < high < curve[0.45] * 1.03, "a rounded edge, of which nothing is stated, raises E"
     assert low < curve[0.4999] < high, "sticking may lower E further"
 
 
@@ -181,7 +180,7 @@ def test_a_stated_edge_is_taken_out_of_E_but_not_of_the_line() -> None:
     stated, sharp = calibrate(edged(0.1)), calibrate(edged(0.0))
     truly_sharp = calibrate(edged(0.0, true_mm=0.0)).youngs_modulus.value
     assert truly_sharp == pytest.approx(0.2, rel=0.025), "what is bent is carried on straight"
-    assert stated.youngs_modulus.value == pytest.approx(0.2, rel=0.01)
+    assert stated.youngs_modulus.value == pytest.approx(truly_sharp, rel=0.01)
     assert (sharp.youngs_modulus.value or 0) < 0.96 * (truly_sharp or 0), "blunt, taken as sharp"
     assert stated.c.value == pytest.approx(sharp.c.value, rel=5e-3)
     assert stated.beta.value == pytest.approx(sharp.beta.value, abs=0.03)
