@@ -14,20 +14,21 @@ import numpy as np
 
 from tactilevision.photometric.response import SOFTENING_GREY, STRAIGHT, Response
 from tactilevision.photometric.samples import Samples
-from tactilevision.photometric.through_light import GENTLE, fit_light
+from tactilevision.photometric.through_light import GENTLE, PLACE_ORDER, fit_light, terms_of
 from tactilevision.records import Bools, Floats
 
 STRAY = (0.0, 0.1, 0.2)
 CLEARLY = 2 / 3
 DARK_GREY = 30.0  # below, stray light and the black level bend the answer
 SHADOW = 0.1  # least I / I_0
+SLOWLY = terms_of({**PLACE_ORDER, 1: 2})  # over the picture, as STRAIGHT
 
 
 def response_of(contact: Samples, level: Floats) -> Response:
     """The response that samples of balls show; `level` (N, 3) is the untouched picture at them."""
     ratio = np.maximum(1.0 + contact.change * (level + SOFTENING_GREY) / np.maximum(level, 1.0), SHADOW)
     straight, root = (_bent(power, ratio, contact, level > DARK_GREY) for power in (1, 2))
-    return Response(1 if straight < CLEARLY * root else 2, fit_light(contact)[: len(STRAIGHT)])
+    return Response(1 if straight < CLEARLY * root else 2, fit_light(contact, terms=SLOWLY)[: len(STRAIGHT)])
 
 
 def _bent(power: int, ratio: Floats, contact: Samples, bright: Bools) -> float:
