@@ -12,8 +12,9 @@ read as fast as before.
 
 On five simulated sensors with 8 or 14 balls the depth of balls left out is off by 7 9 13 16 30 um, with the direct
 fit alone by 19 14 15 27 38. Lamps as near as the pad is wide need the third order: among 14 balls slopes are off
-by 1.8 % (rms over places and directions, mean of nine drawn lights), with the second by 2.2. Real light may obey no such
-law: balls left out decide which is used, one recording at a time (`EitherWay`; so do `depth`, `force` and `view`).
+by 1.8 % (rms over places and directions, mean of nine drawn lights), with the second by 2.2. Real light may obey
+no such law: balls left out decide which is used, one recording at a time (`EitherWay`; so do `depth`, `force` and
+`view`).
 """
 
 from __future__ import annotations
