@@ -18,7 +18,7 @@ from calibration.edges import stated_edge_mm, straight_line
 from calibration.fitting import Fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.plausible import GEL_MODULUS_MPA
-from calibration.rivals import Rival, lubricated, rivals
+from calibration.rivals import Rival, rivals
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
@@ -159,7 +159,7 @@ def holding(one: Estimate, other: Pair | None, share: float = 1.0) -> Estimate:
 
 def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[str]) -> float:
     """By what share E may be lower because the gel sticks; 0 where the presses were lubricated."""
-    if lubricated(fitted.data):
+    if fitted.data.lubricated:
         assumptions.append("the presses were lubricated: no friction")
         return 0.0
     if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:

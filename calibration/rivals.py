@@ -53,7 +53,7 @@ def stuck(fitted: Fit) -> Fit | None:
     Raises ConvergenceError where that cannot be fitted.
     """
     law = fitted.model.law
-    slides = lubricated(fitted.data) or "friction" in fitted.model.keys
+    slides = fitted.data.lubricated or "friction" in fitted.model.keys
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
     for known, found in _KEPT:
@@ -74,8 +74,3 @@ def with_usual_edges(data: Observations) -> Observations:
     usual = EDGE_OVER_H * data.gel.thickness_mm
     return replace(data, indenters=tuple(
         replace(i, edge_radius_mm=usual) if i.edge_radius_mm is None else i for i in data.indenters))  # fmt: skip
-
-
-def lubricated(data: Observations) -> bool:
-    """Whether all presses were."""
-    return data.lubricated
