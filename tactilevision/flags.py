@@ -7,8 +7,11 @@ from collections.abc import Iterable
 MOVED = "moved"
 LIGHT = "light"
 BORDER = "border"
+REFERENCE = "reference"
 MEANING = {
     MOVED: "the picture lies beside its reference: depth may be false everywhere",
+    REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "
+    "and may be everywhere where the light was calibrated with it",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT, MOVED
+from tactilevision.flags import LIGHT, MOVED, REFERENCE
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.moved import moved_by
@@ -40,7 +40,8 @@ LOOKED_AT = 5  # frames of a recording
 class Likeness:
     """Flags the pictures of one method that are unlike its reference.
 
-    `moved` (right, down) by so many pixels; `seen` of the last picture, in the order of UNTOLD.
+    `moved` (right, down) by so many pixels; `touched`, where (x, y in px) the reference itself, or that which the
+    light was calibrated with, shows a contact; `seen` of the last picture, in the order of UNTOLD.
 
     `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
     """
@@ -50,6 +51,7 @@ class Likeness:
         told: Mapping[str, float] = method.card.get("usual", UNTOLD) if usual is None else usual
         self.usual = max(LEAST_MISFIT, float(told["misfit"])), max(LEAST_STD_MM, float(told["zero_std_mm"]))
         self.moved: Pair | None = None
+        self.touched: Pair | None = method.card.get("contact_in_reference_px")
         self.seen: tuple[float, ...] = ()
 
     def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
@@ -66,10 +68,10 @@ class Likeness:
 
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
-        moved = () if self.moved is None else (MOVED,)
+        lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
         self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
         misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
-        return (*moved, LIGHT) if max(misfit / MUCH, misfit * waves / WAVY) > 1.0 else moved
+        return (*lasting, LIGHT) if max(misfit / MUCH, misfit * waves / WAVY) > 1.0 else tuple(lasting)
 
 
 def usual_of(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:

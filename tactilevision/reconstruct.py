@@ -41,6 +41,7 @@ from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, 
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.spread import spread_beside
 from tactilevision.surface import integrate
+from tactilevision.touched_reference import contact_in_reference
 from tactilevision.two_grids import TwoGrids
 from tactilevision.walls import Wall, find_walls, restore, restore_windows
 from tactilevision.weights import find_model
@@ -126,9 +127,18 @@ class Reconstructor:
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
 
     def look(self, pictures: Sequence[Bytes]) -> None:
-        """See by rectified pictures whether they lie beside the reference; warn, and flag maps, where they do."""
-        if self.likeness is not None:
-            self.warnings += self.likeness.look(pictures)
+        """See by rectified pictures whether they lie beside the reference, or a contact is in it; warn, and flag
+        maps, where it is so."""
+        if self.likeness is None:
+            return
+        self.warnings += self.likeness.look(pictures)
+        if self.likeness.moved is None and self.likeness.touched is None:
+            touched = self.likeness.touched = contact_in_reference(self, pictures)
+            if touched is not None:
+                self.warnings += (
+                    "most frames show a hill near ({:.0f}, {:.0f}) px: a contact in the untouched reference, or "
+                    "gel that has changed since. Take a new reference".format(*touched),
+                )
 
     def _std_mm(
         self,
@@ -193,14 +203,14 @@ class Reconstructor:
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
     """A reconstructor calibrated on the recording's own flats and ball presses.
 
-    It warns where the recording's frames lie beside the reference. `method` is a name in PHOTOMETRIC, the path
-    of a saved method, or a ready one; a ready one is used against the recording's flats where there are some.
-    None: DEFAULT on the recording's balls or, without any, the method trained beforehand for this kind of
-    sensor, which its warnings then say. Raises InputError or RecordingError where the reference is missing or
-    cannot be used.
+    It warns where the recording's frames lie beside the reference, or show a contact in it. `method` is a name in
+    PHOTOMETRIC, the path of a saved method, or a ready one; a ready one is used against the recording's flats
+    where there are some. None: DEFAULT on the recording's balls or, without any, the method trained beforehand
+    for this kind of sensor, which its warnings then say. Raises InputError or RecordingError where the reference
+    is missing or cannot be used.
     """
     found = _built(recording, method)
-    found.look(some_frames(recording))
+    found.look([*some_frames(recording), *free_frames(recording)])
     return found
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.flags import LIGHT, MEANING, MOVED, add
+from tactilevision.flags import LIGHT, MEANING, MOVED, REFERENCE, add
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -26,7 +26,7 @@ from tactilevision.records import Bytes, Frame, Pair
 from tactilevision.sensors import get_sensor
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
-from lamp_room import LAMPS, MM_PER_PX, SHAPE, ball, flat, picture, places, presses
+from lamp_room import LAMPS, MM_PER_PX, SHAPE, ball, flat, in_px, picture, places, presses
 
 SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
 SEED = 61
@@ -122,6 +122,62 @@ def test_a_stream_sees_it_with_its_first_frame() -> None:
     knocked = Stream(reader(), renew=0.0)
     for _ in range(2):
         assert MOVED in knocked.take(Frame(moved(flat(rng, gain=grain()), (5, 0)))).height.flags
+
+
+def touched(place: Pair, contact_mm: float, rng: np.random.Generator) -> Reconstructor:
+    """The method against a reference that was taken with a ball on the gel."""
+    method = made().method
+    assert isinstance(method, CalibratedMethod)
+    flats = [picture(*ball(place, contact_mm, 4.0)[1:], rng, gain=grain())]
+    return Reconstructor(SENSOR, method.with_reference(make_reference(flats, may_have_marks=False)))
+
+
+@pytest.mark.parametrize(("place", "contact_mm"), [((-3.5, 2.0), 1.0), ((4.0, -1.5), 1.6), ((0.5, 0.5), 2.2)])
+@pytest.mark.parametrize("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04)])
+def test_a_ready_method_sees_a_contact_in_its_reference(
+    place: Pair, contact_mm: float, lamps: tuple[float, ...]
+) -> None:
+    rng = np.random.default_rng(SEED + 8)
+    found = touched(place, contact_mm, rng)
+    slopes = [ball(c, a, 4.0)[1:] for c, a in presses(3, rng)] + 2 * [(np.zeros(SHAPE), np.zeros(SHAPE))]
+    frames = [picture(*one, rng, gain=grain(), lamps=lamps) for one in slopes]
+    found.look(frames)
+    assert found.likeness is not None
+    assert found.likeness.touched is not None
+    assert np.hypot(*np.subtract(found.likeness.touched, in_px(place))) < contact_mm / MM_PER_PX
+    assert any("a contact in the untouched reference" in line for line in found.warnings)
+    assert all(REFERENCE in found.rectified_map(rgb).flags for rgb in frames)
+
+
+@pytest.mark.parametrize("lamps", [(1.0, 1.0, 1.0), (0.93, 1.0, 1.04), (0.8, 0.8, 0.8)])
+@pytest.mark.parametrize("radius_mm", [0.0, 1.0, 2.2])
+def test_no_contact_in_the_reference_is_seen_where_there_is_none(
+    lamps: tuple[float, ...], radius_mm: float
+) -> None:
+    """Not where every frame is pressed at one place either."""
+    rng = np.random.default_rng(SEED + 9)
+    p, q = ball((-2.0, 1.0), radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
+    found = reader()
+    found.look([picture(p, q, rng, gain=grain(), lamps=lamps, stray_grey=stray) for stray in (15, 20, 20, 12)])
+    assert found.likeness is not None
+    assert found.likeness.touched is None
+    assert found.warnings == ()
+
+
+def test_a_single_frame_says_nothing_of_its_reference() -> None:
+    rng = np.random.default_rng(SEED + 10)
+    found = touched((-3.5, 2.0), 1.6, rng)
+    found.look([flat(rng, gain=grain())])
+    assert found.likeness is not None
+    assert found.likeness.touched is None
+
+
+def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> None:
+    rng = np.random.default_rng(SEED + 11)
+    reference = make_reference([picture(*ball((-5.0, 3.0), 1.4, 4.0)[1:], rng)], may_have_marks=False)
+    balls = [BallPicture(picture(*ball((4.0 - k, 3.0 - k), 1.8, 4.0)[1:], rng), 4.0) for k in range(7)]
+    calibration = calibrate_from_balls(reference, balls, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    assert REFERENCE in tuned(SENSOR, calibration, balls, []).rectified_map(flat(rng)).flags
 
 
 def test_what_is_usual_is_told_by_the_calibration() -> None:

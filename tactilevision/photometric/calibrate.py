@@ -115,7 +115,8 @@ def calibrate_from_balls(
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
     doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
     light = told_slopes(touching)
-    warnings += _coverage(touching) + _hidden(light) + _ghost(change, pictures, balls)
+    warnings += _coverage(touching) + _hidden(light)
+    touched = _ghost(change, pictures, balls, mm_per_px)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),
@@ -132,6 +133,10 @@ def calibrate_from_balls(
         "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
         "response": response_of(touching, seen_at(touching, change.level)).told(),
     }
+    if touched:
+        card["contact_in_reference_px"] = touched
+        warnings.append("every ball picture differs from the reference near ({:.0f}, {:.0f}) px: a contact in the "
+                        "reference".format(*touched))  # fmt: skip
     return Calibration(
         CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
         tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
@@ -230,20 +235,25 @@ def _mean_square(found: Floats, samples: Samples) -> float:
     return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
 
 
-def _ghost(change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]) -> list[str]:
-    """A contact in the reference itself shows in every frame, wherever its ball is."""
-    read = [picture for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
-    drifts = [change.tracker.measure(picture.rgb) for picture in read]
-    strange = np.mean([~drift.untouched for drift in drifts], axis=0) > GHOST_SHARE
-    strange &= change.tracker.usable.reshape(strange.shape)
-    solid = cv2.morphologyEx(strange.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+def _ghost(
+    change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
+) -> Pair | None:
+    """Where (x, y in px) the reference shows a contact: it is in every picture whose ball is elsewhere."""
+    tracker = change.tracker
+    strange, away = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
+    for picture, ball in zip(pictures, balls, strict=True):
+        if ball is not None:
+            far = far_from(ball, change.reference.shape, mm_per_px).astype(np.uint8)
+            free = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
+            away += free
+            strange += free & ~tracker.measure(picture.rgb).untouched
+    ghost = (strange > GHOST_SHARE * away) & (away >= LEAST_BALLS) & tracker.usable.reshape(away.shape)
+    solid = cv2.morphologyEx(ghost.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
     rows, columns = np.nonzero(solid)
     if len(rows) == 0:
-        return []
-    block = change.reference.shape[1] / strange.shape[1]
-    x, y = block * (np.median(columns) + 0.5), block * (np.median(rows) + 0.5)
-    return [f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a "
-            "contact in the reference, or all balls at one place"]  # fmt: skip
+        return None
+    block = change.reference.shape[1] / tracker.size[0]
+    return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
 
 
 def _hidden(light: Told) -> list[str]:
