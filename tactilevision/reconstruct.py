@@ -41,7 +41,7 @@ from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, 
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.spread import spread_beside
 from tactilevision.surface import integrate
-from tactilevision.touched_reference import contact_in_reference
+from tactilevision.touched_reference import look_at_reference
 from tactilevision.two_grids import TwoGrids
 from tactilevision.walls import Wall, find_walls, restore, restore_windows
 from tactilevision.weights import find_model
@@ -129,16 +129,9 @@ class Reconstructor:
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether they lie beside the reference, or a contact is in it; warn, and flag
         maps, where it is so."""
-        if self.likeness is None:
-            return
-        self.warnings += self.likeness.look(pictures)
-        if self.likeness.moved is None and self.likeness.touched is None:
-            touched = self.likeness.touched = contact_in_reference(self, pictures)
-            if touched is not None:
-                self.warnings += (
-                    "most frames show a hill near ({:.0f}, {:.0f}) px: a contact in the untouched reference, or "
-                    "gel that has changed since. Take a new reference".format(*touched),
-                )
+        if self.likeness is not None:
+            self.warnings += self.likeness.look(pictures)
+            self.warnings += look_at_reference(self, pictures)
 
     def _std_mm(
         self,

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.drift import solid
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Bytes, Pair
 
@@ -23,12 +24,26 @@ if TYPE_CHECKING:
     from tactilevision.reconstruct import Reconstructor
 
 LEAST_FRAMES, MOST_FRAMES = 3, 9
-LEAST_BLOCKS = 6  # a contact of some 2 by 3
-CLEAR = 6.0  # times the usual deviation of a depth in the picture; untouched real gel away from the border has 3
+LEAST_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
+CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
 LEAST_MM = 0.03
 OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
 BORDER = 2  # blocks
-SOLID = np.ones((2, 2), np.uint8)
+
+
+def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+    """See by rectified `pictures` that lie on it whether the reference shows a contact; note it, with a warning."""
+    likeness = reader.likeness
+    if likeness is None or likeness.moved is not None or likeness.touched is not None:
+        return ()
+    likeness.touched = contact_in_reference(reader, pictures)
+    if likeness.touched is None:
+        return ()
+    x, y = likeness.touched
+    return (
+        f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that has "
+        "changed since. Take a new reference",
+    )
 
 
 def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pair | None:
@@ -53,10 +68,9 @@ def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pa
         return None
     depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
     often = np.mean([strange for _, _, strange in maps], axis=0) > 0.5
-    solid = cv2.morphologyEx(often.astype(np.uint8), cv2.MORPH_OPEN, SOLID)
     least = max(LEAST_MM, CLEAR * float(np.median(std)))
     block = method.reference.shape[1] / tracker.size[0]
-    count, patches = cv2.connectedComponents(solid)
+    count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))
     for number in range(1, count):
         patch = patches == number
         top = np.unravel_index(np.argmin(np.where(patch, depth, np.inf)), depth.shape)

@@ -12,6 +12,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.change import ColourChange, Planes
+from tactilevision.photometric.drift import solid
 from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, held_out
 from tactilevision.photometric.marks import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
@@ -248,8 +249,8 @@ def _ghost(
             away += free
             strange += free & ~tracker.measure(picture.rgb).untouched
     ghost = (strange > GHOST_SHARE * away) & (away >= LEAST_BALLS) & tracker.usable.reshape(away.shape)
-    solid = cv2.morphologyEx(ghost.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    rows, columns = np.nonzero(solid)
+    ghost &= np.pad(np.ones(np.subtract(ghost.shape, 2), bool), 1)  # light and gel change at the border first
+    rows, columns = np.nonzero(solid(ghost))
     if len(rows) == 0:
         return None
     block = change.reference.shape[1] / tracker.size[0]

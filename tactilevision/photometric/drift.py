@@ -255,6 +255,12 @@ class DriftTracker:
             )
 
 
+def solid(touched: Bools) -> Bools:
+    """Those blocks (h, w) of `touched` ones that fill two by two, as a contact does; the others are noise."""
+    whole = cv2.erode(touched.astype(np.uint8), SOLID, borderValue=0)
+    return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
+
+
 def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
     """Grey levels (3, h, w) with the affine map `undo` (3, 4) used on their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)

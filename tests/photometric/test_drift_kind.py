@@ -10,7 +10,7 @@ from lamp_room import SHAPE, ball, picture, places
 
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.drift import Drift, DriftTracker, undone
+from tactilevision.photometric.drift import Drift, DriftTracker, solid, undone
 from tactilevision.photometric.drift_kind import noise_of, slopes_beside
 from tactilevision.photometric.response import Response
 from tactilevision.records import Bytes, Floats
@@ -121,3 +121,11 @@ def test_noise_is_what_blocks_differ_by_from_their_neighbours() -> None:
     noisy = 0.4 * rng.standard_normal((3, 21, 28)) + 0.3 * (x + y * x / 20)
     assert noise_of(noisy, np.ones((21, 28))) == pytest.approx(0.4, rel=0.1)
     assert noise_of(noisy, np.zeros((21, 28))) == 1.0, "nothing known"
+
+
+def test_lone_blocks_are_no_contact_and_the_others_stay_in_place() -> None:
+    touched = np.zeros((6, 7), bool)
+    touched[0:2, 0:3] = touched[4:6, 5:7] = True
+    lone = touched.copy()
+    lone[4, 2] = lone[0, 5] = lone[3, 5] = True
+    assert np.array_equal(solid(lone), touched)
