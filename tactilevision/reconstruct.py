@@ -127,11 +127,9 @@ class Reconstructor:
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
 
     def look(self, pictures: Sequence[Bytes]) -> None:
-        """See by rectified pictures whether they lie beside the reference, or a contact is in it; warn, and flag
-        maps, where it is so."""
+        """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.likeness is not None:
-            self.warnings += self.likeness.look(pictures)
-            self.warnings += look_at_reference(self, pictures)
+            self.warnings += (*self.likeness.look(pictures), *look_at_reference(self, pictures))
 
     def _std_mm(
         self,

@@ -32,7 +32,7 @@ BORDER = 2  # blocks
 
 
 def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-    """See by rectified `pictures` that lie on it whether the reference shows a contact; note it, with a warning."""
+    """See by rectified `pictures` that lie on it if the reference shows a contact; note it, with a warning."""
     likeness = reader.likeness
     if likeness is None or likeness.moved is not None or likeness.touched is not None:
         return ()
@@ -41,8 +41,8 @@ def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple
         return ()
     x, y = likeness.touched
     return (
-        f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that has "
-        "changed since. Take a new reference",
+        f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that "
+        "has changed since. Take a new reference",
     )
 
 
