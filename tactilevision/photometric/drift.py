@@ -188,9 +188,9 @@ class DriftTracker:
         Lone blocks are noise.
         """
         shape = self.size[1], self.size[0]
-        solid = cv2.morphologyEx(touched.reshape(shape).view(np.uint8), cv2.MORPH_OPEN, SOLID) > 0
+        contact = solid(touched.reshape(shape))
         noise = noise_of(change.reshape(3, *shape), weights.reshape(shape))
-        beside = self._slopes(slopes_beside(solid)) / noise if solid.any() else None
+        beside = self._slopes(slopes_beside(contact)) / noise if contact.any() else None
         gain = (1.0 + constant) ** self.power - 1.0
         return drift_of(
             change / noise, weights, self._terms / noise, beside=beside, shared=self._answers is not None,
