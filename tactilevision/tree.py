@@ -135,10 +135,10 @@ def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[Fram
     try:
         said = _finished(place).read_text(encoding="utf-8").split("\n")
         with (place / TABLE).open(encoding="utf-8", newline="") as file:
-            rows = [tuple(row) for row in csv.reader(file)][1:]
-    except OSError:
+            header, *rows = [tuple(row) for row in csv.reader(file)]
+    except (OSError, ValueError):
         return None
-    if said != [way, str(recording.path.resolve()), *recording.frame_names]:
+    if header != COLUMNS or said != [way, str(recording.path.resolve()), *recording.frame_names]:
         return None
     return tuple(FrameResult.of(row) for row in rows)
 

@@ -173,6 +173,24 @@ def test_finished_branches_are_not_done_again(tmp_path: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
 
 
+def test_a_branch_whose_table_has_other_columns_is_done_again(tmp_path: Path) -> None:
+    root, out = mixed(tmp_path / "in"), tmp_path / "out"
+
+    def stop(done: int, total: int, what: str) -> None:
+        if done == 6:  # two branches are finished
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct_tree(root, out, read=read, light=light, workers=1, progress=stop)
+    tables = [path.parent / "depth.csv" for path in sorted(out.rglob(".depth-finished"))]
+    assert len(tables) == 2
+    tables[0].write_text("\n".join(line.rpartition(",")[0] for line in tables[0].read_text().splitlines()) + "\n")
+    tables[1].write_text("")
+    branches = reconstruct_tree(root, out, read=read, light=light, workers=1)
+    assert sum(len(branch.rows) for branch in branches) == 12
+    assert all(table.read_text().splitlines()[0].endswith(",flags") for table in tables)
+
+
 def test_one_zarr_store_holds_what_the_tiffs_hold(tmp_path: Path) -> None:
     source = read_folder(mixed(tmp_path / "in") / "c" / "d", SENSOR)
     reconstruct_folder(source, light(source), tmp_path / "tiff", workers=1)

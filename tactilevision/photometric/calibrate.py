@@ -105,11 +105,8 @@ def calibrate_from_balls(
     touching, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
-    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(way, touching, still, ridge) for way, ridge in ways]
-    best = int(np.argmin([_relative_miss(found, touching) for found, _ in scores]))
-    way, ridge = ways[best]
-    law, (found, others) = way(touching, still, ridge=ridge), scores[best]
+    (way, ridge), (found, others) = _choose(fit, touching, still)
+    law = way(touching, still, ridge=ridge)
     quiet = _listen(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
@@ -142,6 +139,16 @@ def calibrate_from_balls(
         CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
         tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
     )  # fmt: skip
+
+
+def _choose(
+    fit: Fitter, contact: Samples, quiet: Samples
+) -> tuple[tuple[Fitter, float], tuple[Floats, list[ColourLaw]]]:
+    """The way to fit, and its ridge, that tells balls left out best; slopes (N, 2) and laws without them."""
+    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
+    scores = [held_out(way, contact, quiet, ridge) for way, ridge in ways]
+    best = int(np.argmin([_relative_miss(found, contact) for found, _ in scores]))
+    return ways[best], scores[best]
 
 
 def direction_error_deg(found: Floats, true: Floats) -> Floats:
