@@ -1,0 +1,169 @@
+"""Frame in, height map out.
+
+rectify -> slopes (photometric) -> steep walls round flat faces restored -> surface (Poisson) -> zero plane of the
+untouched gel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.depth_error import DepthError
+from tactilevision.likeness import Likeness
+from tactilevision.photometric import Calibration
+from tactilevision.photometric.calm import CalmReader
+from tactilevision.photometric.change import Planes
+from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
+from tactilevision.sensors import rectify
+from tactilevision.surface import integrate
+from tactilevision.touched_reference import look_at_reference
+from tactilevision.two_grids import TwoGrids
+from tactilevision.walls import Wall, find_walls, restore, restore_windows
+from tactilevision.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
+
+if TYPE_CHECKING:
+    from tactilevision.gpu.reader import TorchReader
+
+Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
+# of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
+READABLE = 0.8
+
+
+class Reconstructor:
+    """Turns the frames of one sensor into height maps. Not thread-safe: make one for each thread.
+
+    `calibration` is what the method was made from, None for a method that came ready.
+    """
+
+    def __init__(
+        self, sensor: Sensor, method: PhotometricMethod, *, calibration: Calibration | None = None
+    ) -> None:
+        self.sensor, self.method, self.calibration = sensor, method, calibration
+        self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
+        self.zero: ZeroPlane | None = None
+        steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
+        self.readable = READABLE * float(steepest) if steepest else None
+        self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
+        self.grids: TwoGrids | None = None
+        if isinstance(method, CalibratedMethod) and method.calm_reader:
+            self.grids = TwoGrids(method.reference.shape, method.calm_reader.px, sensor.mm_per_px)
+        self.elsewhere: TorchReader | None = None
+        self.likeness = Likeness(method) if isinstance(method, CalibratedMethod) else None
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
+
+        Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
+        unlike the reference is flagged (likeness.py).
+        Raises InputError for a frame that is not of this sensor, black or saturated.
+        """
+        surface, valid, std, flags = self._mapped(self.rectified(frame))
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
+
+    def rectified(self, frame: Frame) -> Bytes:
+        """The rectified picture of a raw frame."""
+        return rectify(self.sensor, frame.rgb)
+
+    def rectified_map(self, rgb: Bytes) -> HeightMap:
+        """The height map of a picture that is rectified already."""
+        surface, valid, std, flags = self._mapped(rgb)
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
+
+    def _mapped(self, rgb: Bytes) -> Mapped:
+        """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
+        if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
+            return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
+        slopes, untouched, drift, steepest, surface = self._glance(rgb)
+        walls = self._walls(slopes, steepest)
+        if surface is None or walls:
+            surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
+        self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
+        level(surface, self.zero)
+        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
+        valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
+        return surface, valid, std, self.likeness.flags(drift, self.zero) if self.likeness else ()
+
+    def _on_two_grids(self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids) -> Mapped:
+        """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+        look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
+        walls: list[Wall] = []
+        if self.readable is not None and look.steepest >= self.readable:
+            walls = restore_windows(look.fine, look.windows, look.valid, self.sensor.mm_per_px, self.readable)
+        coarse = grids.coarse(look.coarse, look.windows, look.fine)
+        self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
+        level(coarse, self.zero)
+        tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
+        surface = grids.whole(coarse, look.windows, look.fine, tilt=tilt)
+        std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
+        return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
+
+    def look(self, pictures: Sequence[Bytes]) -> None:
+        """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
+        if self.likeness is not None:
+            self.warnings += (*self.likeness.look(pictures), *look_at_reference(self, pictures))
+
+    def _std_mm(
+        self,
+        depth: Planes,
+        steepest: float,
+        slopes: Callable[[], SlopeMap],
+        *,
+        walls: list[Wall],
+        drift: Drift | None,
+    ) -> Planes | None:
+        if self.error is None or self.zero is None:
+            return None
+        hidden = slopes() if not walls and self.error.too_steep(steepest) else None
+        return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
+
+    def _walls(self, slopes: SlopeMap, steepest: float) -> list[Wall]:
+        """The walls in `slopes`, which are restored there, in place."""
+        if self.readable is None or steepest < self.readable:
+            return []
+        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable)
+        restore(slopes, walls, self.sensor.mm_per_px)
+        return walls
+
+    def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
+        gel = self.sensor.gel
+        return find_zero_plane(depth, untouched, mm_per_px, thickness_mm=gel.thickness_mm if gel else None)
+
+    def slope_map(self, frame: Frame) -> SlopeMap:
+        """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
+        rgb = self.rectified(frame)
+        return (
+            self.method.read(rgb).slopes if isinstance(self.method, CalibratedMethod) else self.method.slopes(rgb)
+        )
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""
+        if isinstance(self.method, CalibratedMethod):
+            self.method.follow(rgb, share)
+            if self.elsewhere is not None:
+                self.elsewhere.follow()
+
+    def use(self, device: str) -> bool:
+        """Read frames on torch's `device` from here on; False where torch cannot be told how."""
+        from tactilevision.gpu.reader import TorchReader
+
+        if isinstance(self.method, CalibratedMethod):
+            with suppress(LookupError):
+                self.elsewhere = TorchReader(self.method, self.sensor.mm_per_px, device)
+                return True
+        return False
+
+    def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
+        """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
+        if not isinstance(self.method, CalibratedMethod):
+            slopes = self.method.slopes(rgb)
+            return slopes, flat_blocks(slopes), None, np.inf, None
+        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.read(rgb), None)
+        untouched = reading.drift.untouched & self.method.told
+        return reading.slopes, untouched, reading.drift, reading.steepest, surface

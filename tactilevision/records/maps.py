@@ -1,0 +1,150 @@
+"""What is seen, and computed from it, place by place: pictures, slopes, depth, shear, traction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.records.numbers import Bools, Bytes, Floats, Pair
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture: `rgb` (H, W, 3) uint8, its time on the camera's clock, and its name in the recording."""
+
+    rgb: Bytes
+    time_s: float = float("nan")
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        rgb: Any = self.rgb
+        kind = (rgb.ndim, rgb.shape[-1:], rgb.dtype) if isinstance(rgb, np.ndarray) else ()
+        if kind != (3, (3,), np.uint8):
+            raise InputError(
+                "a frame is an array (H, W, 3) of uint8, colours in the order red, green, blue",
+                where=self.name or "Frame",
+                value=f"{rgb.shape} {rgb.dtype}" if kind else type(rgb).__name__,
+                remedy="Read it with tactilevision.recording, or convert it first.",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeMap:
+    """Slope of the depth: `dz_dx`, `dz_dy` (H, W), mm per mm, z into the gel; `valid` (H, W) or None for all.
+
+    `std` (H, W) or None is the standard deviation of either slope, where the method knows it.
+    """
+
+    dz_dx: npt.NDArray[np.floating[Any]]
+    dz_dy: npt.NDArray[np.floating[Any]]
+    valid: Bools | None = None
+    std: npt.NDArray[np.floating[Any]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeightMap:
+    """Depth of the gel's surface.
+
+    `depth_mm` (H, W), positive into the gel; `valid` (H, W): where False the depth is not known, which is
+    not the same as 0; `mm_per_px` (x, y); `std_mm` (H, W) or None where the method does not know it. `flags` say
+    what makes the map as a whole doubtful (flags.py).
+    """
+
+    depth_mm: npt.NDArray[np.floating[Any]]
+    valid: Bools
+    mm_per_px: Pair
+    std_mm: npt.NDArray[np.floating[Any]] | None = None
+    time_s: float = float("nan")
+    name: str = ""
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:
+            raise InputError("depth_mm and valid are (H, W) alike", where="HeightMap",
+                             value=(self.depth_mm.shape, self.valid.shape))  # fmt: skip
+        if not all(0 < s < math.inf for s in self.mm_per_px):
+            raise InputError("a height map needs its scale in mm per pixel, x and y, above 0", where="HeightMap",
+                             value=self.mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """Where the indenter's face touches the gel.
+
+    `mask` (H, W); `centre_mm` on the pad (x, y) and its standard deviation; `radius_mm` of the fitted circle;
+    `tilt` = (d depth/dx, d depth/dy) of the face; `depth_mm` of the face at the centre; `residual_mm` the rms
+    distance of the edge points from the circle.
+    """
+
+    mask: Bools
+    centre_mm: Pair
+    centre_std_mm: float
+    radius_mm: float
+    radius_std_mm: float
+    tilt: Pair
+    tilt_std: float
+    depth_mm: float
+    depth_std_mm: float
+    residual_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class ShearMap:
+    """Tangential displacement of the gel's surface since it was untouched, at places of the untouched frame.
+
+    `u_x_mm`, `u_y_mm` (H, W): right and down; `valid` (H, W): where False it is not known. `std_mm` is the
+    standard deviation of either component, one number or (H, W); pixels within `correlation_px` share their error.
+    `flags` name what limits the map (markers lost, ...).
+    """
+
+    u_x_mm: npt.NDArray[np.floating[Any]]
+    u_y_mm: npt.NDArray[np.floating[Any]]
+    valid: Bools
+    mm_per_px: Pair
+    std_mm: float | npt.NDArray[np.floating[Any]] = 0.0
+    correlation_px: float = 1.0
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.u_x_mm.ndim != 2 or not self.u_x_mm.shape == self.u_y_mm.shape == self.valid.shape:
+            raise InputError(
+                "u_x_mm, u_y_mm and valid are (H, W) alike",
+                where="ShearMap",
+                value=(self.u_x_mm.shape, self.u_y_mm.shape, self.valid.shape),
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class TractionMap:
+    """Traction of the indenter on the gel, MPa, (H, W) each; t_z > 0 presses into it.
+
+    `resultant_N` (fx, fy, fz) and its standard deviation; `mm_per_px` (x, y) is the grid's own, `first_mm`
+    the place of its top left node on the pad; `flags` name what limits the map (contact cut by the view's
+    border, ...). `std_MPa` (3, H, W) is of t_x, t_y, t_z, NaN outside the contact; `moment_Nmm` (mx, my, mz)
+    about the pad's centre, r x F in the axes x, y, z. Where a measured force was given, `mismatch_N` is the
+    force found without it minus the measured one, and `mismatch_sigma` its largest component over the
+    standard deviation expected of it. `depth_mm` is the greatest depth of what touches.
+    What was not measured is NaN.
+    """
+
+    t_x: Floats
+    t_y: Floats
+    t_z: Floats
+    mm_per_px: Pair
+    resultant_N: tuple[float, float, float]
+    resultant_std_N: tuple[float, float, float]
+    flags: tuple[str, ...] = ()
+    first_mm: Pair = (float("nan"), float("nan"))
+    std_MPa: Floats | None = None
+    moment_Nmm: tuple[float, float, float] | None = None
+    moment_std_Nmm: tuple[float, float, float] | None = None
+    mismatch_N: tuple[float, float, float] | None = None
+    mismatch_sigma: float | None = None
+    depth_mm: float = float("nan")
+    time_s: float = float("nan")
+    name: str = ""

@@ -1,0 +1,100 @@
+"""Forces, depths and what they make: series, points, curves, the material."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.records.numbers import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ForceSeries:
+    """Force against time on the F/T sensor's clock: `time_s` (T,), `force_N` (T, 3), `std_N` (3,) of one reading.
+
+    `torque_Nm` (T, 3) and `temperature_C` (T,) where they were recorded.
+    """
+
+    time_s: Floats
+    force_N: Floats
+    std_N: tuple[float, float, float]
+    torque_Nm: Floats | None = None
+    temperature_C: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CertifiedPoint:
+    """Depth and force of one press at the moment that certifies them.
+
+    `accepted` is False with a `reason` (one of REASONS) where the press cannot be trusted; its numbers, as
+    far as they exist, are kept. `depth_uncorrected_mm` takes the depth for the machined height;
+    `depth_mm` accounts for the gel that rises to meet the bevel. `extra` keeps further columns of points.csv.
+    """
+
+    press: str
+    indenter: str
+    depth_mm: float
+    fz_N: float
+    depth_std_mm: float = float("nan")
+    fz_std_N: float = float("nan")
+    fx_N: float = float("nan")
+    fy_N: float = float("nan")
+    time_s: float = float("nan")
+    depth_uncorrected_mm: float = float("nan")
+    rest_s: float = float("nan")
+    speed_mm_s: float = float("nan")
+    x_mm: float = float("nan")
+    y_mm: float = float("nan")
+    accepted: bool = True
+    reason: str = ""
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+REASONS = (
+    "tangential",
+    "tilt",
+    "footprint",
+    "bevel_not_touched",
+    "dropped_frames",
+    "saturated",
+    "short_rest",
+    "border",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One whole press on one clock.
+
+    `time_s`, `depth_mm` (T,), `force_N` (T, 3), `phase` (T,) of "free", "load", "hold", "unload" or "";
+    `z_mm` (T,) the motion stage, where there is one. Rows of phase "free" are air before and after contact.
+    """
+
+    press: str
+    time_s: Floats
+    depth_mm: Floats
+    force_N: Floats
+    phase: npt.NDArray[np.str_]
+    z_mm: Floats | None = None
+    extra: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A linear elastic, isotropic gel. `covariance` (2, 2) is of (youngs_modulus_MPa, poisson_ratio)."""
+
+    youngs_modulus_MPa: float
+    poisson_ratio: float
+    covariance: Floats | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.youngs_modulus_MPa) and self.youngs_modulus_MPa > 0):
+            raise InputError("Young's modulus lies above 0 MPa", where="Material", value=self.youngs_modulus_MPa)
+        if not 0 <= self.poisson_ratio < 0.5:
+            raise InputError("Poisson's ratio lies in [0, 0.5)", where="Material", value=self.poisson_ratio,
+                             remedy="For an incompressible gel take 0.4999.")  # fmt: skip

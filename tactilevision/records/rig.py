@@ -1,0 +1,89 @@
+"""The rig and what it is told to do: gel, sensor, indenter, press."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.records.numbers import Pair
+
+
+@dataclass(frozen=True, slots=True)
+class Gel:
+    """The gel pad: thickness, outline and what is known of it beforehand. Bonded to a rigid base."""
+
+    thickness_mm: float
+    thickness_std_mm: float = 0.0
+    shape: Literal["disc", "rectangle", "unbounded"] = "unbounded"
+    radius_mm: float | None = None
+    size_mm: Pair | None = None
+    poisson_ratio: float | None = None
+    poisson_ratio_std: float | None = None
+    youngs_modulus_MPa: float | None = None
+    youngs_modulus_std_MPa: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A camera looking at a gel.
+
+    `mm_per_px` is (x, y) in the rectified frame of `width_px` by `height_px`. `rectification` is
+    (map_x, map_y), float32 (height, width) each: rectified[y, x] = raw[map_y, map_x]; None where frames
+    come rectified already. `has_markers` says that the gel carries printed or cut marks.
+    """
+
+    kind: str
+    width_px: int
+    height_px: int
+    mm_per_px: Pair
+    gel: Gel | None = None
+    rectification: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
+    has_markers: bool = False
+    serial: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Indenter:
+    """A rigid body that is pressed into the gel.
+
+    `height_mm` is the height of its face over the bevel's nearest edge, as machined; `bevel` the side on
+    which the bevel lies in the rectified frame (top is smaller y). `bevel_distance_mm` runs from the axis to
+    the bevel's nearest edge, `bevel_angle_deg` is its slope, falling away from that edge. None: not stated.
+    """
+
+    name: str
+    shape: Literal["flat_cylinder", "sphere", "cone"] = "flat_cylinder"
+    radius_mm: float = float("nan")
+    radius_std_mm: float = 0.0
+    height_mm: float | None = None
+    height_std_mm: float = 0.0
+    bevel: Literal["right", "left", "top", "bottom"] | None = None
+    bevel_distance_mm: float | None = None
+    bevel_angle_deg: float | None = None
+    edge_radius_mm: float | None = None
+    half_angle_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """One press as the protocol has it. NaN: not recorded. `extra` keeps columns that have no field here."""
+
+    press: str
+    indenter: str
+    start_s: float
+    end_s: float
+    target_depth_mm: float = float("nan")
+    x_mm: float = float("nan")
+    y_mm: float = float("nan")
+    rest_s: float = float("nan")
+    speed_mm_s: float = float("nan")
+    hold_s: float = float("nan")
+    temperature_C: float = float("nan")
+    date: str = ""
+    time_of_day_s: float = float("nan")
+    lubricated: float = float("nan")
+    extra: Mapping[str, Any] = field(default_factory=dict)
