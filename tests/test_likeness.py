@@ -23,12 +23,10 @@ from tactilevision.photometric import (
 from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Frame, Pair
-from tactilevision.sensors import get_sensor
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
-from lamp_room import LAMPS, MM_PER_PX, SHAPE, ball, flat, in_px, picture, places, presses
+from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses
 
-SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
 SEED = 61
 
 
@@ -39,8 +37,7 @@ def grain() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 
 @lru_cache
 def shots() -> tuple[BallPicture, ...]:
-    rng = np.random.default_rng(SEED)
-    return tuple(BallPicture(picture(*ball(c, a, 4.0)[1:], rng, gain=grain()), 4.0) for c, a in presses(8, rng))
+    return tuple(ball_pictures(8, np.random.default_rng(SEED), gain=grain()))
 
 
 @lru_cache

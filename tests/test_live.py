@@ -19,25 +19,21 @@ from tactilevision.free_gel import settle
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
-    BallPicture,
     CalibratedMethod,
     calibrate_from_balls,
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Frame, Indenter
-from tactilevision.sensors import get_sensor
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
-from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
-
-SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
+from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
 
 
 @lru_cache
 def calibrated() -> CalibratedMethod:
     rng = np.random.default_rng(1)
-    shots = [BallPicture(picture(*ball(c, a, 4.0)[1:], rng), 4.0) for c, a in presses(8, rng)]
+    shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)])
     return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
 

@@ -25,18 +25,15 @@ from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
-from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, places, presses
+from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
 REAL = Path(__file__).parents[2] / "shared" / "real"
-SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
 
 
 @lru_cache
 def calibrated() -> Calibration:
     rng = np.random.default_rng(1)
-    shots = [
-        BallPicture(picture(*ball(centre, contact, 4.0)[1:], rng), 4.0) for centre, contact in presses(12, rng)
-    ]
+    shots = ball_pictures(12, rng)
     reference = make_reference([flat(rng) for _ in range(3)])
     return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
 

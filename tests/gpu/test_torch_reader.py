@@ -15,35 +15,29 @@ from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
-    BallPicture,
     CalibratedMethod,
     calibrate_from_balls,
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Frame, Sensor
-from tactilevision.sensors import get_sensor
+from tactilevision.records import Frame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
-from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
+from lamp_room import MM_PER_PX, SENSOR, ball, ball_pictures, flat, picture
 
 
 @lru_cache
 def calibrated(name: str, marks: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
-    shots = [BallPicture(picture(*ball(c, a, 4.0)[1:], rng), 4.0) for c, a in presses(8, rng)]
+    shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=marks)
     method = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC[name]).method
     return settle(method, [flat(rng) for _ in range(8)])
 
 
-def sensor() -> Sensor:
-    return get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
-
-
 @pytest.mark.parametrize("name", ["polynomial", "lookup", "network"])
 def test_height_maps_are_those_of_the_plain_path(name: str) -> None:
-    plain, torched = (Reconstructor(sensor(), calibrated(name)) for _ in range(2))
+    plain, torched = (Reconstructor(SENSOR, calibrated(name)) for _ in range(2))
     assert torched.use("cpu")
     rng = np.random.default_rng(2)
     for centre, contact in (((0.5, 0.5), 1.5), ((-1.0, 0.2), 0.6)):
@@ -58,7 +52,7 @@ def test_height_maps_are_those_of_the_plain_path(name: str) -> None:
 
 
 def test_gel_with_marks_and_walls_are_read_as_well() -> None:
-    plain, torched = (Reconstructor(sensor(), calibrated("polynomial", marks=True)) for _ in range(2))
+    plain, torched = (Reconstructor(SENSOR, calibrated("polynomial", marks=True)) for _ in range(2))
     plain.readable = torched.readable = 0.2  # so that all steep places are looked through for walls
     assert torched.use("cpu")
     _, p, q = ball((0.5, 0.5), 1.5, 4.0)
@@ -73,7 +67,7 @@ def test_a_stream_takes_the_gpu_there_is_and_follows_the_light_on_it(monkeypatch
     for device in (None, "cpu"):
         monkeypatch.setattr("tactilevision.live.find_gpu", lambda found=device: found)
         method = calibrated("polynomial")
-        live = Stream(Reconstructor(sensor(), method.with_reference(method.reference)), renew=0.3)
+        live = Stream(Reconstructor(SENSOR, method.with_reference(method.reference)), renew=0.3)
         assert (live.reconstructor.elsewhere is None) == (device is None)
         depths.append([live.take(frame).height.depth_mm for frame in frames])
     assert np.abs(np.array(depths[0]) - np.array(depths[1])).max() < 2e-5

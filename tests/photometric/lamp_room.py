@@ -6,10 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactilevision.photometric import BallPicture
 from tactilevision.records import Bytes, Floats
+from tactilevision.sensors import get_sensor
 
 MM_PER_PX = 0.08
 SHAPE = (180, 240)
+SENSOR = get_sensor("custom", width_px=SHAPE[1], height_px=SHAPE[0], mm_per_px=MM_PER_PX)
+BALL_MM = 4.0
 LAMPS = ((-30.0, -4.0, 18.0), (22.0, -24.0, 20.0), (10.0, 30.0, 17.0))  # mm from the centre, z towards the camera
 TINTS = np.array([[0.9, 0.15, 0.1], [0.12, 0.8, 0.2], [0.1, 0.2, 0.95]])  # lamp, channel
 
@@ -78,4 +82,12 @@ def presses(count: int, rng: np.random.Generator) -> list[tuple[tuple[float, flo
     return [
         ((float(rng.uniform(-1, 1) * half[0]), float(rng.uniform(-1, 1) * half[1])), float(rng.uniform(1.2, 2.0)))
         for _ in range(count)
+    ]
+
+
+def ball_pictures(count: int, rng: np.random.Generator, *, gain: float | Floats = 1.0) -> list[BallPicture]:
+    """Balls of BALL_MM pressed all over the picture, to calibrate from."""
+    shots = presses(count, rng)
+    return [
+        BallPicture(picture(*ball(at, contact, BALL_MM)[1:], rng, gain=gain), BALL_MM) for at, contact in shots
     ]
