@@ -69,49 +69,49 @@ def reconstruct_tree(
     `read` opens a source, `light` makes its reconstructor. A run that was cut off goes on where it was: sources
     that are finished are known by their depth.csv. Raises InputError where no source is found.
     """
-    root, out = Path(root), Path(out)
-    found: list[tuple[str, Recording]] = []
-    refused: list[Branch] = []
-    for path in find_sources(root, leave=out):
-        name = path.relative_to(root).as_posix()
-        try:
-            found.append((name, read(path)))
-        except InputError as fault:
-            refused.append(Branch(name, why=str(fault)))
-    if not found and not refused:
-        raise InputError("there are neither recordings, pictures nor videos in it", where=root)
-    total, branches, left = sum(len(recording.frame_names) for _, recording in found), [], []
-    for name, recording in found:
-        known = _rows_of_finished(out / name, recording, _way(form, with_std))
-        if known is None:
-            left.append((name, recording))
-        else:
-            branches.append(Branch(name, known))
+    root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
+    found, refused = _opened(root, out, read)
+    total = sum(len(recording.frame_names) for recording in found.values())
+    finished = {name: rows for name, recording in found.items()
+                if (rows := _rows_of_finished(out / name, recording, way)) is not None}  # fmt: skip
+    branches = [Branch(name, rows) for name, rows in finished.items()]
     before = sum(len(branch.rows) for branch in branches)
     if progress is not None:
         progress(before, total, "")
-    for name, recording in left:
+    for name, recording in found.items():
+        if name in finished:
+            continue
 
         def report(done: int, of: int, before: int = before, name: str = name) -> None:
             if progress is not None:
                 progress(before + done, total, name)
 
         run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
-        branches.append(_branch(name, recording, out, light=light, run=run, way=_way(form, with_std)))
+        branches.append(_branch(name, recording, out, light=light, run=run, way=way))
         before += len(recording.frame_names)
     every = sorted((*branches, *refused), key=lambda branch: branch.name)
     if all(branch.why for branch in every):
         raise InputError("none of its recordings, folders and videos can be read", where=root,
                          remedy=f"The first of {len(every)}: {every[0].why}")  # fmt: skip
     write_text(out / TABLE, _table(every))
-    for name, _ in found:
+    for name in found:
         _finished(out / name).unlink(missing_ok=True)
     return tuple(every)
 
 
-def _way(form: Form, with_std: bool) -> str:
-    """How maps are kept, in words."""
-    return f"{form} with std" if with_std else form
+def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:
+    """The sources below `root` by their path in it, and those that cannot be read."""
+    found: dict[str, Recording] = {}
+    refused: list[Branch] = []
+    for path in find_sources(root, leave=out):
+        name = path.relative_to(root).as_posix()
+        try:
+            found[name] = read(path)
+        except InputError as fault:
+            refused.append(Branch(name, why=str(fault)))
+    if not found and not refused:
+        raise InputError("there are neither recordings, pictures nor videos in it", where=root)
+    return found, refused
 
 
 def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Run, way: str) -> Branch:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tactilevision.press.anchor import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
+    from tactilevision.tree import Branch
 
 
 class Form(StrEnum):
@@ -53,9 +54,8 @@ def depth(
 
     warned: list[str] = []
     light = _teller(method, warned)
-    certified = False
-    tree = source.is_tree(path)
-    if tree:
+    maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
+    if source.is_tree(path):
         if calibration is not None:
             raise InputError("a calibration belongs to one recording, not to a tree of them", where=path,
                              remedy="Name the recording, or leave --calibration out.")  # fmt: skip
@@ -64,31 +64,23 @@ def depth(
                 path, out, read=lambda one: source.open_branch(one, sensor, reference), light=light,
                 form=form.value, workers=workers, progress=progress, with_std=with_std,
             )  # fmt: skip
-        for branch in branches:
-            said = f"passed over: {branch.why}" if branch.why else _counted(branch.rows)
-            console.say(f"{branch.name}: {said}")
-        rows = tuple(replace(row, frame=branch.path_of(row)) for branch in branches for row in branch.rows)
-        refused = {branch.name: branch.why for branch in branches if branch.why}
+        rows, refused = _gathered(branches)
+        content = {"passed_over": refused, "faces_certified": False}
+        _tell(rows, out, f"SOURCE/{maps}")
     else:
         recording = source.open_source(path, sensor, reference)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_anchor(recording, reconstructor, calibration)
-            certified = anchor.gauge is not None
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
                 recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor,
                 with_std=with_std,
             )  # fmt: skip
-        refused = {}
+        content = {"passed_over": {}, "faces_certified": anchor.gauge is not None}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
-    maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
-    _tell(rows, out, f"SOURCE/{maps}" if tree else maps)
-    statuses = Counter(row.status.split(":")[0] for row in rows)
-    bad = {row.frame: row.status for row in rows if row.status != "ok"}
-    content = {"frames": len(rows), "statuses": dict(statuses), "bad": bad, "passed_over": refused}
-    content |= {"faces_certified": certified, "flags": dict(Counter(flag for row in rows for flag in row.flags))}
-    console.hand_over(content | {"warnings": warned}, json)
+        _tell(rows, out, maps)
+    console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
 
 
 def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
@@ -106,6 +98,23 @@ def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reco
         return reconstructor
 
     return light
+
+
+def _gathered(branches: tuple[Branch, ...]) -> tuple[tuple[FrameResult, ...], dict[str, str]]:
+    """The rows of all sources in a tree, frames by their path in it, and why others have none; says both."""
+    for branch in branches:
+        console.say(f"{branch.name}: " + (f"passed over: {branch.why}" if branch.why else _counted(branch.rows)))
+    rows = tuple(replace(row, frame=branch.path_of(row)) for branch in branches for row in branch.rows)
+    return rows, {branch.name: branch.why for branch in branches if branch.why}
+
+
+def _summary(rows: tuple[FrameResult, ...]) -> dict[str, object]:
+    return {
+        "frames": len(rows),
+        "statuses": dict(Counter(row.status.split(":")[0] for row in rows)),
+        "bad": {row.frame: row.status for row in rows if row.status != "ok"},
+        "flags": dict(Counter(flag for row in rows for flag in row.flags)),
+    }
 
 
 def _counted(rows: tuple[FrameResult, ...]) -> str:

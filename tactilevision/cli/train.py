@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tactilevision.cli import console
 from tactilevision.errors import InputError
+
+if TYPE_CHECKING:
+    from tactilevision.photometric import CalibratedMethod
+    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.recording import Recording
 
 
 def train(
@@ -25,13 +31,8 @@ def train(
     Its card says how far it is off; a figure shows balls held out, and flat steps that the recording's own presses
     certify, by depth and by contact size.
     """
-    from tactilevision.flat_steps import flat_steps
-    from tactilevision.held_out_depth import told
-    from tactilevision.photometric import PHOTOMETRIC
+    from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod
     from tactilevision.photometric.card import provenance
-    from tactilevision.photometric.method import CalibratedMethod
-    from tactilevision.photometric.storage import save_method
-    from tactilevision.press.gauge import doubt_of_scale
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 
@@ -49,23 +50,38 @@ def train(
     console.warn([*source.warnings, *made.warnings])
     assert isinstance(made.method, CalibratedMethod)
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
+    card = {**made.method.card, **_certified(source, made), **provenance(data, licence=licence)}
+    _save(dataclasses.replace(made.method, card=card), out, network=method == "network")
+    shown = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
+    console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
+
+
+def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
+    """What the recording's own certified presses say of the method, for its card; doubts of the scale are told."""
+    from tactilevision.flat_steps import flat_steps
+    from tactilevision.held_out_depth import told
+    from tactilevision.press.gauge import doubt_of_scale
+
     with console.progress_bar("certifying flat steps"):
         steps, why = flat_steps(source, made)
     doubt = doubt_of_scale(
         [(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls]
     )
     console.warn([doubt] if doubt else [])
-    known = told("flat_steps", steps) if steps else {"flat_steps": why}
-    known |= {"doubt_of_scale": doubt} if doubt else {}
-    card = {**made.method.card, **known, **provenance(data, licence=licence)}
-    path = save_method(dataclasses.replace(made.method, card=card), out)
-    also: tuple[str, ...] = (".onnx", ".json") if method == "network" else (".json",)
-    if card.get("held_out_balls"):
+    known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
+    return {**known, "doubt_of_scale": doubt} if doubt else dict(known)
+
+
+def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
+    """The method's file, and its card and figure beside it."""
+    from tactilevision.photometric import save_method
+
+    path = save_method(method, out)
+    also: tuple[str, ...] = (".onnx", ".json") if network else (".json",)
+    if method.card.get("held_out_balls"):
         from tactilevision.plots.depth_report import draw_depth_report
         from tactilevision.plots.style import save_png
 
-        save_png(draw_depth_report(card), path.with_suffix(".png"))
+        save_png(draw_depth_report(method.card), path.with_suffix(".png"))
         also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))
-    shown = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
-    console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))

@@ -13,9 +13,11 @@ from tactilevision.press.beside import ring_gain_std
 from tactilevision.press.certificate import Certificate, Finding, Touch
 from tactilevision.press.checks import Look, findings
 from tactilevision.press.curves import press_curve
-from tactilevision.press.event import crossing
+from tactilevision.press.event import Crossing, crossing
+from tactilevision.press.event_force import EventForce
 from tactilevision.press.evidence import evidence_of
 from tactilevision.press.falls import falls_beside
+from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.gauge import doubt_of_scale, find_gauge
 from tactilevision.press.rise import (
     Rise,
@@ -165,23 +167,9 @@ def _point(
     extra: dict[str, object] = {"rise_ratio": rise.ratio, "rise_ratio_std": rise.std, "lean_std_mm": lean_std}
     force, force_std, time_s = np.full(3, np.nan), float("nan"), float("nan")
     if timed is not None and timed.touch is not None and timed.event is not None and timed.crossed is not None:
-        event, touch = timed.event, timed.touch
-        window = chain.windows[press.press]
-        tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
-        force, time_s = event.force_N, touch.time_s
-        from_time = timed.stop_std_N if event.dwell else event.rate_N_s * timed.crossed.std_s
-        force_std = float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
-        extra |= {
-            "touch_std_s": touch.std_s,
-            "touch_shared_std_mm": _shared_touch(timed),
-            "touch_channel": touch.channel,
-            "touch_sigmas": touch.onset.gain**0.5,
-            "force_readings": event.readings,
-            "force_dwell": int(event.dwell),
-            "reconstructed_depth_mm": touch.depth_seen_mm,
-            "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
-            **_beside(chain, timed, touch),
-        }
+        force, time_s = timed.event.force_N, timed.touch.time_s
+        force_std = _force_std(chain.windows[press.press], timed, timed.event, timed.crossed)
+        extra |= _felt(chain, timed, timed.touch, timed.event)
         if timed.ruler is not None:
             ratio = timed.ruler.relative_std(timed.touched.law.c_N_per_mm)
             std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, ruler_std=ratio)
@@ -198,6 +186,28 @@ def _point(
         depth_uncorrected_mm=height, rest_s=chain.rest_s[press.press], speed_mm_s=press.speed_mm_s,
         x_mm=press.x_mm, y_mm=press.y_mm, extra=extra,
     )  # fmt: skip
+
+
+def _force_std(window: ForceWindow | None, timed: Timed, event: EventForce, crossed: Crossing) -> float:
+    """Of fz at the touch: its readings, the force's zero, and when it was."""
+    tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
+    from_time = timed.stop_std_N if event.dwell else event.rate_N_s * crossed.std_s
+    return float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
+
+
+def _felt(chain: Chain, timed: Timed, touch: Touch, event: EventForce) -> dict[str, object]:
+    """What is kept of a touch beside its depth and force."""
+    return {
+        "touch_std_s": touch.std_s,
+        "touch_shared_std_mm": _shared_touch(timed),
+        "touch_channel": touch.channel,
+        "touch_sigmas": touch.onset.gain**0.5,
+        "force_readings": event.readings,
+        "force_dwell": int(event.dwell),
+        "reconstructed_depth_mm": touch.depth_seen_mm,
+        "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
+        **_beside(chain, timed, touch),
+    }
 
 
 def _beside(chain: Chain, timed: Timed, touch: Touch) -> dict[str, float]:

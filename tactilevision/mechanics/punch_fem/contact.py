@@ -143,10 +143,7 @@ def touch(
         slope += weight[..., None, None] * left[..., :, None] * right[..., None, :]
     traction = pressure[..., None] * normal + shear[..., None] * tangent
 
-    spread = _spread(surface)
-    area = surface.weight_mm2[..., None]
-    force = -np.einsum("kqia,kqi->ka", spread, area * traction)
-    matrix = -np.einsum("kqia,kqij,kqjb->kab", spread, area[..., None] * slope, spread, optimize=True)
+    force, matrix = _gathered(surface, traction, slope)
     return ContactState(
         force=force,
         stiffness=matrix,
@@ -188,6 +185,15 @@ def turned_back(by_trial: Floats, shear: Floats, trial: Floats, before: Floats) 
     """
     turned = (trial * before < 0) & (by_trial < 1)
     return np.where(turned, 2 * np.abs(shear) / np.where(turned, np.abs(trial - before), 1.0), by_trial)
+
+
+def _gathered(surface: Surface, traction: Floats, slope: Floats) -> tuple[Floats, Floats]:
+    """Force (K, 7) and stiffness (K, 7, 7) on an edge's unknowns, of traction (K, Q, 2) and slope (K, Q, 2, 2)."""
+    spread = _spread(surface)
+    area = surface.weight_mm2[..., None]
+    force = -np.einsum("kqia,kqi->ka", spread, area * traction)
+    matrix = -np.einsum("kqia,kqij,kqjb->kab", spread, area[..., None] * slope, spread, optimize=True)
+    return force, matrix
 
 
 def _spread(surface: Surface) -> Floats:
