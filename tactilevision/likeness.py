@@ -16,10 +16,12 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.flags import LIGHT, MOVED, REFERENCE
 from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.light import other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.moved import moved_by
 from tactilevision.records import Bytes, Pair
@@ -40,8 +42,9 @@ LOOKED_AT = 5  # frames of a recording
 class Likeness:
     """Flags the pictures of one method that are unlike its reference.
 
-    `moved` (right, down) by so many pixels; `touched`, where (x, y in px) the reference itself, or that which the
-    light was calibrated with, shows a contact; `seen` of the last picture, in the order of UNTOLD.
+    `elsewhere`: the method was made in another light than its reference. `moved` (right, down) by so many pixels;
+    `touched`, where (x, y in px) the reference itself, or that of the calibration, shows a contact; `seen` of the
+    last picture, in the order of UNTOLD.
 
     `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
     """
@@ -50,9 +53,18 @@ class Likeness:
         self.method = method
         told: Mapping[str, float] = method.card.get("usual", UNTOLD) if usual is None else usual
         self.usual = max(LEAST_MISFIT, float(told["misfit"])), max(LEAST_STD_MM, float(told["zero_std_mm"]))
+        self.elsewhere = False
         self.moved: Pair | None = None
         self.touched: Pair | None = method.card.get("contact_in_reference_px")
         self.seen: tuple[float, ...] = ()
+
+    def made_in(self, light: npt.ArrayLike) -> tuple[str, ...]:
+        """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
+        card = self.method.card
+        told = other_light(light, self.method.reference,
+                           float(card.get("held_out_gain_std", self.method.relative_error)))  # fmt: skip
+        self.elsewhere = bool(told)
+        return told
 
     def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
         """See by rectified `pictures` whether they have moved; a warning where they have."""
@@ -71,7 +83,8 @@ class Likeness:
         lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
         self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
         misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
-        return (*lasting, LIGHT) if max(misfit / MUCH, misfit * waves / WAVY) > 1.0 else tuple(lasting)
+        strange = self.elsewhere or max(misfit / MUCH, misfit * waves / WAVY) > 1.0
+        return (*lasting, LIGHT) if strange else tuple(lasting)
 
 
 def usual_of(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:

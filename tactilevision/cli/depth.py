@@ -81,6 +81,8 @@ def depth(
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
         _tell(rows, out, maps)
     console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
+    if all(row.status != "ok" for row in rows):
+        raise typer.Exit(2)
 
 
 def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:

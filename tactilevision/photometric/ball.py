@@ -29,6 +29,7 @@ Array = npt.NDArray[np.floating[Any]]
 MOST_PIXELS = 1500  # of the window; more only slow the fit down
 ROUNDS = 20
 LEAST_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
+WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
 LEAST_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -75,7 +76,7 @@ def find_ball(
         x, y = centre_px
     if contact_radius_px is not None:
         radius = contact_radius_px
-    radius = min(radius, 0.95 * radius_mm / mm_per_px[0])
+    radius = min(radius, WIDEST * radius_mm / mm_per_px[0])
     if radius < LEAST_RADIUS_PX:
         raise InputError(
             f"a contact of {radius:.2g} px in radius is too small to be read",
@@ -83,7 +84,12 @@ def find_ball(
             value=f"ball_radius_mm = {radius_mm:g}",
             remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
         )
-    return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
+    ball = _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
+    if ball.contact_radius_px * mm_per_px[0] > WIDEST * radius_mm:
+        raise InputError("the contact is as wide as the whole ball", where="ball press",
+                         value=f"ball_radius_mm = {radius_mm:g}",
+                         remedy="State the ball's radius in mm, and mm_per_px as rectified.")  # fmt: skip
+    return ball
 
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:

@@ -11,9 +11,10 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
+from tactilevision.photometric.ball_doubts import odd_balls, one_contact, radii_apart
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import solid
-from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, held_out
+from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
 from tactilevision.photometric.marks import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.power import response_of
@@ -114,7 +115,12 @@ def calibrate_from_balls(
     doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
     light = told_slopes(touching)
     warnings += _coverage(touching) + _hidden(light)
-    touched = _ghost(change, pictures, balls, mm_per_px)
+    warnings += radii_apart(
+        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
+        lambda group: gains_without(np.array(group), way, touching, still, ridge=ridge),
+    )
+    warnings += odd_balls(gains_of(found, touching), balls, [picture.name for picture in pictures])
+    touched = one_contact(balls) or _ghost(change, pictures, balls, mm_per_px)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),

@@ -124,6 +124,15 @@ def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
     }
 
 
+def gains_without(
+    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, quiet: Samples, *, ridge: float
+) -> dict[int, float]:
+    """The depth scale at each ball of a `group`, by a law of the others."""
+    apart = contact.where(np.isin(contact.press, group))
+    law = _without(group, fit, contact, quiet, ridge=ridge)
+    return gains_of(law.at(apart.change, apart.place), apart)
+
+
 def gain_std(found: Floats, samples: Samples) -> float:
     """Scatter of the depth scale over balls: 1.48 times the median distance from 1."""
     return 1.4826 * float(np.median(np.abs(np.array([*gains_of(found, samples).values()]) - 1.0)))

@@ -16,6 +16,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Floats
 
 BLOCKS = (8, 6)  # across, down: coarse enough that neither marks nor noise tell
+LEAST_CHANGE = 0.1  # of brightness: lamps age and gels wear by half of it
 SAME_SHAPE = 0.02  # of the ratio of width to height: what a resized picture loses by whole pixels
 
 
@@ -35,15 +36,18 @@ def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
     return float(np.sqrt(np.nanmean((ratio - np.nanmedian(ratio, axis=(0, 1))) ** 2)))
 
 
-def other_light(before: npt.ArrayLike, reference: Reference, relative_error: float) -> tuple[str, ...]:
-    """A warning where slopes are off by more for the light than they were on balls of the method's own sensor."""
+def other_light(before: npt.ArrayLike, reference: Reference, scale_error: float) -> tuple[str, ...]:
+    """A warning where the scale of slope is off by more for the light than it was on balls of its own sensor.
+
+    `scale_error` is the latter, relatively, of whole balls: that of single pixels is mostly their noise.
+    """
     change = change_of_light(before, light_of(reference))
-    if not change > relative_error:
+    if not change > max(LEAST_CHANGE, scale_error):
         return ()
     return (
         "the method was made in another light: over the picture brightness differs by "
         f"{100 * change:.0f} %, exposure allowed for, and so does the scale of slopes (error in its own light: "
-        f"{100 * relative_error:.0f} %); depths are not to be trusted, train a method on this sensor's balls",
+        f"{100 * scale_error:.0f} %); depths are not to be trusted, train a method on this sensor's balls",
     )
 
 

@@ -26,7 +26,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.light import check_view, light_of, other_light
+from tactilevision.photometric.light import check_view, light_of
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.samples import far_from
 from tactilevision.reconstruct.reconstructor import Reconstructor
@@ -156,7 +156,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     found = Reconstructor(sensor, method)
     found.likeness = Likeness(method, usual=UNTOLD)
     if "light" in method.card:  # else it was made for any light
-        found.warnings = other_light(method.card["light"], reference, method.relative_error)
+        found.warnings = found.likeness.made_in(method.card["light"])
     return found
 
 
@@ -197,5 +197,6 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     check_view(method.reference.shape, reference.shape)
     found = Reconstructor(sensor, method.with_reference(reference))
-    found.warnings = other_light(light_of(method.reference), reference, method.relative_error)
+    if found.likeness is not None:
+        found.warnings = found.likeness.made_in(light_of(method.reference))
     return found

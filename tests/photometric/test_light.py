@@ -12,6 +12,8 @@ import pytest
 from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
+from tactilevision.flags import LIGHT
+from tactilevision.likeness import Likeness
 from tactilevision.photometric import make_reference, save_method
 from tactilevision.photometric.light import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
@@ -29,8 +31,25 @@ TURNED = np.ascontiguousarray(OWN[::-1, ::-1])  # the lamps on the other side
 DIMMED = np.clip(np.array([0.8, 0.9, 0.6]) * OWN + RNG.normal(0, 1, OWN.shape), 0, 255).astype(np.uint8)
 
 
+FOUND = find_model("gelslim3")
+assert FOUND is not None
+MODEL = FOUND
+
+
 def reference(rgb: Bytes) -> Reference:
     return make_reference([rgb])
+
+
+def test_noise_of_single_pixels_hides_no_other_light() -> None:
+    """A method's error a pixel is mostly noise, its scale far better known."""
+    method = CalibratedMethod(
+        Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card={"held_out_gain_std": 0.05}
+    )
+    likeness = Likeness(method)
+    assert "another light" in likeness.made_in(light_of(reference(OWN)))[0]
+    assert likeness.elsewhere
+    assert likeness.made_in(light_of(reference(TURNED))) == ()
+    assert not likeness.elsewhere
 
 
 def recording(folder: Path, rgb: Bytes) -> Recording:
@@ -41,9 +60,7 @@ def recording(folder: Path, rgb: Bytes) -> Recording:
 
 
 def saved(folder: Path) -> Path:
-    path = find_model("gelslim3")
-    assert path is not None
-    law = Network(path.read_bytes(), 0.9, path)
+    law = Network(MODEL.read_bytes(), 0.9, MODEL)
     return save_method(CalibratedMethod(law, reference(OWN), 0.15, card={"sensor": "gelslim3"}), folder / "own")
 
 
@@ -67,14 +84,13 @@ def test_another_light_is_warned_of(suffix: str, tmp_path: Path) -> None:
         path.with_suffix(".json").write_text(json.dumps(card))
     found = build_reconstructor(recording(tmp_path, TURNED), str(path))
     assert "made in another light" in found.warnings[0]
+    assert LIGHT in found.rectified_map(TURNED).flags
     assert build_reconstructor(recording(tmp_path, OWN), str(path)).warnings == ()
     assert build_reconstructor(recording(tmp_path, DIMMED), str(path)).warnings == ()
 
 
 def test_the_network_for_any_light_knows_no_other(tmp_path: Path) -> None:
-    path = find_model("gelslim3")
-    assert path is not None
-    assert build_reconstructor(recording(tmp_path, TURNED), str(path)).warnings == ()
+    assert build_reconstructor(recording(tmp_path, TURNED), str(MODEL)).warnings == ()
 
 
 def test_pictures_of_another_shape_are_refused_and_resized_ones_are_not(tmp_path: Path) -> None:

@@ -1,0 +1,37 @@
+"""`depth` on bare folders: its exit code says whether there are maps at all."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.cli import main
+from tactilevision.records import Bytes
+
+
+def untouched() -> Bytes:
+    y, x = np.mgrid[:320, :427] / 427.0
+    lit = np.stack([60 + 90 * x, 70 + 60 * (1 - x), 50 + 120 * (1 - y)], axis=2)
+    return np.asarray(lit + np.random.default_rng(3).normal(0, 1.5, lit.shape), np.uint8)
+
+
+def run(monkeypatch: pytest.MonkeyPatch, folder: Path, frames: list[Bytes]) -> int:
+    (folder / "frames").mkdir(parents=True)
+    cv2.imwrite(str(folder / "flat.png"), untouched())
+    for number, frame in enumerate(frames):
+        cv2.imwrite(str(folder / "frames" / f"{number}.png"), frame)
+    words = ("depth", folder / "frames", "--sensor", "gelslim3", "--reference", folder / "flat.png", "--out",
+             folder / "out", "--workers", 1, "--pictures", 0)  # fmt: skip
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
+    return main()
+
+
+def test_no_map_at_all_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    black = np.zeros_like(untouched())
+    assert run(monkeypatch, tmp_path / "none", [black, black]) == 2
+    assert (tmp_path / "none" / "out" / "depth.csv").read_text().count("black") == 2
+    assert run(monkeypatch, tmp_path / "one", [untouched(), black]) == 0
