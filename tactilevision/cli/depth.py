@@ -82,7 +82,8 @@ def depth(
         _tell(rows, out, maps)
     console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
-        raise typer.Exit(2)
+        raise InputError("no frame became a height map", where=out / "depth.csv",
+                         remedy="Its column `status` says why.")  # fmt: skip
 
 
 def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
