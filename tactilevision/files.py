@@ -25,23 +25,28 @@ def plain_name(label: str) -> str:
 def make_folder(path: Path | str) -> Path:
     """Make a folder for results, and those it lies in. Raises OutputError where the file system refuses."""
     folder = Path(path)
-    try:
+    with told_as_output(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise _refused(folder, fault) from fault
     return folder
 
 
 def append_text(path: Path | str, text: str) -> None:
     """Append to a file that is there: one write at its end, so that many processes may do so at a time."""
-    try:
+    with told_as_output(Path(path)):
         handle = os.open(path, os.O_WRONLY | os.O_APPEND)
         try:
             os.write(handle, text.encode())
         finally:
             os.close(handle)
+
+
+@contextmanager
+def told_as_output(target: Path) -> Iterator[None]:
+    """Raise OutputError where the file system refuses what is written to `target`."""
+    try:
+        yield
     except OSError as fault:
-        raise _refused(Path(path), fault) from fault
+        raise _refused(target, fault) from fault
 
 
 @contextmanager

@@ -87,10 +87,10 @@ class DepthJob:
             spent = 1e3 * (time.perf_counter() - start)
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
-        self._keep(height, frame.name, number)
         contact = find_contact(height, self.reconstructor.error)
         peak_mm, area_mm2 = _measured(height, contact)
         flags = add(height.flags, [BORDER] if at_border(contact) else [])
+        self._keep(replace(height, flags=flags), frame.name, number)
         std_mm = std_at(height, peak_mm)
         return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
 

@@ -11,17 +11,18 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
+from tactilevision.flags import add
 from tactilevision.records import HeightMap, Pair
 
 
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
     """Write depth in mm as float32, NaN where invalid, never clipped; the scale goes into the file's own tags.
 
-    `quantity`: what is in place of the depth.
+    `quantity`: what is in place of the depth. What makes the map doubtful (`flags`) goes there, too.
     """
     import tifffile
 
-    about = {"quantity": quantity, "unit": "mm", "mm_per_px": list(height.mm_per_px)}
+    about = {"quantity": quantity, "unit": "mm", "mm_per_px": list(height.mm_per_px), "flags": list(height.flags)}
     with replacing(path) as temporary:
         tifffile.imwrite(
             temporary,
@@ -52,15 +53,27 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             where=path,
             value=f"{depth.shape} {depth.dtype}",
         )
-    scale = mm_per_px or _scale(about)
+    told = _told(about)
+    scale = mm_per_px or _scale(told)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem)
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told))
 
 
-def _scale(description: str) -> Pair | None:
+def _told(description: str) -> Any:
     try:
-        about: Any = json.loads(description)
+        return json.loads(description)
+    except ValueError:
+        return {}
+
+
+def _flags(about: Any) -> tuple[str, ...]:
+    flags = about.get("flags", ()) if isinstance(about, dict) else ()
+    return add((), map(str, flags)) if isinstance(flags, list) else ()
+
+
+def _scale(about: Any) -> Pair | None:
+    try:
         x, y = about["mm_per_px"]
         return float(x), float(y)
     except (ValueError, TypeError, KeyError):

@@ -12,8 +12,11 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.exports import EXPORTS, export
+from tactilevision.exports.zarr_store import begin_frames, write_frame
+from tactilevision.flags import LIGHT
+from tactilevision.height_files import read_tiff
 from tactilevision.records import HeightMap
 
 SCALE = (0.05, 0.08)
@@ -26,7 +29,7 @@ def height() -> HeightMap:
     depth = 0.1 * x + 0.01 * y - 0.05
     valid = np.ones((6, 9), dtype=bool)
     valid[2, 3] = False
-    return HeightMap(depth, valid, SCALE, std_mm=np.full((6, 9), 0.004), time_s=1.5, name="a7.png")
+    return HeightMap(depth, valid, SCALE, std_mm=np.full((6, 9), 0.004), time_s=1.5, name="a7.png", flags=(LIGHT,))
 
 
 def expected(height: HeightMap) -> npt.NDArray[np.float32]:
@@ -39,6 +42,7 @@ def test_npz(tmp_path: Path, height: HeightMap) -> None:
         assert tuple(file["mm_per_px"]) == SCALE
         assert float(file["time_s"]) == 1.5
         assert file["std_mm"] == pytest.approx(0.004)
+        assert file["flags"].tolist() == [LIGHT]
 
 
 def test_tiff(tmp_path: Path, height: HeightMap) -> None:
@@ -46,6 +50,7 @@ def test_tiff(tmp_path: Path, height: HeightMap) -> None:
         np.testing.assert_array_equal(file.asarray(), expected(height))
         about = json.loads(file.pages[0].tags["ImageDescription"].value)  # type: ignore[union-attr]
     assert about["mm_per_px"] == list(SCALE)
+    assert read_tiff(tmp_path / "a7.tiff").flags == (LIGHT,)
 
 
 def test_zarr(tmp_path: Path, height: HeightMap) -> None:
@@ -55,6 +60,7 @@ def test_zarr(tmp_path: Path, height: HeightMap) -> None:
     np.testing.assert_array_equal(np.asarray(group["depth_mm"]), expected(height))
     assert group["depth_mm"].attrs["_ARRAY_DIMENSIONS"] == ["y", "x"]
     assert group.attrs["mm_per_px"] == list(SCALE)
+    assert group.attrs["flags"] == [LIGHT]
     assert [one.name for one in tmp_path.iterdir()] == ["a7.zarr"]
 
 
@@ -63,6 +69,7 @@ def test_ply_is_a_surface_with_a_hole(tmp_path: Path, height: HeightMap) -> None
     head, body = raw.split(b"end_header\n", 1)
     counts = [int(found) for found in re.findall(rb"element \w+ (\d+)", head)]
     assert b"format binary_little_endian 1.0" in head
+    assert b"doubtful: light" in head
     assert counts == [6 * 9 - 1, 2 * (5 * 8 - 4)]
     vertex = np.frombuffer(body, np.dtype([("xyz", "<f4", 3), ("depth", "<f4")]), counts[0])
     face = np.frombuffer(body, np.dtype([("n", "u1"), ("v", "<i4", 3)]), counts[1], offset=vertex.nbytes)
@@ -101,3 +108,13 @@ def test_an_unknown_format_is_named(tmp_path: Path, height: HeightMap) -> None:
     with pytest.raises(InputError, match="vtk"):
         export(height, tmp_path, form="stl")
     assert set(EXPORTS) == {"tiff", "npz", "zarr", "ply", "vtk"}
+
+
+def test_a_store_that_cannot_be_filled_is_an_output_error(tmp_path: Path) -> None:
+    """As on a full disk: the folder of an array's chunks is a file."""
+    scratch = tmp_path / "store"
+    begin_frames(scratch, ["a", "b"], {"depth_mm": "mm"}, shape=(4, 5), about={})
+    (scratch / "depth_mm" / "1.0.0").mkdir()
+    write_frame(scratch, 0, {"depth_mm": np.zeros((4, 5), np.float32)})
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_frame(scratch, 1, {"depth_mm": np.zeros((4, 5), np.float32)})

@@ -15,6 +15,11 @@ from tactilevision.records import HeightMap
 AXES = "x right, y up, z into the gel and towards the camera, mm"
 
 
+def about(height: HeightMap) -> str:
+    """One line for a file's head: its axes, and what makes the map doubtful."""
+    return f"height map; {AXES}" + (f"; doubtful: {' '.join(height.flags)}" if height.flags else "")
+
+
 def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
     """(H, W, 3); z is 0 where the depth is not known."""
     rows, columns = height.depth_mm.shape

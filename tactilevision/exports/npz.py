@@ -1,4 +1,6 @@
-"""NPZ, for numpy: depth_mm (H, W) float32 with NaN where it is not known, std_mm where it is, mm_per_px (x, y)."""
+"""NPZ, for numpy: depth_mm (H, W) float32 with NaN where it is not known, std_mm where it is, mm_per_px (x, y).
+
+`flags` are the words of flags.py that make the map doubtful, if any."""
 
 from __future__ import annotations
 
@@ -19,6 +21,7 @@ def write_npz(path: Path | str, height: HeightMap) -> None:
         "mm_per_px": np.array(height.mm_per_px),
         "time_s": np.array(height.time_s),
         "name": np.array(height.name),
+        "flags": np.array(height.flags, dtype=np.str_),
     }
     if height.std_mm is not None:
         content["std_mm"] = height.std_mm.astype(np.float32)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.exports.mesh import AXES, points_mm, triangles
+from tactilevision.exports.mesh import about, points_mm, triangles
 from tactilevision.files import replacing
 from tactilevision.records import HeightMap
 
@@ -27,7 +27,7 @@ def write_ply(path: Path | str, height: HeightMap) -> None:
         (
             "ply",
             "format binary_little_endian 1.0",
-            f"comment height map; {AXES}",
+            f"comment {about(height)}",
             f"element vertex {len(vertex)}",
             *(f"property float {name}" for name in ("x", "y", "z", "depth_mm")),
             f"element face {len(face)}",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.exports.mesh import AXES, points_mm
+from tactilevision.exports.mesh import about, points_mm
 from tactilevision.files import replacing
 from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
@@ -20,7 +20,7 @@ def write_vtk(path: Path | str, height: HeightMap) -> None:
     """Write the grid of all pixels, the first row first."""
     rows, columns = height.depth_mm.shape
     header = (
-        f"# vtk DataFile Version 3.0\nheight map; {AXES}\nBINARY\nDATASET STRUCTURED_GRID\n"
+        f"# vtk DataFile Version 3.0\n{about(height)}\nBINARY\nDATASET STRUCTURED_GRID\n"
         f"DIMENSIONS {columns} {rows} 1\nPOINTS {rows * columns} float\n"
     )
     parts = [header.encode("ascii"), points_mm(height).astype(">f4").tobytes(), b"\n"]

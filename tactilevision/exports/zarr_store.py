@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import InputError, OutputError
+from tactilevision.errors import InputError
+from tactilevision.files import told_as_output
 from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
 
@@ -29,39 +30,46 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         fields["std_mm"] = height.std_mm.astype(np.float32)
     path = Path(path)
     scratch = path.with_name(f".{path.name}-unfinished")
-    group = _new_group(scratch, {"mm_per_px": list(height.mm_per_px), "name": height.name})
-    for name, values in fields.items():
-        array = group.create_array(name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan)
-        array.attrs.update({"unit": "mm", "_ARRAY_DIMENSIONS": ["y", "x"]})
-        array[:] = values
-    _move(scratch, path)
+    about = {"mm_per_px": list(height.mm_per_px), "name": height.name, "flags": list(height.flags)}
+    with told_as_output(path):
+        group = _new_group(scratch, about)
+        for name, values in fields.items():
+            array = group.create_array(
+                name, shape=values.shape, chunks=values.shape, dtype="f4", fill_value=np.nan
+            )
+            array.attrs.update({"unit": "mm", "_ARRAY_DIMENSIONS": ["y", "x"]})
+            array[:] = values
+        _move(scratch, path)
 
 
 def begin_frames(scratch: Path, frames: Sequence[str], fields: Mapping[str, str], *, shape: tuple[int, int],
                  about: Mapping[str, Any]) -> None:  # fmt: skip
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    group = _new_group(scratch, about)
-    for name, unit in fields.items():
-        array = group.create_array(name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4",
-                                   fill_value=np.nan)  # fmt: skip
-        array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
-    names = np.array(list(frames), dtype=np.str_)
-    listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
-    listed.attrs["_ARRAY_DIMENSIONS"] = ["frame"]
-    listed[:] = names
+    with told_as_output(scratch):
+        group = _new_group(scratch, about)
+        for name, unit in fields.items():
+            array = group.create_array(name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4",
+                                       fill_value=np.nan)  # fmt: skip
+            array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
+        names = np.array(list(frames), dtype=np.str_)
+        listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
+        listed.attrs["_ARRAY_DIMENSIONS"] = ["frame"]
+        listed[:] = names
 
 
 def write_frame(scratch: Path, number: int, fields: Mapping[str, Singles]) -> None:
     """One frame's fields; (rows, columns) each."""
-    group = _opened(str(scratch))
-    for name, values in fields.items():
-        group[name][number] = values
+    with told_as_output(scratch):
+        group = _opened(str(scratch))
+        for name, values in fields.items():
+            group[name][number] = values
 
 
 def end_frames(scratch: Path, path: Path) -> None:
     """Put the finished store in its place."""
     _opened.cache_clear()
-    _move(scratch, path)
+    with told_as_output(path):
+        _move(scratch, path)
 
 
 @lru_cache(maxsize=4)
@@ -70,26 +78,20 @@ def _opened(path: str) -> Any:
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
-    try:
-        shutil.rmtree(scratch, ignore_errors=True)
-        scratch.parent.mkdir(parents=True, exist_ok=True)
-        group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
-    except OSError as fault:
-        raise _refused(scratch, fault) from fault
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.parent.mkdir(parents=True, exist_ok=True)
+    group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
     group.attrs.update(dict(about))
     return group
 
 
 def _move(scratch: Path, path: Path) -> None:
-    try:
-        old = path.with_name(f".{path.name}-old")
-        shutil.rmtree(old, ignore_errors=True)
-        if path.exists():
-            os.replace(path, old)
-        os.replace(scratch, path)
-        shutil.rmtree(old, ignore_errors=True)
-    except OSError as fault:
-        raise _refused(path, fault) from fault
+    old = path.with_name(f".{path.name}-old")
+    shutil.rmtree(old, ignore_errors=True)
+    if path.exists():
+        os.replace(path, old)
+    os.replace(scratch, path)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _zarr() -> Any:
@@ -99,8 +101,3 @@ def _zarr() -> Any:
         raise InputError("the package zarr is not installed", where="--format zarr",
                          remedy="pip install zarr, or choose another format.") from fault  # fmt: skip
     return zarr
-
-
-def _refused(path: Path, fault: OSError) -> OutputError:
-    return OutputError(f"cannot be written: {fault.strerror or fault}", where=path,
-                       remedy="Free some space or choose another folder with --out.")  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
 from tactilevision.plots import style
-from tactilevision.plots.height import extent_mm, scale_bar
+from tactilevision.plots.height import extent_mm, scale_bar, titled
 from tactilevision.records import Bytes, Floats, HeightMap
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ class _Stage:
         self.picture.set_data(shot.rgb)
         self.depth.set_data(_known(shot.height))
         self.now.set_xdata([self.time_s[number]] * 2)
-        self.above.set_title(f"{shot.height.name}: {self.peak[number]:.3f} mm", loc="left", fontsize=10)
+        words = titled(shot.height, f"{shot.height.name}: {self.peak[number]:.3f} mm")
+        self.above.set_title(words, loc="left", fontsize=10)
         return _rendered(self.figure)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactilevision.flags import add
 from tactilevision.plots import style
 from tactilevision.records import Bytes, Floats, Footprint, HeightMap
 
@@ -22,7 +24,7 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     above, cuts = axes
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
-    above.set_title(title or height.name or "Depth of the gel's surface")
+    above.set_title(titled(height, title or height.name or "Depth of the gel's surface"))
     row, column = deepest_place(height)
     cut_lines(cuts, height, row, column)
     _mark_cuts(above, height, row, column)
@@ -34,7 +36,7 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
     """The rectified frame with the depth's contours, the depth from above, and two cuts: one strip."""
     figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
     overlay(frame, rgb, height, None)
-    frame.set_title(title or height.name)
+    frame.set_title(titled(height, title or height.name))
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
     row, column = deepest_place(height)
@@ -76,7 +78,7 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
     scale_bar(lit, height, colour="black")
     for axes, words in (
-        (tilt, title or f"{height.name}: tilt, arrows point deeper"),
+        (tilt, titled(height, title or f"{height.name}: tilt, arrows point deeper")),
         (lit, "Lit from above left"),
     ):
         axes.set_facecolor(style.INVALID)
@@ -103,10 +105,13 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
     span = max(float(np.nanmax(depth) - np.nanmin(depth)), 1e-3) if np.isfinite(depth).any() else 1.0
     axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), 0.25 * float(np.ptp(x))))
     axes.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="depth (mm)")
+    axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
     axes.invert_zaxis()
     axes.invert_yaxis()
     exaggerated = 0.25 * float(np.ptp(x)) / span
-    axes.set_title(f"{title or height.name}   vertical scale × {exaggerated:.0f}", loc="left", fontsize=10)
+    axes.set_title(
+        f"{titled(height, title or height.name)}   vertical scale × {exaggerated:.0f}", loc="left", fontsize=10
+    )
     axes.view_init(elev=48, azim=-62)
     return figure
 
@@ -116,7 +121,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, 
     """The rectified frame with the contours of the depth and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height, footprint)
-    axes.set_title(title or height.name)
+    axes.set_title(titled(height, title or height.name))
     return figure
 
 
@@ -131,10 +136,15 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
         change, cmap="PuOr", vmin=-limit, vmax=limit, extent=extent_mm(first), interpolation="none"
     )
     figure.colorbar(image, ax=axes, label="change of depth (mm)", shrink=0.85)
-    axes.set_title(title)
+    axes.set_title(titled(replace(second, flags=add(first.flags, second.flags)), title))
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     return figure
+
+
+def titled(height: HeightMap, words: str) -> str:
+    """A picture's title with what makes its map doubtful, so that no picture of it goes without."""
+    return f"{words} · doubtful: {', '.join(height.flags)}" if height.flags else words
 
 
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
@@ -225,10 +235,14 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
     tall = height.depth_mm.shape[0] * height.mm_per_px[1]
     length = max((b for b in (0.5, 1, 2, 5, 10, 20, 50) if b <= width / 4), default=width / 4)
     x, y = 0.04 * width, 0.94 * tall
+    from matplotlib.patheffects import withStroke
+
+    rim = [withStroke(linewidth=2.0, foreground="black")] if colour == "white" else []  # seen where all is grey
     axes.plot([x, x + length], [y, y], color=colour, lw=3, solid_capstyle="butt")
     axes.text(
-        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color=colour, ha="center", va="bottom", fontsize=8
-    )
+        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color=colour, ha="center", va="bottom", fontsize=8,
+        path_effects=rim,
+    )  # fmt: skip
 
 
 def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tactilevision.plots.height import draw_surface
+from tactilevision.flags import LIGHT
+from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
 from tactilevision.records import HeightMap
 
 
@@ -21,3 +22,13 @@ def test_the_scale_is_told_within_the_picture() -> None:
     box = words.get_window_extent()
     assert figure.bbox.y0 <= box.y0
     assert box.y1 <= figure.bbox.y1
+
+
+def test_no_picture_of_a_doubtful_map_goes_without_saying_so() -> None:
+    depth = np.tile(np.linspace(0.0, 0.2, 16), (12, 1))
+    height = HeightMap(depth, np.ones_like(depth, bool), (0.5, 0.5), name="a", flags=(LIGHT,))
+    rgb = np.zeros((12, 16, 3), np.uint8)
+    figures = (draw_height(height), draw_surface(height), draw_overlay(rgb, height, None), draw_normals(height),
+               draw_difference(height, height, title="a minus b"))  # fmt: skip
+    for figure in figures:
+        assert "doubtful: light" in figure.axes[0].get_title(loc="left") + figure.axes[0].get_title()
