@@ -7,7 +7,8 @@ I is the untouched picture, c a channel and j the other two, I^p the light that 
 light, its mean 1 in each channel. Exposure and supply dim all channels alike: g_x, g_y, b, m are 0. A stray light
 that does not fade with the lamps leaves b = -p g_0 times it. Lamps add up in light, so what the fading of one
 leaves is a mixture of channels, m, exactly; m_j has the sign of what channel j gained over c, as it is a part of
-that lamp's light that c sees. A lean is for what is none of these.
+that lamp's light that c sees. A lean is for what is none of these; lamps fade apart under one as
+well, as where stray light is uneven itself.
 The last term is the gel's own slope at a distance d beside the contacts, which is no drift: J (3, 2) is what a
 slope makes of colours, s the softening of `change.py`, A and B are free. Where J is not known, each channel has A
 and B of its own in x and in y. L, about the thickness of a gel, need not be right.
@@ -32,8 +33,10 @@ KINDS = np.array(
         (0.1, 0.1, 0.003, 0.0, 0.0, 0.03),
         (0.0, 0.15, 0.003, 0.2, 0.2, 0.03),
         (0.0, 0.0, 0.3, 0.0, 0.0, 0.3),
+        (0.0, 0.15, 0.1, 0.2, 0.2, 0.1),
     ]
 )
+OFTEN = np.array([1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
 LEAST = 1e-4
 FREE = 10.0  # g_0 and slopes: anything
 CORRELATED = 6.0
@@ -91,7 +94,7 @@ def drift_of(
     found = np.matmul(spread, pulled[..., None])[..., 0]
     told = np.sum(pulled * found, axis=1) - np.linalg.slogdet(held)[1]
     told -= np.sum(2.0 * np.log(std) + (usual / std) ** 2, axis=1)
-    likely = np.exp(0.5 * (told - told.max()))
+    likely = OFTEN * np.exp(0.5 * (told - told.max()))
     likely /= likely.sum()
     mean = likely @ found
     apart = found - mean
