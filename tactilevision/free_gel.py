@@ -69,10 +69,16 @@ def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Byte
 
 
 def free_frames(recording: Recording) -> list[Bytes]:
-    """At most MOST_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free."""
-    from tactilevision.recording import read_frame
+    """At most MOST_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free.
+
+    Of a recording without presses, its flats, where they are LEAST_FREE or more.
+    """
+    from tactilevision.recording import read_frame, read_image
 
     times = recording.frame_times_s
+    if not recording.presses and len(recording.flats) >= LEAST_FREE:
+        flats = recording.flats[:MOST_FREE]
+        return [rectify(recording.sensor, read_image(path, white_level=recording.white_level)) for path in flats]
     if recording.frames_path is None or not len(times) or not recording.presses:
         return []
     starts = np.array([press.start_s for press in recording.presses])

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
-ROUGH = 3.5  # deviations by which 3 by 3 means scatter, or as many times what most of a frame does
+ROUGH = (
+    3.5  # deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
+)
 EVERY = 4  # means along each side, of which one tells what most do
 BLOCK = 8  # pixels, about: grid on which windows are cut
 SHARE = 0.5  # of the picture in windows; above that all of it is read in full
@@ -91,7 +93,7 @@ class CalmReader:
         self.bias = self._over(method.bias) + rest * self.calm
         noise = self._over(method.noise[None])[0]
         self.loud = LOUD * noise
-        self.per_noise = np.where(self.calm > 0.5, noise, np.float32(np.inf)) ** -2
+        self.per_noise = np.where(self.calm > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
         self._change = np.empty_like(self.maps.mean)
         self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
         self.block = round(BLOCK / px)

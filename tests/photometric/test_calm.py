@@ -68,6 +68,20 @@ def test_a_contact_smaller_than_a_block_of_the_drift_is_not_overlooked() -> None
         assert quick == pytest.approx(whole, abs=0.03 * true.max())
 
 
+@pytest.mark.parametrize("size_px", [4, 6, 8])
+def test_a_gentle_contact_of_few_pixels_is_as_deep_as_pixel_by_pixel(size_px: int) -> None:
+    """Slopes of .1 are three times a single pixel's noise, which tells no contact, and nine times a mean's."""
+    method = calibrated()
+    true, p, q = ball((1.1, -0.7), size_px * MM_PER_PX, 10 * size_px * MM_PER_PX)
+    peak, rng = true > 0.7 * true.max(), np.random.default_rng(5)
+    found = []
+    for _ in range(6):
+        rgb = picture(p, q, rng)
+        found.append([depth(method, rgb, whole=whole)[peak].mean() / true.max() for whole in (True, False)])
+    whole, quick = np.mean(found, axis=0)
+    assert quick == pytest.approx(whole, abs=0.05)
+
+
 @pytest.mark.parametrize("name", ["polynomial", "lookup"])
 @pytest.mark.parametrize("px", [2, 3, 4])
 def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, px: int) -> None:
