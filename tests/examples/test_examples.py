@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tactilevision.recording import read_recording
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -44,6 +46,19 @@ def test_a_frame_becomes_a_map_on_disk(said: str, tmp_path: Path) -> None:
     depth, std = first(r": ([\d.]+) ±", said), first(r"± ([\d.]+) mm", said)
     assert abs(depth - 0.33) < 3 * std  # .3 mm of machined height, less the rise, and the overshoot of the ramp
     assert (tmp_path / "height.tiff").is_file()
+
+
+@pytest.mark.parametrize("said", ["custom_sensor"], indirect=True)
+def test_a_grid_of_dots_makes_a_sensor_that_a_recording_can_name(said: str, tmp_path: Path) -> None:
+    assert first(r"px straightened, ([\d.]+) by", said) == pytest.approx(10.5 / 280, rel=0.1)
+    about = "format = 1\nname = 'r'\n" + (tmp_path / "sensor.toml").read_text()
+    about += "[indenter.A]\nshape = 'flat_cylinder'\nradius_mm = 2.5\nheight_mm = 0.2\n"
+    (tmp_path / "recording.toml").write_text(about)
+    (tmp_path / "points.csv").write_text("press,indenter,depth_mm,fz_N\np,A,0.2,1.0\n")
+    sensor = read_recording(tmp_path).sensor
+    assert sensor.mm_per_px[0] != sensor.mm_per_px[1]
+    assert sensor.rectification is not None
+    assert sensor.rectification[0].shape == (sensor.height_px, sensor.width_px)
 
 
 @pytest.mark.parametrize("said", ["live_loop"], indirect=True)
