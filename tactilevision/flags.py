@@ -8,10 +8,13 @@ MOVED = "moved"
 LIGHT = "light"
 BORDER = "border"
 REFERENCE = "reference"
+BALLS = "balls"
 MEANING = {
     MOVED: "the picture lies beside its reference: depth may be false everywhere",
     REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "
     "and may be everywhere where the light was calibrated with it",
+    BALLS: "the light was calibrated on balls in less than half of the picture, along one side at least: depth "
+    "elsewhere is extrapolated",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",

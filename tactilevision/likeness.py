@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT, MOVED, REFERENCE
+from tactilevision.flags import BALLS, LIGHT, MOVED, REFERENCE
+from tactilevision.photometric.ball_doubts import COVERED
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.light import other_light
 from tactilevision.photometric.method import CalibratedMethod
@@ -81,6 +82,8 @@ class Likeness:
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
         lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
+        if min(self.method.card.get("balls_cover", (1.0,))) <= COVERED:
+            lasting.append(BALLS)
         self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
         misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
         strange = self.elsewhere or max(misfit / MUCH, misfit * waves / WAVY) > 1.0

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.flags import LIGHT, MEANING, MOVED, REFERENCE, add
+from tactilevision.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -72,6 +72,18 @@ def test_a_lamp_that_was_moved_is_another_light() -> None:
         elsewhere = ((-30.0, y, 18.0), *LAMPS[1:])
         p, q = ball((1.0, 1.0), radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
         assert LIGHT in reader().rectified_map(picture(p, q, rng, at=elsewhere)).flags
+
+
+def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
+    rng = np.random.default_rng(SEED + 9)
+    corner = [BallPicture(picture(*ball((x, y), 1.4, 4.0)[1:], rng, gain=grain()), 4.0)
+              for x in (-7.0, -5.5, -4.0) for y in (-4.5, -3.0, -2.0)]  # fmt: skip
+    calibration = calibrate_from_balls(made().method.reference, corner, SENSOR.mm_per_px,
+                                       fit=PHOTOMETRIC["polynomial"])  # fmt: skip
+    assert any("of the picture only" in line for line in calibration.warnings)
+    found = Reconstructor(SENSOR, calibration.method).rectified_map(flat(rng, gain=grain()))
+    assert BALLS in found.flags
+    assert BALLS not in reader().rectified_map(flat(rng, gain=grain())).flags
 
 
 def test_daylight_from_a_side_is_another_light() -> None:

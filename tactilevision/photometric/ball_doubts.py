@@ -15,6 +15,7 @@ import numpy as np
 from tactilevision.photometric.ball import Ball
 from tactilevision.records import Floats, Pair
 
+COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
 SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
 MOST = 0.75  # of the balls; the others are seen between the two contacts
 LEAST_OF_EACH = 3
@@ -60,12 +61,18 @@ def radii_apart(
     return []
 
 
-def odd_balls(gains: Mapping[int, float], balls: Sequence[Ball | None], names: Sequence[str]) -> list[str]:
-    """Warnings of single balls whose scale of slope is far from that of all others, each left out of its law."""
+def odd_balls(
+    gains: Mapping[int, float], balls: Sequence[Ball | None], names: Sequence[str], *, unsure: Mapping[int, float]
+) -> list[str]:
+    """Warnings of single balls whose scale of slope is far from that of all others, each left out of its law.
+
+    `unsure` says how far that law's scale may be off at the ball: in a corner without another one it is no wonder.
+    """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     all_of = np.array(list(scale.values()))
     usual, least = float(np.median(all_of)), max(LEAST_OF_ONE, ODD * _scatter(all_of))
-    odd = sorted((number for number in scale if abs(scale[number] - usual) > least),
+    odd = sorted((number for number in scale
+                  if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
                  key=lambda number: -abs(scale[number] - usual))  # fmt: skip
     told = []
     for number in odd[:MOST_NAMED]:
@@ -73,7 +80,8 @@ def odd_balls(gains: Mapping[int, float], balls: Sequence[Ball | None], names: S
         assert ball is not None
         told.append(
             f"{names[number] or f'ball {number + 1}'}: its slopes are {np.exp(scale[number] - usual):.2g} times "
-            f"what the other balls make of one of {ball.radius_mm:g} mm: another radius, or not its contact"
+            f"what the other balls make of one of {ball.radius_mm:g} mm: another radius, light unlike that "
+            "of any other ball, or not its contact"
         )
     return told
 

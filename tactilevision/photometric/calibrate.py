@@ -11,7 +11,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball_doubts import COVERED, odd_balls, one_contact, radii_apart
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import solid
 from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
@@ -38,7 +38,6 @@ LEAST_BALLS = 3
 GHOST_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
-COVERED = 1.0  # of the 2 from side to side: balls in less than half of it leave most of the light to be guessed
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
@@ -114,17 +113,22 @@ def calibrate_from_balls(
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
     doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
     light = told_slopes(touching)
-    warnings += _coverage(touching) + _hidden(light)
+    cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
+    warnings += _coverage(cover) + _hidden(light)
     warnings += radii_apart(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
         lambda group: gains_without(np.array(group), way, touching, still, ridge=ridge),
     )
-    warnings += odd_balls(gains_of(found, touching), balls, [picture.name for picture in pictures])
+    warnings += odd_balls(
+        gains_of(found, touching), balls, [picture.name for picture in pictures],
+        unsure={number: off for number, (_, off) in doubt.unseen.items()},
+    )  # fmt: skip
     touched = one_contact(balls) or _ghost(change, pictures, balls, mm_per_px)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),
         "balls_left_out": len(pictures) - len(contact),
+        "balls_cover": np.round(cover, 3).tolist(),
         "held_out_direction_error_deg": direction,
         "held_out_slope_rms": error,
         "held_out_gain_std": gain_std(found, touching),
@@ -281,12 +285,11 @@ def _hidden(light: Told) -> list[str]:
     ]
 
 
-def _coverage(contact: Samples) -> list[str]:
+def _coverage(cover: Floats) -> list[str]:
     """Balls all in one corner say nothing about the light elsewhere."""
-    spread = contact.place.max(axis=0) - contact.place.min(axis=0)
-    if spread.min() > COVERED:
+    if cover.min() > COVERED:
         return []
     return [
-        f"the ball presses cover {50 * spread[0]:.0f} % by {50 * spread[1]:.0f} % of the picture only; "
+        f"the ball presses cover {100 * cover[0]:.0f} % by {100 * cover[1]:.0f} % of the picture only; "
         "slopes elsewhere are extrapolated"
     ]
