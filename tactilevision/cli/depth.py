@@ -31,7 +31,7 @@ class Form(StrEnum):
 
 
 def depth(
-    path: Annotated[Path, typer.Argument(help="A recording, a video, a folder of frames, or a tree of these.")],
+    path: Annotated[Path, typer.Argument(help="A recording, video, frame, folder of frames, or a tree of these.")],
     out: console.OutOption = Path("depth_out"),
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,

@@ -23,7 +23,9 @@ TRIED = 12  # frames to find the deepest among where none is named
 
 
 def view(
-    path: Annotated[Path, typer.Argument(help="A depth TIFF, a recording, a video, or a folder of frames.")],
+    path: Annotated[
+        Path, typer.Argument(help="A depth TIFF, a recording, a video, a frame, or a folder of frames.")
+    ],
     out: console.OutOption = Path("view_out"),
     frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if left out.")] = None,
     minus: Annotated[

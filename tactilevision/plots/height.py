@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactilevision.errors import InputError
 from tactilevision.flags import add
 from tactilevision.plots import style
 from tactilevision.records import Bytes, Floats, Footprint, HeightMap
@@ -127,7 +128,13 @@ def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, 
 
 @style.house_look
 def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second minus first") -> Figure:
-    """Second map minus first, on a scale that is symmetric about no change."""
+    """Second map minus first, on a scale that is symmetric about no change.
+
+    Raises InputError for maps of two sizes or two scales.
+    """
+    if first.depth_mm.shape != second.depth_mm.shape or not np.allclose(first.mm_per_px, second.mm_per_px):
+        raise InputError("only maps of one size and scale have a difference", where=f"{second.name}, {first.name}",
+                         value=f"{_size_of(second)} and {_size_of(first)}")  # fmt: skip
     change = np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
     limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
     figure, (axes,) = style.new_figure(6.2, 4.2)
@@ -140,6 +147,11 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     return figure
+
+
+def _size_of(height: HeightMap) -> str:
+    (rows, columns), (x, y) = height.depth_mm.shape, height.mm_per_px
+    return f"{columns} x {rows} px of {x:g} x {y:g} mm"
 
 
 def titled(height: HeightMap, words: str) -> str:

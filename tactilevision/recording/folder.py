@@ -42,8 +42,7 @@ def read_folder(
                 remedy=f"Name it with --sensor: {', '.join(SENSORS)}, or a TOML file.",
             )
         return replace(read_recording(root), flats=flats)
-    frames_path = root if root.is_file() else find_frames(root) or root
-    names = _names(frames_path)
+    frames_path, names = _frames_of(root)
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
     white_level = settings.white_level if settings else None
     size, seen = first_look(frames_path, names, white_level)
@@ -65,6 +64,14 @@ def read_folder(
         white_level=white_level,
         warnings=warnings,
     )
+
+
+def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
+    """Where the frames lie, and their names: of a folder, a video, or a picture by itself."""
+    if root.is_file() and root.suffix.lower() in layout.IMAGE_SUFFIXES:
+        return root.parent, (root.name,)
+    path = root if root.is_file() else find_frames(root) or root
+    return path, _names(path)
 
 
 def _names(root: Path) -> tuple[str, ...]:

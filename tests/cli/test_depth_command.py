@@ -19,15 +19,19 @@ def untouched() -> Bytes:
     return np.asarray(lit + np.random.default_rng(3).normal(0, 1.5, lit.shape), np.uint8)
 
 
+def command(monkeypatch: pytest.MonkeyPatch, folder: Path, path: Path) -> int:
+    words = ("depth", path, "--sensor", "gelslim3", "--reference", folder / "flat.png", "--out", folder / "out",
+             "--workers", 1, "--pictures", 0)  # fmt: skip
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
+    return main()
+
+
 def run(monkeypatch: pytest.MonkeyPatch, folder: Path, frames: list[Bytes]) -> int:
     (folder / "frames").mkdir(parents=True)
     cv2.imwrite(str(folder / "flat.png"), untouched())
     for number, frame in enumerate(frames):
         cv2.imwrite(str(folder / "frames" / f"{number}.png"), frame)
-    words = ("depth", folder / "frames", "--sensor", "gelslim3", "--reference", folder / "flat.png", "--out",
-             folder / "out", "--workers", 1, "--pictures", 0)  # fmt: skip
-    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
-    return main()
+    return command(monkeypatch, folder, folder / "frames")
 
 
 def test_no_map_at_all_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,3 +39,5 @@ def test_no_map_at_all_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert run(monkeypatch, tmp_path / "none", [black, black]) == 2
     assert (tmp_path / "none" / "out" / "depth.csv").read_text().count("black") == 2
     assert run(monkeypatch, tmp_path / "one", [untouched(), black]) == 0
+    assert command(monkeypatch, tmp_path / "one", tmp_path / "one" / "frames" / "0.png") == 0, "one picture alone"
+    assert (tmp_path / "one" / "out" / "depth.csv").read_text().count("\n") == 2

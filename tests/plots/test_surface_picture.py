@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from tactilevision.errors import InputError
 from tactilevision.flags import LIGHT
 from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
 from tactilevision.records import HeightMap
@@ -32,3 +34,11 @@ def test_no_picture_of_a_doubtful_map_goes_without_saying_so() -> None:
                draw_difference(height, height, title="a minus b"))  # fmt: skip
     for figure in figures:
         assert "doubtful: light" in figure.axes[0].get_title(loc="left") + figure.axes[0].get_title()
+
+
+def test_maps_of_two_sizes_or_scales_have_no_difference() -> None:
+    one, wide = (HeightMap(np.zeros(shape), np.ones(shape, bool), (0.5, 0.5)) for shape in ((8, 6), (8, 9)))
+    fine = HeightMap(np.zeros((8, 6)), np.ones((8, 6), bool), (0.5, 0.4))
+    for other in (wide, fine):
+        with pytest.raises(InputError, match="one size and scale"):
+            draw_difference(one, other)
