@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.middle import median
-from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, noise_of, slopes_beside
+from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.means import Planes, means, shares, usual_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.response import SOFTENING_GREY, Response
@@ -84,7 +84,8 @@ class DriftTracker:
         self.level = self._blocks(self.means)
         self.all_usable = bool(self.usable.all())
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
-        self._answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
+        answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
+        self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
         self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._settle()
 
@@ -145,6 +146,7 @@ class DriftTracker:
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
         np.divide(0.5 * self.noise, self._bright, out=self._bend)  # change of light to second order
         self.grey = self._among_usable(self.level).mean(axis=1)
+        self._to_slopes = self._answers * ((self.level + SOFTENING_GREY) / self.noise)[:, None]
         light = self._bright**self.power
         self.light = self._among_usable(light).mean(axis=1)
         light /= self.light[:, None]
@@ -190,19 +192,9 @@ class DriftTracker:
         shape = self.size[1], self.size[0]
         contact = solid(touched.reshape(shape))
         noise = noise_of(change.reshape(3, *shape), weights.reshape(shape))
-        beside = self._slopes(slopes_beside(contact)) / noise if contact.any() else None
+        slopes = likely_slopes(change / noise, self._to_slopes / noise, contact) if contact.any() else None
         gain = (1.0 + constant) ** self.power - 1.0
-        return drift_of(
-            change / noise, weights, self._terms / noise, beside=beside, shared=self._answers is not None,
-            gain=gain, power=self.power,
-        )  # fmt: skip
-
-    def _slopes(self, slopes: Floats) -> Floats:
-        """What slopes (forms, 2, blocks) make of the channels, (3, forms or 2 forms, blocks), in noise."""
-        if self._answers is None:
-            return np.asarray(self._shown[:, None] * slopes.reshape(-1, slopes.shape[-1]))
-        softened = (self.level + SOFTENING_GREY) / self.noise
-        return np.asarray(np.einsum("can,fan->cfn", self._answers, slopes) * softened[:, None])
+        return drift_of(change / noise, weights, self._terms / noise, slopes=slopes, gain=gain, power=self.power)
 
     def _blocks(self, planes: Planes) -> Floats:
         """Means (3, h * w) of planes over the blocks."""

@@ -1,7 +1,7 @@
 """Which kind of drift is it? One without a pattern, stray light's, that of lamps which fade apart, or a lean.
 
     d(I_c^p) / p I_c^(p-1) = I_c (g_0 + g_x X + g_y Y) + I_c (b + sum_j m_j (l_j - l_c)) / p l_c
-                             + (I_c + s) (J_c grad) (A + B d/L) exp(-d / L)
+                             + (I_c + s) J_c slope
 
 I is the untouched picture, c a channel and j the other two, I^p the light that made it (`response.py`), l that
 light, its mean 1 in each channel. Exposure and supply dim all channels alike: g_x, g_y, b, m are 0. A stray light
@@ -9,12 +9,15 @@ that does not fade with the lamps leaves b = -p g_0 times it. Lamps add up in li
 leaves is a mixture of channels, m, exactly; m_j has the sign of what channel j gained over c, as it is a part of
 that lamp's light that c sees. A lean is for what is none of these; lamps fade apart under one as
 well, as where stray light is uneven itself.
-The last term is the gel's own slope at a distance d beside the contacts, which is no drift: J (3, 2) is what a
-slope makes of colours, s the softening of `change.py`, A and B are free. Where J is not known, each channel has A
-and B of its own in x and in y. L, about the thickness of a gel, need not be right.
-Each kind is a prior on g_x, g_y, b, m, and the kinds count as far as the untouched gel makes them likely (Bayesian
-evidence of a linear model; Bishop, Pattern Recognition and Machine Learning, 3.5). Noise is what the frame's own
-blocks show against their neighbours. Valid where errors hang together over no more than CORRELATED blocks.
+The last term is the gel's own slope beside the contacts, which is no drift: J (3, 2) is what a slope makes of
+colours, s the softening of `change.py`. Which shape it has is left open: in each block a slope may be as steep as
+under the contact times exp(-d / a), at a distance d from a contact of radius a, and is integrated out (a Gaussian
+of that deviation). So near a contact drift is read in the one combination of three colours that slopes leave
+alone, and far from it in all. Where J is not known, slopes may change each channel by itself.
+Each kind is a prior on g_0 (of all channels alike, or of each its own), g_x, g_y, b, m, and the kinds count as far
+as the untouched gel makes them likely (Bayesian evidence of a linear model; Bishop, Pattern Recognition and
+Machine Learning, 3.5). Noise is what the frame's own blocks show against their neighbours. Valid where errors hang
+together over no more than CORRELATED blocks.
 """
 
 from __future__ import annotations
@@ -25,41 +28,47 @@ import numpy as np
 from tactilevision.middle import median
 from tactilevision.records import Bools, Floats
 
+ANYTHING = 1e4
 # stray light and its deviation in parts of the light, lean in parts of g_0; m and its deviation, and lean once
-# more, in parts of that by which channels left each other
+# more, in parts of that by which channels left each other; that by which they do, in parts of g_0, or anything
 KINDS = np.array(
     [
-        (0.0, 0.0, 0.003, 0.0, 0.0, 0.03),
-        (0.1, 0.1, 0.003, 0.0, 0.0, 0.03),
-        (0.0, 0.15, 0.003, 0.2, 0.2, 0.03),
-        (0.0, 0.0, 0.3, 0.0, 0.0, 0.3),
-        (0.0, 0.15, 0.1, 0.2, 0.2, 0.1),
+        (0.0, 0.0, 0.003, 0.0, 0.0, 0.03, 0.02),
+        (0.1, 0.1, 0.003, 0.0, 0.0, 0.03, 0.02),
+        (0.0, 0.0, 0.003, 0.0, 0.0, 0.03, ANYTHING),
+        (0.1, 0.1, 0.003, 0.0, 0.0, 0.03, ANYTHING),
+        (0.0, 0.15, 0.003, 0.2, 0.2, 0.03, ANYTHING),
+        (0.0, 0.0, 0.3, 0.0, 0.0, 0.3, ANYTHING),
+        (0.0, 0.15, 0.1, 0.2, 0.2, 0.1, ANYTHING),
     ]
 )
-OFTEN = np.array([1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
+OFTEN = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
 LEAST = 1e-4
-FREE = 10.0  # g_0 and slopes: anything
+FREE = 10.0  # g_0: anything
 CORRELATED = 6.0
-FALL = 10.0  # L in parts of the picture's width
+# of what is seen under a contact, where nobody knows what slopes do: more would leave nothing to read
+GUESSED = 0.03
 TERMS = 6  # g_0, g_x, g_y, b, m, m
+COMMON = [TERMS * c for c in range(3)]  # where g_0 stands
 OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
-ROOM = 2  # blocks round the picture, so that slopes at its border are known
 QUIET = 0.05  # least noise, in parts of what a block's is taken to be
 
 
-def slopes_beside(touched: Bools) -> Floats:
-    """Slopes (2 forms, x and y, h * w) of gel beside `touched` blocks (h, w), of no known size."""
-    wide = cv2.copyMakeBorder(np.asarray(~touched, np.uint8), *(ROOM,) * 4, cv2.BORDER_CONSTANT, value=1)
-    away = cv2.distanceTransform(wide, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * np.float32(FALL / touched.shape[1])
-    height = cv2.exp(-away)
-    inside = slice(ROOM, -ROOM), slice(ROOM, -ROOM)
-    return np.stack(
-        [
-            cv2.Sobel(form, cv2.CV_64F, *axis, scale=0.125)[inside].ravel()
-            for form in (height, away * height)
-            for axis in ((1, 0), (0, 1))
-        ]
-    ).reshape(2, 2, -1)
+def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
+    """What a slope of one deviation makes of the channels (3, k, blocks): `answers` (3, k, blocks) to slopes of 1.
+
+    How steep the gel is under the contact, blocks `touched` (h, w), is read out of the `change` (3, blocks) there.
+    `answers` are for x and y, or, k = 3, for each channel by itself.
+    """
+    under = touched.ravel()
+    seen, known = change[:, under], answers[:, :, under]
+    normal = np.einsum("ckb,clb->bkl", known, known)
+    normal *= 1.0 + 1e-9 * np.eye(normal.shape[1])
+    steep = np.linalg.solve(normal, np.einsum("ckb,cb->bk", known, seen)[..., None])[..., 0]
+    away = cv2.distanceTransform(np.asarray(~touched, np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+    fall = np.exp(-away / np.sqrt(np.count_nonzero(under) / np.pi))
+    usual = np.sqrt(np.median(np.sum(steep**2, axis=1)) / steep.shape[1])
+    return np.asarray(answers * (usual * fall * (1.0 if answers.shape[1] == 2 else GUESSED)))
 
 
 def noise_of(change: Floats, weights: Floats) -> float:
@@ -69,68 +78,61 @@ def noise_of(change: Floats, weights: Floats) -> float:
 
 
 def drift_of(
-    change: Floats,
-    weights: Floats,
-    terms: Floats,
-    *,
-    beside: Floats | None,
-    shared: bool,
-    gain: Floats,
-    power: int,
+    change: Floats, weights: Floats, terms: Floats, *, slopes: Floats | None, gain: Floats, power: int
 ) -> tuple[Floats, Floats]:
     """g_0, g_x, g_y, b, m, m (3 channels, 6), and their covariance (18, 18).
 
-    `change` (3, blocks), the equation's left side, `terms` (3, 6, blocks) and what slopes `beside` a contact make
-    of it (3, k, blocks) are in deviations of a block's noise, `weights` (blocks,); k amplitudes are `shared` by
-    the channels or each channel's own; `gain` (3,) is the light's, roughly.
+    `change` (3, blocks), the equation's left side, `terms` (3, 6, blocks) and what a likely slope makes of it,
+    `slopes` (3, k, blocks), are in deviations of a block's noise, `weights` (blocks,); `gain` (3,) is the light's,
+    roughly.
     """
-    normal, right = _normal(change, weights, terms, beside=beside, shared=shared)
-    usual, std = _expected(len(right), gain, power)
-    each = np.arange(len(right))
-    held = np.repeat(normal[None], len(KINDS), axis=0)
-    held[:, each, each] += std**-2
-    pulled = right + usual / std**2
+    normal, right = _normal(change, weights / CORRELATED, terms, slopes)
+    usual, held, log_of_spread = _expected(gain, power)
+    pulled = right + np.matmul(held, usual[..., None])[..., 0]
+    held += normal
     spread = np.linalg.inv(held)
     found = np.matmul(spread, pulled[..., None])[..., 0]
-    told = np.sum(pulled * found, axis=1) - np.linalg.slogdet(held)[1]
-    told -= np.sum(2.0 * np.log(std) + (usual / std) ** 2, axis=1)
+    told = np.sum(pulled * found, axis=1) - np.linalg.slogdet(held)[1] - log_of_spread
     likely = OFTEN * np.exp(0.5 * (told - told.max()))
     likely /= likely.sum()
     mean = likely @ found
     apart = found - mean
     spread += apart[:, :, None] * apart[:, None, :]
-    told_of = 3 * TERMS
-    return mean[:told_of].reshape(3, TERMS), np.tensordot(likely, spread, axes=1)[:told_of, :told_of]
+    return mean.reshape(3, TERMS), np.tensordot(likely, spread, axes=1)
 
 
-def _normal(
-    change: Floats, weights: Floats, terms: Floats, *, beside: Floats | None, shared: bool
-) -> tuple[Floats, Floats]:
-    """Normal equations (n, n) and right side (n,) of all channels at once, slopes behind what is sought."""
-    all_terms = terms if beside is None else np.concatenate([terms, beside], axis=1)
-    heavy = all_terms * (weights / CORRELATED)
-    blocks, sides = np.matmul(heavy, all_terms.transpose(0, 2, 1)), np.matmul(heavy, change[:, :, None])[..., 0]
-    more = all_terms.shape[1] - TERMS
-    count = 3 * TERMS + (more if shared else 3 * more)
-    normal, right = np.zeros((count, count)), np.zeros(count)
-    for c, (block, side) in enumerate(zip(blocks, sides, strict=True)):
-        slopes = 3 * TERMS + (0 if shared else more * c) + np.arange(more)
-        at = np.concatenate([TERMS * c + np.arange(TERMS), slopes])
-        normal[np.ix_(at, at)] += block
-        right[at] += side
-    return normal, right
+def _normal(change: Floats, weights: Floats, terms: Floats, slopes: Floats | None) -> tuple[Floats, Floats]:
+    """Normal equations (18, 18) and right side (18,) of all channels; noise is 1, and slopes add to it."""
+    each = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(weights)))
+    if slopes is not None:
+        inner = np.einsum("ckb,clb->bkl", slopes, slopes) + np.eye(slopes.shape[1])
+        each = each - np.einsum("ckb,bkl,dlb->cdb", slopes, np.linalg.inv(inner), slopes)
+    trust = each * weights
+    both = np.matmul(terms[:, None], (trust[:, :, None] * terms).transpose(0, 1, 3, 2))  # channels c, d; terms
+    right = np.matmul(terms, np.einsum("cdb,db->cb", trust, change)[..., None])
+    return both.transpose(0, 2, 1, 3).reshape(3 * TERMS, 3 * TERMS), right.ravel()
 
 
-def _expected(terms: int, gain: Floats, power: int) -> tuple[Floats, Floats]:
-    """What the coefficients are under each kind (kinds, terms), and the deviations from it."""
+def _expected(gain: Floats, power: int) -> tuple[Floats, Floats, Floats]:
+    """What the coefficients are under each kind (kinds, 18), the inverse of their covariance about it (kinds, 18,
+    18), and the log of its determinant and of what is expected (kinds,)."""
     common, apart = np.abs(gain), float(np.abs(gain - median(gain)).max())
-    stray, stray_std, lean, mixed, mixed_std, uneven = KINDS.T[:, :, None]
+    stray, stray_std, lean, mixed, mixed_std, uneven, alike = KINDS.T[:, :, None]
     usual, std = np.zeros((2, len(KINDS), 3, TERMS))
-    std[..., 0] = FREE
+    own = np.minimum(alike * float(common.max()) + LEAST, FREE)
+    std[..., 0] = own / power
     std[..., 1:3] = ((lean * common + uneven * apart + LEAST) / power)[..., None]
     usual[..., 3], std[..., 3] = -stray * gain, stray_std * common + LEAST
     usual[..., 4:] = mixed[..., None] * (gain[np.array(OTHERS)] - gain[:, None])
     std[..., 4:] = (mixed_std * apart + LEAST)[..., None]
-    rest = len(KINDS), terms - 3 * TERMS
     usual, std = (values.reshape(len(KINDS), -1) for values in (usual, std))
-    return np.hstack([usual, np.zeros(rest)]), np.hstack([std, np.full(rest, FREE)])
+    held, each = np.zeros((len(KINDS), 3 * TERMS, 3 * TERMS)), np.arange(3 * TERMS)
+    held[:, each, each] = std**-2
+    weight = std[:, 0] ** -2  # what all channels have in common, FREE, beside what each has of its own
+    shared = weight / (3.0 + 1.0 / (FREE**2 * weight))
+    for c in COMMON:
+        held[:, c, COMMON] -= shared[:, None]
+    log_of_spread = (
+        2.0 * np.log(std).sum(axis=1) + np.log1p(3.0 * FREE**2 * weight) + np.sum((usual / std) ** 2, axis=1)
+    )
+    return usual, held, log_of_spread

@@ -11,7 +11,7 @@ from lamp_room import SHAPE, ball, picture, places
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.drift import Drift, DriftTracker, solid, undone
-from tactilevision.photometric.drift_kind import noise_of, slopes_beside
+from tactilevision.photometric.drift_kind import drift_of, likely_slopes, noise_of
 from tactilevision.photometric.response import Response
 from tactilevision.records import Bytes, Floats
 
@@ -120,14 +120,33 @@ def _passing_for_gel(gains: Sequence[float], lean: float, *, contact_mm: float, 
     return float(np.abs(off).max())
 
 
-def test_the_gel_falls_away_from_a_contact_on_all_sides() -> None:
+def test_slopes_are_expected_beside_a_contact_and_as_steep_as_under_it() -> None:
     touched = np.zeros((21, 31), np.bool_)
-    touched[9:12, 14:17] = True
-    x, y = slopes_beside(touched)[0].reshape(2, 21, 31)
-    assert x[10, 5] > 0 > x[10, 25]
-    assert y[3, 15] > 0 > y[17, 15]
-    assert abs(x[10, 5]) < abs(x[10, 11]), "less, farther away"
-    assert x[10, 0] > 0 > x[10, 30], "and not level at the border"
+    touched[8:13, 13:18] = True
+    rng = np.random.default_rng(0)
+    answers, under = rng.standard_normal((3, 2, 21 * 31)), 0.2 * rng.standard_normal((2, 21 * 31))
+    likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched)
+    steep = (likely / answers).reshape(3, 2, 21, 31)
+    assert steep[0, 0, 10, 15] == pytest.approx(0.2 * np.sqrt(np.log(2)), rel=0.3)
+    assert steep[:, :, 10, 17 + 3] == pytest.approx(
+        steep[0, 0, 10, 15] * np.exp(-3 / np.sqrt(25 / np.pi)), rel=1e-3
+    )
+
+
+def test_slopes_that_colours_show_are_no_drift() -> None:
+    """All of the gel round a contact slopes one way, and its lamps are as they were."""
+    rng, blocks = np.random.default_rng(1), 600
+    terms = np.zeros((3, 6, blocks))
+    terms[:, :3] = 100.0 * np.stack([np.ones(blocks), *rng.uniform(-1, 1, (2, blocks))])
+    answers = 100.0 * rng.standard_normal((3, 2, 1)) + 10.0 * rng.standard_normal((3, 2, blocks))
+    change = answers[:, 0] * 0.05 + rng.standard_normal((3, blocks))
+    drifts = [
+        drift_of(change, np.ones(blocks), terms, slopes=slopes, gain=np.full(3, 0.01), power=1)[0]
+        for slopes in (None, 0.1 * answers)
+    ]
+    plain, told = (float(np.abs(drift[:, 0]).max()) for drift in drifts)
+    assert plain > 0.03
+    assert told < 0.003
 
 
 def test_noise_is_what_blocks_differ_by_from_their_neighbours() -> None:
