@@ -86,6 +86,7 @@ class DriftTracker:
         self._bright, self._shown, self._bend = np.empty((3, *self.level.shape))
         answers = response.to_slope(self.basis[:, 1], self.basis[:, 2])
         self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
+        self._to_slopes = np.empty((*self._answers.shape[:2], len(self.basis)))
         self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
         self._settle()
 
@@ -146,7 +147,7 @@ class DriftTracker:
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
         np.divide(0.5 * self.noise, self._bright, out=self._bend)  # change of light to second order
         self.grey = self._among_usable(self.level).mean(axis=1)
-        self._to_slopes = self._answers * ((self.level + SOFTENING_GREY) / self.noise)[:, None]
+        np.multiply(self._answers, ((self.level + SOFTENING_GREY) / self.noise)[:, None], out=self._to_slopes)
         light = self._bright**self.power
         self.light = self._among_usable(light).mean(axis=1)
         light /= self.light[:, None]

@@ -7,13 +7,13 @@ I is the untouched picture, c a channel and j the other two, I^p the light that 
 light, its mean 1 in each channel. Exposure and supply dim all channels alike: g_x, g_y, b, m are 0. A stray light
 that does not fade with the lamps leaves b = -p g_0 times it. Lamps add up in light, so what the fading of one
 leaves is a mixture of channels, m, exactly; m_j has the sign of what channel j gained over c, as it is a part of
-that lamp's light that c sees. A lean is for what is none of these; lamps fade apart under one as
-well, as where stray light is uneven itself.
+that lamp's light that c sees. A lean is for what is none of these; lamps fade apart under one as well, as where
+stray light is uneven itself.
 The last term is the gel's own slope beside the contacts, which is no drift: J (3, 2) is what a slope makes of
-colours, s the softening of `change.py`. Which shape it has is left open: in each block a slope may be as steep as
-under the contact times exp(-d / a), at a distance d from a contact of radius a, and is integrated out (a Gaussian
-of that deviation). So near a contact drift is read in the one combination of three colours that slopes leave
-alone, and far from it in all. Where J is not known, slopes may change each channel by itself.
+colours, s the softening of `change.py`. Which shape it has is left open: in each block a slope may be PART as steep
+as under the contact times exp(-d / a), at a distance d from a contact of radius a, and is integrated out (a
+Gaussian of that deviation). So near a contact drift is read in the one combination of three colours that slopes
+leave alone, and far from it in all. Where J is not known, slopes may change each channel by itself.
 Each kind is a prior on g_0 (of all channels alike, or of each its own), g_x, g_y, b, m, and the kinds count as far
 as the untouched gel makes them likely (Bayesian evidence of a linear model; Bishop, Pattern Recognition and
 Machine Learning, 3.5). Noise is what the frame's own blocks show against their neighbours. Valid where errors hang
@@ -46,8 +46,8 @@ OFTEN = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand;
 LEAST = 1e-4
 FREE = 10.0  # g_0: anything
 CORRELATED = 6.0
-# of what is seen under a contact, where nobody knows what slopes do: more would leave nothing to read
-GUESSED = 0.03
+PART = 0.4  # of the slopes under a contact, close beside it
+GUESSED = 0.03  # of its colours, where nobody knows what slopes do: more would leave nothing to read
 TERMS = 6  # g_0, g_x, g_y, b, m, m
 COMMON = [TERMS * c for c in range(3)]  # where g_0 stands
 OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
@@ -68,7 +68,7 @@ def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
     away = cv2.distanceTransform(np.asarray(~touched, np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
     fall = np.exp(-away / np.sqrt(np.count_nonzero(under) / np.pi))
     usual = np.sqrt(np.median(np.sum(steep**2, axis=1)) / steep.shape[1])
-    return np.asarray(answers * (usual * fall * (1.0 if answers.shape[1] == 2 else GUESSED)))
+    return np.asarray(answers * ((PART if answers.shape[1] == 2 else GUESSED) * usual * fall))
 
 
 def noise_of(change: Floats, weights: Floats) -> float:

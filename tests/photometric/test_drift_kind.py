@@ -11,7 +11,7 @@ from lamp_room import SHAPE, ball, picture, places
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.drift import Drift, DriftTracker, solid, undone
-from tactilevision.photometric.drift_kind import drift_of, likely_slopes, noise_of
+from tactilevision.photometric.drift_kind import PART, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.response import Response
 from tactilevision.records import Bytes, Floats
 
@@ -120,14 +120,14 @@ def _passing_for_gel(gains: Sequence[float], lean: float, *, contact_mm: float, 
     return float(np.abs(off).max())
 
 
-def test_slopes_are_expected_beside_a_contact_and_as_steep_as_under_it() -> None:
+def test_slopes_are_expected_beside_a_contact_in_proportion_to_those_under_it() -> None:
     touched = np.zeros((21, 31), np.bool_)
     touched[8:13, 13:18] = True
     rng = np.random.default_rng(0)
     answers, under = rng.standard_normal((3, 2, 21 * 31)), 0.2 * rng.standard_normal((2, 21 * 31))
     likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched)
     steep = (likely / answers).reshape(3, 2, 21, 31)
-    assert steep[0, 0, 10, 15] == pytest.approx(0.2 * np.sqrt(np.log(2)), rel=0.3)
+    assert steep[0, 0, 10, 15] == pytest.approx(PART * 0.2 * np.sqrt(np.log(2)), rel=0.3)
     assert steep[:, :, 10, 17 + 3] == pytest.approx(
         steep[0, 0, 10, 15] * np.exp(-3 / np.sqrt(25 / np.pi)), rel=1e-3
     )
