@@ -10,10 +10,10 @@ leaves is a mixture of channels, m, exactly; m_j has the sign of what channel j 
 that lamp's light that c sees. A lean is for what is none of these; lamps fade apart under one as well, as where
 stray light is uneven itself.
 The last term is the gel's own slope beside the contacts, which is no drift: J (3, 2) is what a slope makes of
-colours, s the softening of `change.py`. Which shape it has is left open: in each block a slope may be PART of those
-under the contact times exp(-d / a), at a distance d from a contact of radius a, and is integrated out (a Gaussian
-of that deviation). So near a contact drift is read in the one combination of three colours that slopes
-leave alone, and far from it in all. Where J is not known, slopes may change each channel by itself.
+colours, s the softening of `change.py`. Which shape it has is left open: in each block a slope may be as steep as
+PART of those under the contact times exp(-d / a), at a distance d from a contact of radius a, and is integrated
+out (a Gaussian of that deviation). So near a contact drift is read in the one combination of three colours that
+slopes leave alone, and far from it in all. Where J is not known, slopes may change each channel by itself.
 Each kind is a prior on g_0 (of all channels alike, or of each its own), g_x, g_y, b, m, and the kinds count as far
 as the untouched gel makes them likely (Bayesian evidence of a linear model; Bishop, Pattern Recognition and
 Machine Learning, 3.5). Noise is what the frame's own blocks show against their neighbours. Valid where errors hang
