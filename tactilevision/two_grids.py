@@ -20,10 +20,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.cosine import edge_divergence
+from tactilevision.cosine import edge_divergence, transform_solver
 from tactilevision.photometric.change import Planes, Window
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.surface import integrate
+
+LARGE = 10000  # points, above which a coarse grid is solved by transforms: no quicker on smaller ones
 
 Picture = npt.NDArray[np.float32]
 Ends = tuple[bool, bool]  # whether the first and the last of a line are free (no flow) or fixed (0 a step beyond)
@@ -54,6 +56,8 @@ class TwoGrids:
                 cut = part[: size[1] * self.px, : size[0] * self.px]
                 plane[top:down, left:across] = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
         right = edge_divergence(slopes[0], slopes[1], self.half / np.float32(self.px))
+        if right.size > LARGE:
+            return np.asarray(transform_solver(self.size, self.coarse_mm, "f").solve(right))
         return _solved(right, self.coarse_mm, ((True, True), (True, True)))
 
     def whole(

@@ -27,7 +27,7 @@ from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 
 SHADOW_PX = 4  # pixels apart that shadows are looked for
-STRIP_PX = 15000  # pixels worked on at once, so that all that is made of them stays in the cache
+STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
 
 Planes = npt.NDArray[np.float32]
 Window = tuple[slice, slice]  # rows and columns

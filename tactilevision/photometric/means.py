@@ -21,14 +21,19 @@ def usual_pixels(reference: Reference) -> int:
 
 def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) -> Planes:
     """Means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n), exact for whole numbers."""
-    height, width = (count // px for count in picture.shape[:2])
-    lines = picture[: px * height].reshape(height, px, -1)
-    total = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32)
-    across = np.asarray(total.reshape(height, *picture.shape[1:])[:, : px * width], np.float32)
-    found = cv2.resize(across, (width, height), interpolation=cv2.INTER_AREA).reshape(height, width, -1)
+    height, width, count = picture.shape[0] // px, picture.shape[1] // px, picture.shape[2]
+    lines = picture[: px * height].reshape(height, px, -1)[..., : px * width * count]
+    down = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32).ravel()
+    size = down.size - (px - 1) * count
+    # the sum of every pixel and those behind it: quicker than of some, one by one
+    total = sum((down[k * count :][:size] for k in range(1, px)), down[:size])
     if out is None:
-        out = np.empty((picture.shape[2], height, width), np.float32)
-    return np.asarray(np.multiply(found.transpose(2, 0, 1), np.float32(1.0 / px), out=out))
+        out = np.empty((count, height, width), np.float32)
+    share = np.float32(1.0 / px)
+    for c, plane in enumerate(out):
+        np.multiply(total[c :: px * count].reshape(height, width), share, out=plane)
+    out *= share
+    return out
 
 
 def shares(count: int, blocks: int) -> Planes:
