@@ -78,8 +78,9 @@ def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
     rng = np.random.default_rng(SEED + 9)
     corner = [BallPicture(picture(*ball((x, y), 1.4, 4.0)[1:], rng, gain=grain()), 4.0)
               for x in (-7.0, -5.5, -4.0) for y in (-4.5, -3.0, -2.0)]  # fmt: skip
-    calibration = calibrate_from_balls(made().method.reference, corner, SENSOR.mm_per_px,
-                                       fit=PHOTOMETRIC["polynomial"])  # fmt: skip
+    method = made().method
+    assert isinstance(method, CalibratedMethod)
+    calibration = calibrate_from_balls(method.reference, corner, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
     assert any("of the picture only" in line for line in calibration.warnings)
     found = Reconstructor(SENSOR, calibration.method).rectified_map(flat(rng, gain=grain()))
     assert BALLS in found.flags
