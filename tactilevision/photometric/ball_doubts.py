@@ -24,6 +24,7 @@ SIGMAS = 3.0
 LEAST_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 ODD = 5.0  # times the scatter of the others
 MOST_NAMED = 3
+LITTLE = 0.1
 
 
 def one_contact(balls: Sequence[Ball | None]) -> Pair | None:
@@ -76,14 +77,34 @@ def odd_balls(
                  key=lambda number: -abs(scale[number] - usual))  # fmt: skip
     told = []
     for number in odd[:MOST_NAMED]:
-        ball = balls[number]
+        ball, share = balls[number], np.exp(scale[number] - usual)
         assert ball is not None
         told.append(
-            f"{names[number] or f'ball {number + 1}'}: its slopes are {np.exp(scale[number] - usual):.2g} times "
-            f"what the other balls make of one of {ball.radius_mm:g} mm: another radius, light unlike that "
-            "of any other ball, or not its contact"
+            f"{names[number] or f'ball {number + 1}'}: its slopes are "
+            f"{f'{share:.2g}' if share > LITTLE else f'less than {LITTLE:g}'} times what the other balls make of "
+            f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact"
         )
     return told
+
+
+def in_reference(touched: Pair | None) -> list[str]:
+    """A contact in the reference is named alone: with it most balls are odd."""
+    if touched is None:
+        return []
+    x, y = touched
+    return [
+        f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a contact in the reference"
+    ]
+
+
+def coverage(cover: Floats) -> list[str]:
+    """Balls all in one corner say nothing about the light elsewhere."""
+    if cover.min() > COVERED:
+        return []
+    return [
+        f"the ball presses cover {100 * cover[0]:.0f} % by {100 * cover[1]:.0f} % of the picture only; "
+        "slopes elsewhere are extrapolated"
+    ]
 
 
 def _scatter(values: Floats) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import COVERED, odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball_doubts import coverage, in_reference, odd_balls, one_contact, radii_apart
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import solid
 from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
@@ -95,13 +95,7 @@ def calibrate_from_balls(
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
     balls, warnings, contact, resting = _collect(change, pictures, mm_per_px, rng)
-    if len(contact) < LEAST_BALLS:
-        raise InputError(
-            f"too few ball presses that can be used; {LEAST_BALLS} are the least",
-            where="reference/ball",
-            value=f"{len(contact)} of {len(pictures)}: " + "; ".join(warnings),
-            remedy="Press the ball at more places, over the whole picture.",
-        )
+    _enough(len(contact), len(pictures), warnings)
     touching, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
@@ -114,16 +108,15 @@ def calibrate_from_balls(
     doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
     light = told_slopes(touching)
     cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
-    warnings += _coverage(cover) + _hidden(light)
+    touched = one_contact(balls) or _ghost(change, pictures, balls, mm_per_px)
+    warnings += coverage(cover) + _hidden(light)
     warnings += radii_apart(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
         lambda group: gains_without(np.array(group), way, touching, still, ridge=ridge),
     )
-    warnings += odd_balls(
-        gains_of(found, touching), balls, [picture.name for picture in pictures],
-        unsure={number: off for number, (_, off) in doubt.unseen.items()},
-    )  # fmt: skip
-    touched = one_contact(balls) or _ghost(change, pictures, balls, mm_per_px)
+    unsure = {number: off for number, (_, off) in doubt.unseen.items()}
+    names = [picture.name for picture in pictures]
+    warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names, unsure=unsure)
     card: dict[str, Any] = {
         "method": law.name,
         "balls": len(contact),
@@ -143,12 +136,19 @@ def calibrate_from_balls(
     }
     if touched:
         card["contact_in_reference_px"] = touched
-        warnings.append("every ball picture differs from the reference near ({:.0f}, {:.0f}) px: a contact in the "
-                        "reference".format(*touched))  # fmt: skip
     return Calibration(
         CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
         tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
     )  # fmt: skip
+
+
+def _enough(usable: int, of: int, why: Sequence[str]) -> None:
+    if usable < LEAST_BALLS:
+        raise InputError(
+            f"too few ball presses that can be used; {LEAST_BALLS} are the least", where="reference/ball",
+            value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
+            remedy="Press the ball at more places, over the whole picture.",
+        )  # fmt: skip
 
 
 def _choose(
@@ -282,14 +282,4 @@ def _hidden(light: Told) -> list[str]:
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "
         f"{light.worst:.2g} changes the colours by a pixel's noise, across it {light.best:.2g} does. Do lamps of "
         "one colour face each other, or are all of one colour? Light each side in a colour of its own"
-    ]
-
-
-def _coverage(cover: Floats) -> list[str]:
-    """Balls all in one corner say nothing about the light elsewhere."""
-    if cover.min() > COVERED:
-        return []
-    return [
-        f"the ball presses cover {100 * cover[0]:.0f} % by {100 * cover[1]:.0f} % of the picture only; "
-        "slopes elsewhere are extrapolated"
     ]
