@@ -15,6 +15,7 @@ Source: Johnson, Contact Mechanics (1985), eqs. 3.42a, b.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,8 @@ MOST_PIXELS = 1500  # of the window; more only slow the fit down
 ROUNDS = 20
 LEAST_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
+DOUBTFUL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
+TOP = 99.8  # percentile of change that stands for the steepest slopes of a contact
 LEAST_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -68,24 +71,30 @@ def find_ball(
 ) -> Ball:
     """The ball in `change` (H, W, 3), the change of colour against the untouched gel with its drift taken out.
 
-    `centre_px`, `contact_radius_px` are a start where they are known; the largest blob of change otherwise.
+    `centre_px`, `contact_radius_px` are a start where they are known; the largest blob of change otherwise. Where
+    the ball found so is DOUBTFUL, it is looked for with all colours made equal, too, and the better one kept.
     Raises InputError where there is no contact, or none that a ball of `radius_mm` could make.
     """
-    x, y, radius = first_guess(change, usable)
-    if centre_px is not None:
-        x, y = centre_px
-    if contact_radius_px is not None:
-        radius = contact_radius_px
-    radius = min(radius, WIDEST * radius_mm / mm_per_px[0])
-    if radius < LEAST_RADIUS_PX:
-        raise InputError(
-            f"a contact of {radius:.2g} px in radius is too small to be read",
-            where="ball press",
-            value=f"ball_radius_mm = {radius_mm:g}",
-            remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
-        )
-    ball = _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
-    if ball.contact_radius_px * mm_per_px[0] > WIDEST * radius_mm:
+    most_px = WIDEST * radius_mm / mm_per_px[0]
+
+    def found(guess: tuple[float, float, float]) -> Ball:
+        (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
+        if radius < LEAST_RADIUS_PX:
+            raise InputError(
+                f"a contact of {radius:.2g} px in radius is too small to be read",
+                where="ball press",
+                value=f"ball_radius_mm = {radius_mm:g}",
+                remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
+            )
+        return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
+
+    ball = found(first_guess(change, usable))
+    if ball.residual > DOUBTFUL:
+        top = np.percentile(np.abs(change), TOP, axis=(0, 1))
+        with suppress(InputError):
+            again = found(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
+            ball = min(ball, again, key=lambda one: one.residual)
+    if ball.contact_radius_px > most_px:
         raise InputError("the contact is as wide as the whole ball", where="ball press",
                          value=f"ball_radius_mm = {radius_mm:g}",
                          remedy="State the ball's radius in mm, and mm_per_px as rectified.")  # fmt: skip
@@ -98,7 +107,7 @@ def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> t
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))
-    top = float(np.percentile(size, 99.8))
+    top = float(np.percentile(size, TOP))
     if not top > 6.0 * typical:
         raise InputError(
             "no contact stands out of the noise",

@@ -64,14 +64,15 @@ def calibrated(folder: str, marks: bool) -> Calibration:
 @pytest.mark.parametrize(
     ("folder", "marks", "least", "most"),
     [
-        ("gelslim3_mcubelab/markerless", True, 3.0, 3.9),
+        ("gelslim3_mcubelab/markerless", True, 3.0, 3.75),
         ("gelslim3_mcubelab/markers", True, 3.5, 4.5),
         ("gelslim_heightmap/dots1", True, 4.0, 5.6),
     ],
 )
 def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, least: float, most: float) -> None:
     found = calibrated(folder, marks)
-    assert all(ball is not None for ball in found.balls)
+    left = [1.0 if ball is None else ball.residual for ball in found.balls]
+    assert max(left) < 0.55, "one on the brightest side of a contact alone leaves .62 and more"
     assert least < found.direction_error_deg < most
 
 
