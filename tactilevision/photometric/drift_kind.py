@@ -47,8 +47,10 @@ LEAST = 1e-4
 FREE = 10.0  # g_0: anything
 CORRELATED = 6.0
 PART = 0.4  # of the slopes under a contact, close beside it
-GUESSED = 0.03  # of its colours, where nobody knows what slopes do: more would leave nothing to read
+GUESSED = 0.04  # of its colours, where nobody knows what slopes do: more would leave nothing to read
 TERMS = 6  # g_0, g_x, g_y, b, m, m
+EACH = np.arange(3)
+NOTHING = 1e-30  # keeps blocks without weight from 0 / 0
 COMMON = [TERMS * c for c in range(3)]  # where g_0 stands
 OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
 QUIET = 0.05  # least noise, in parts of what a block's is taken to be
@@ -61,13 +63,11 @@ def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
     `answers` are for x and y, or, k = 3, for each channel by itself.
     """
     under = touched.ravel()
-    seen, known = change[:, under], answers[:, :, under]
-    normal = np.einsum("ckb,clb->bkl", known, known)
-    normal *= 1.0 + 1e-9 * np.eye(normal.shape[1])
-    steep = np.linalg.solve(normal, np.einsum("ckb,cb->bk", known, seen)[..., None])[..., 0]
+    usual = np.sqrt(
+        np.median(np.sum(change[:, under] ** 2, axis=0) / np.sum(answers[:, :, under] ** 2, axis=(0, 1)))
+    )
     away = cv2.distanceTransform(np.asarray(~touched, np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
-    fall = np.exp(-away / np.sqrt(np.count_nonzero(under) / np.pi))
-    usual = np.sqrt(np.median(np.sum(steep**2, axis=1)) / steep.shape[1])
+    fall = np.exp(away * -np.sqrt(np.pi / np.count_nonzero(under)))
     return np.asarray(answers * ((PART if answers.shape[1] == 2 else GUESSED) * usual * fall))
 
 
@@ -103,14 +103,14 @@ def drift_of(
 
 def _normal(change: Floats, weights: Floats, terms: Floats, slopes: Floats | None) -> tuple[Floats, Floats]:
     """Normal equations (18, 18) and right side (18,) of all channels; noise is 1, and slopes add to it."""
-    each = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, len(weights)))
-    if slopes is not None:
-        inner = np.einsum("ckb,clb->bkl", slopes, slopes) + np.eye(slopes.shape[1])
-        each = each - np.einsum("ckb,bkl,dlb->cdb", slopes, np.linalg.inv(inner), slopes)
-    trust = each * weights
-    both = np.matmul(terms[:, None], (trust[:, :, None] * terms).transpose(0, 1, 3, 2))  # channels c, d; terms
-    right = np.matmul(terms, np.einsum("cdb,db->cb", trust, change)[..., None])
-    return both.transpose(0, 2, 1, 3).reshape(3 * TERMS, 3 * TERMS), right.ravel()
+    trust = np.zeros((3, 3, len(weights)))
+    trust[EACH, EACH] = weights
+    for unit in () if slopes is None else slopes.transpose(1, 0, 2):  # one slope after the other is integrated out
+        seen = np.sum(trust * unit, axis=1)
+        trust -= seen[:, None] * (seen / (weights + np.sum(unit * seen, axis=0) + NOTHING))
+    heavy = (trust[:, :, None] * terms).reshape(3, 3 * TERMS, -1)
+    normal = np.matmul(terms, heavy.transpose(0, 2, 1)).reshape(3 * TERMS, 3 * TERMS)
+    return normal, np.matmul(terms, np.sum(trust * change, axis=1)[..., None]).ravel()
 
 
 def _expected(gain: Floats, power: int) -> tuple[Floats, Floats, Floats]:
