@@ -89,8 +89,8 @@ def find_ball(
         return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
 
     ball = found(first_guess(change, usable))
-    if ball.residual > DOUBTFUL:
-        top = np.percentile(np.abs(change), TOP, axis=(0, 1))
+    if ball.residual > DOUBTFUL and (centre_px is None or contact_radius_px is None):
+        top = np.percentile(np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP, axis=0)
         with suppress(InputError):
             again = found(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, again, key=lambda one: one.residual)

@@ -20,7 +20,10 @@ def usual_pixels(reference: Reference) -> int:
 
 
 def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) -> Planes:
-    """Means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n), exact for whole numbers."""
+    """Means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n).
+
+    Exact for whole numbers, of 8 bits where `px` is 16 at most.
+    """
     height, width, count = picture.shape[0] // px, picture.shape[1] // px, picture.shape[2]
     lines = picture[: px * height].reshape(height, px, -1)[..., : px * width * count]
     down = np.add.reduce(lines, axis=1, dtype=np.uint16 if picture.dtype == np.uint8 else np.float32).ravel()
