@@ -14,8 +14,8 @@ from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.data import Observations
+    from calibration.session import Step
     from calibration.stages import Effect
-    from calibration.steps import Step
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
@@ -44,7 +44,7 @@ def diagnose(
     from calibration import diagnose as method
     from calibration.effects import written
     from calibration.pages.diagnosis_report import diagnosis_page, summary
-    from calibration.steps import Step
+    from calibration.session import Step
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text
 
@@ -87,7 +87,7 @@ def compare(
     import numpy as np
 
     from calibration import compare as method
-    from calibration.steps import Step
+    from calibration.session import Step
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots import style
@@ -162,7 +162,7 @@ def _path_of(key: str, own: Sequence[Effect], paths: Sequence[Path] | None) -> s
 
 def _keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path, out: Path) -> None:
     """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
-    from calibration.steps import History
+    from calibration.session import History
     from tactilevision.files import write_text
 
     history = History(tuple(str(path.resolve()) for path in recordings))
@@ -183,7 +183,7 @@ def steps(
     redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
 ) -> None:
     """The steps of an analysis: show them, take one back, and write the script that repeats them (repeat.sh)."""
-    from calibration.steps import load_history
+    from calibration.session import load_history
     from tactilevision.files import write_text
 
     history = load_history(folder / "history.json")

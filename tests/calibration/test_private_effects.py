@@ -12,7 +12,7 @@ from calibration.compare import compare
 from calibration.diagnose import diagnose
 from calibration.fitting import fit
 from calibration.private import load_effect, new_effect
-from calibration.steps import History, Step, load_history
+from calibration.session import History, Step, load_history
 from tactilevision.errors import InputError, OutputError
 
 
