@@ -21,24 +21,24 @@ import numpy as np
 from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
+from calibration.diagnosis import manual_checks
+from calibration.diagnosis.alternative_explanation import Otherwise, otherwise
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
+from calibration.diagnosis.experiment_design import NextMeasurement, measure_next
+from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, search
+from calibration.diagnosis.inadmissible_beta import CANDIDATES, would_have_to_be
+from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
+from calibration.diagnosis.sensitivity import hidden
+from calibration.diagnosis.unexplained import Left, left_of, nearest
+from calibration.diagnosis.vision_depth_check import fit_sight, risen, sighted
 from calibration.effects import EFFECTS
-from calibration.experiment import NextMeasurement, measure_next
 from calibration.fitting import Fit
 from calibration.identify import holding
 from calibration.material.result import CalibrationResult
 from calibration.material.routes import informed
 from calibration.measured.checks import clear_of_touch, usable
-from calibration.missing import by_hand
-from calibration.missing.bias import hidden
-from calibration.missing.change import change_point
-from calibration.missing.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.missing.left import Left, left_of, nearest
-from calibration.missing.otherwise import Otherwise, otherwise
-from calibration.missing.outside import CANDIDATES, would_have_to_be
-from calibration.missing.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
-from calibration.missing.search import MOST, TOLD_APART, Searched, Step, search
-from calibration.missing.sight import fit_sight, risen, sighted
-from calibration.missing.unseen import Unseen, allow_for_unseen
 from calibration.repeats.odd_presses import Oddity, odd_presses
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.pure_noise import beyond_stated
@@ -307,15 +307,15 @@ def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Seque
     open_sets = [group for one in both for group in one.sets]
     if not open_sets and instead:
         open_sets = [tuple(instead)]
-    plans = [plan for group in open_sets for plan in by_hand.of_candidates(group)]
+    plans = [plan for group in open_sets for plan in manual_checks.of_candidates(group)]
     for group in both[0].sets or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
         if len(group) > 1:
             plans += measure_next(base, group[0], group[1:])
             break
     worth = [plan for plan in plans if plan.separation_sigma > WORTH]
     worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
-    follow = by_hand.of_left(left.covariates) if left is not None else []
-    found = [*_again(both[0].odd), *follow, *worth, *by_hand.of_hidden(bias)]
+    follow = manual_checks.of_left(left.covariates) if left is not None else []
+    found = [*_again(both[0].odd), *follow, *worth, *manual_checks.of_hidden(bias)]
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from calibration.diagnosis.diagnosis import Added, Diagnosis
+from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
+from calibration.diagnosis.score_test import FAILED
 from calibration.effects import get_effect
-from calibration.missing.diagnosis import Added, Diagnosis
-from calibration.missing.outside import WouldHaveToBe
-from calibration.missing.screen import FAILED
 from calibration.pages import page, wording
 from calibration.pages.drawing import Card
 from calibration.pages.report import Picture

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.forward_selection import TOLD_APART
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
+from calibration.diagnosis.score_test import Scored, seen_covariates
+from calibration.diagnosis.vision_depth_check import depth_ratio, sighted, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fitting import Fit
 from calibration.measured.conditions import Covariate, bins
 from calibration.measured.tolerances import CERTIFICATE, HEIGHTS
 from calibration.minimise import Box, differentiate
-from calibration.missing.diagnosis import Diagnosis
-from calibration.missing.refit import CANNOT_FIT, Candidate, refit_with, separation
-from calibration.missing.screen import Scored, seen_covariates
-from calibration.missing.search import TOLD_APART
-from calibration.missing.sight import depth_ratio, sighted, unseen_beside
 from calibration.noise import Whitener
 from calibration.repeats.odd_presses import own_zero_mm
 from calibration.repeats.steadied import steadied

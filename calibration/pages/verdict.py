@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.missing.diagnosis import Diagnosis
+from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.pages import wording
 from calibration.parameters import Parameter
 

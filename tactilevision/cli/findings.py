@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from tactilevision.cli.pictures import keep
 
 if TYPE_CHECKING:
-    from calibration.missing.diagnosis import Diagnosis
-    from calibration.missing.relief import Relief
+    from calibration.diagnosis.diagnosis import Diagnosis
+    from calibration.diagnosis.residual_maps import Relief
     from calibration.pages.diagnosis_report import Drawn
     from calibration.pages.report import Picture
     from calibration.stages import Effect
@@ -102,7 +102,7 @@ def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> li
 
 def reliefs(taken: Sequence[Taken]) -> list[Relief]:
     """What the height maps of each recording with frames leave."""
-    from calibration.missing.relief import Surface, relief
+    from calibration.diagnosis.residual_maps import Surface, relief
 
     found = []
     for one in taken:

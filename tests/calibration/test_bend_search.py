@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
+from calibration.diagnosis import forward_selection as module
+from calibration.diagnosis.score_test import Scored, Screen
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing import search as module
-from calibration.missing.screen import Scored, Screen
 from calibration.model import Model
 
 

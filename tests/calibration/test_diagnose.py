@@ -14,18 +14,18 @@ from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
 import calibration.diagnose as module
-import calibration.missing.search as searching
+import calibration.diagnosis.forward_selection as searching
 from calibration.compare import Comparison, compare
 from calibration.data import Measured, Observations
 from calibration.diagnose import diagnose
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.inadmissible_beta import theory_beta
+from calibration.diagnosis.refit import Candidate
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.change import change_point
-from calibration.missing.diagnosis import Diagnosis
-from calibration.missing.outside import theory_beta
-from calibration.missing.refit import Candidate
 from calibration.model import Model
 from calibration.noise import Noise
 from calibration.observe import observe_curves, observe_points

@@ -8,14 +8,14 @@ from made_presses import GEL
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.residual_maps import Surface, relief
+from calibration.diagnosis.score_test import SCATTER, screen
+from calibration.diagnosis.unexplained import describe
+from calibration.diagnosis.vision_depth_check import sighted
 from calibration.effects import EFFECTS
 from calibration.fitting import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.change import change_point
-from calibration.missing.left import describe
-from calibration.missing.relief import Surface, relief
-from calibration.missing.screen import SCATTER, screen
-from calibration.missing.sight import sighted
 from calibration.model import Model
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.repeats.scatter import Scatter

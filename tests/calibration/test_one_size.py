@@ -7,10 +7,10 @@ import pytest
 from test_relaxation_terms import held
 from test_screen import MODEL, TRUTH, measured, pure
 
+from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.score_test import screen
 from calibration.effects import EFFECTS
 from calibration.fitting import Fit
-from calibration.missing.refit import adopt, refit_with
-from calibration.missing.screen import screen
 
 
 def with_clock(lost_N: float, offset_s: float) -> Fit:

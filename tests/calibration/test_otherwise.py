@@ -10,14 +10,14 @@ from test_diagnose import noisy
 from test_effects import BASE, RICH
 
 from calibration.diagnose import diagnose
+from calibration.diagnosis.alternative_explanation import otherwise
+from calibration.diagnosis.forward_selection import Searched, Step
+from calibration.diagnosis.instrument_errors import PLAIN, PlainError, SinceTouch, since_touch
+from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.score_test import Scored, Screen
 from calibration.effects import EFFECTS
 from calibration.fitting import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.otherwise import otherwise
-from calibration.missing.plain import PLAIN, PlainError, SinceTouch, since_touch
-from calibration.missing.refit import adopt, refit_with
-from calibration.missing.screen import Scored, Screen
-from calibration.missing.search import Searched, Step
 from calibration.model import Model
 from calibration.pages.verdict import verdict_sentence
 from calibration.repeats.pure_noise import refit_with_pure_noise

@@ -9,11 +9,11 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.data import Observations
+from calibration.diagnosis.score_test import _Tail, screen
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fitting import Fit, fit, profile_interval
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.screen import _Tail, screen
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener
 from calibration.repeats.products import Weighing

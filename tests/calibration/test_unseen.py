@@ -13,11 +13,11 @@ from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnose import diagnose
+from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
+from calibration.diagnosis.typical_sizes import absent
 from calibration.effects import EFFECTS
 from calibration.fitting import Fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.ranges import absent
-from calibration.missing.unseen import Unseen, allow_for_unseen
 from calibration.model import Model
 from calibration.pages.diagnosis_report import summary
 from calibration.pages.verdict import verdict_sentence

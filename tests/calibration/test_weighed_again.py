@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
+from calibration.diagnosis import forward_selection as module
+from calibration.diagnosis.refit import refit_with
 from calibration.effects import EFFECTS
-from calibration.missing import search as module
-from calibration.missing.refit import refit_with
 
 
 def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:

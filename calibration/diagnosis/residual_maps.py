@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from calibration.missing.screen import Scored
+from calibration.diagnosis.score_test import Scored
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Bools, Floats, Gel, HeightMap, Pair
 

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.forward_selection import AS_GOOD, Searched
+from calibration.diagnosis.instrument_errors import PLAIN, PlainError
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.fitting import Fit
-from calibration.missing.plain import PLAIN, PlainError
-from calibration.missing.refit import CANNOT_FIT, Candidate, refit_with
-from calibration.missing.search import AS_GOOD, Searched
 from calibration.parameters import Parameter
 from calibration.stages import Effect
 

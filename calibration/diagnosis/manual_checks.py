@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.experiment import NextMeasurement
-from calibration.missing.refit import Candidate
+from calibration.diagnosis.experiment_design import NextMeasurement
+from calibration.diagnosis.refit import Candidate
 
 NAN = float("nan")
 

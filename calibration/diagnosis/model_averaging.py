@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.calibrate import conclude
+from calibration.diagnosis.refit import CANNOT_FIT
+from calibration.diagnosis.sensitivity import NOTHING, change_of_force
+from calibration.diagnosis.typical_sizes import absent, largest
 from calibration.fitting import Fit, inverse_information
-from calibration.missing.bias import NOTHING, change_of_force
-from calibration.missing.ranges import absent, largest
-from calibration.missing.refit import CANNOT_FIT
 from calibration.noise import Whitener
 from calibration.repeats.steadied import steadied
 from calibration.rivals import stuck

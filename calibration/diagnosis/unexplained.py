@@ -13,11 +13,11 @@ from itertools import product
 
 import numpy as np
 
+from calibration.diagnosis.alternative_explanation import Otherwise
+from calibration.diagnosis.forward_selection import Searched
+from calibration.diagnosis.score_test import Scored
 from calibration.fitting import Fit
 from calibration.measured.depths import nominal_depth
-from calibration.missing.otherwise import Otherwise
-from calibration.missing.screen import Scored
-from calibration.missing.search import Searched
 from tactilevision.records import Floats
 
 BINS, FEWEST = 40, 6

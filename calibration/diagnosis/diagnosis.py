@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from calibration.experiment import NextMeasurement
+from calibration.diagnosis.alternative_explanation import Otherwise
+from calibration.diagnosis.experiment_design import NextMeasurement
+from calibration.diagnosis.forward_selection import Searched
+from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
+from calibration.diagnosis.model_averaging import Unseen
+from calibration.diagnosis.score_test import Scored
+from calibration.diagnosis.unexplained import Left
+from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fitting import Fit
 from calibration.material.result import CalibrationResult
-from calibration.missing.left import Left
-from calibration.missing.otherwise import Otherwise
-from calibration.missing.outside import WouldHaveToBe
-from calibration.missing.screen import Scored
-from calibration.missing.search import Searched
-from calibration.missing.sight import depth_ratio, unseen_beside
-from calibration.missing.unseen import Unseen
 from calibration.parameters import Parameter
 from calibration.repeats.odd_presses import Oddity
 from tactilevision.records import Estimate, Pair

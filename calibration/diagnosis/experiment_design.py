@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from calibration.data import Observations, Presses
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.fitting import Fit, Problem, linearise
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.refit import CANNOT_FIT, Candidate
 from calibration.model import Model
 from calibration.noise import Whitener
 from tactilevision.records import Floats, Indenter

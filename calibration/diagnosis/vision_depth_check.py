@@ -20,13 +20,13 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 
 from calibration.data import Observations
+from calibration.diagnosis.refit import Candidate
+from calibration.diagnosis.vision_slope_check import with_slopes
 from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
 from calibration.effects.photometric_drift import PhotometricDrift
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
 from calibration.fitting import Fit, fit
-from calibration.missing.refit import Candidate
-from calibration.missing.slopes import with_slopes
 from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
 from calibration.repeats.pure_noise import refit_with_pure_noise
