@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data import Observations
-from calibration.hereditary import Grid
+from calibration.effects.support.hereditary import Grid
 from tactilevision.records import Floats
 
 

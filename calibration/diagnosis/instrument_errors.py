@@ -21,7 +21,7 @@ import numpy as np
 
 from calibration.data import Observations
 from calibration.effects.photometric_drift import running_share
-from calibration.hereditary import relaxed
+from calibration.effects.support.hereditary import relaxed
 from calibration.measured.depths import UNLOAD, branches
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State

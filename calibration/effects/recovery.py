@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.data import Observations
 from calibration.effects.mullins import spots
-from calibration.hereditary import relaxed
+from calibration.effects.support.hereditary import relaxed
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.hereditary import relaxed
+from calibration.effects.support.hereditary import relaxed
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.data import Observations
-from calibration.hereditary import Grid
+from calibration.effects.support.hereditary import Grid
 from calibration.measured.depths import LOAD, branches
 from tactilevision.records import Bools, Floats
 

@@ -118,7 +118,7 @@ def new_effect(
     key: Annotated[str, typer.Option(help="The effect's name.")] = "my_effect",
 ) -> None:
     """Write a template of an effect of your own, for --effect."""
-    from calibration.private import new_effect as write
+    from calibration.effects.support.private import new_effect as write
 
     write(path, key)
     console.say(f"wrote {path}; use it with: tactilevision diagnose RECORDING --effect {path}")
@@ -131,7 +131,7 @@ def _known(keys: Sequence[str] | None) -> list[Effect]:
 
 
 def _private(paths: Sequence[Path] | None) -> list[Effect]:
-    from calibration.private import load_effect
+    from calibration.effects.support.private import load_effect
 
     return [load_effect(path) for path in paths or ()]
 
