@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.data import Measured, Observations
-from calibration.fitting import Fit, fit
-from calibration.identify import beta_name, identify, main_radius
+from calibration.fit.identifiability import beta_name, identify, main_radius
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper

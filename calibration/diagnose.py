@@ -34,8 +34,8 @@ from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import Left, left_of, nearest
 from calibration.diagnosis.vision_depth_check import fit_sight, risen, sighted
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit
-from calibration.identify import holding
+from calibration.fit.identifiability import holding
+from calibration.fit.least_squares import Fit
 from calibration.material.result import CalibrationResult
 from calibration.material.routes import informed
 from calibration.measured.checks import clear_of_touch, usable

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.stiffness import punch_stiffness
 from tactilevision.mechanics.rounded_edge import rounded_contact

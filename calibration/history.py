@@ -16,10 +16,10 @@ import numpy as np
 
 from calibration.calibrate import calibrate
 from calibration.data import Measured
-from calibration.fitting import Fit, fit, quantile95
-from calibration.identify import main_radius, stiffness_of
+from calibration.fit.identifiability import main_radius, stiffness_of
+from calibration.fit.least_squares import Fit, fit, quantile95
+from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.material.result import CalibrationResult
-from calibration.measured.tolerances import DIMENSIONS, HEIGHTS
 from calibration.stages import Law
 from tactilevision.records import Estimate, Pair
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.data import Measured, Observations
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise

@@ -19,7 +19,7 @@ import numpy as np
 from calibration.diagnosis.forward_selection import AS_GOOD, Searched
 from calibration.diagnosis.instrument_errors import PLAIN, PlainError
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.parameters import Parameter
 from calibration.stages import Effect
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.measured.conditions import repeat_groups
 from tactilevision.records import Floats
 

@@ -16,7 +16,7 @@ from calibration.diagnosis.model_averaging import Unseen
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Left
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.material.result import CalibrationResult
 from calibration.parameters import Parameter
 from calibration.repeats.odd_presses import Oddity

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.data import Observations, Presses
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
-from calibration.fitting import Fit, Problem, linearise
+from calibration.fit.least_squares import Fit, Problem, linearise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Whitener

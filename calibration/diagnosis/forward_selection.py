@@ -21,8 +21,8 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.diagnosis.score_test import Scored, Screen, screen
 from calibration.effects.viscoelasticity import Viscoelasticity
-from calibration.fitting import Fit, fit
-from calibration.identify import beta_name
+from calibration.fit.identifiability import beta_name
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Whitener

@@ -16,7 +16,7 @@ import numpy as np
 from calibration.data import Observations
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.effects import get_effect
-from calibration.fitting import Fit, Problem
+from calibration.fit.least_squares import Fit, Problem
 from calibration.model import Model
 from calibration.noise import Noise, Whitener
 from tactilevision.records import Floats

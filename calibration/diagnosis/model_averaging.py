@@ -23,10 +23,10 @@ from calibration.calibrate import conclude
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest
-from calibration.fitting import Fit, inverse_information
+from calibration.fit.alternative_fits import stuck
+from calibration.fit.least_squares import Fit, inverse_information
 from calibration.noise import Whitener
 from calibration.repeats.steadied import steadied
-from calibration.rivals import stuck
 from calibration.stages import Effect
 from tactilevision.records import Estimate, Floats
 

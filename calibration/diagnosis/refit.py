@@ -8,8 +8,8 @@ import numpy as np
 
 from calibration.data import Ints, Observations
 from calibration.effects.thickness import Thickness
-from calibration.fitting import Fit, Problem, fit
-from calibration.minimise import QUICK, Minimum, minimise
+from calibration.fit.least_squares import Fit, Problem, fit
+from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.stages import Effect

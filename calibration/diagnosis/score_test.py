@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.measured.conditions import Covariate, bins, covariates
 from calibration.noise import Noise, Whitener
 from calibration.repeats.products import Weighing

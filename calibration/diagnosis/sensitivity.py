@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.diagnosis.typical_sizes import absent, largest, typical
 from calibration.effects.bevel_rise import supposed
-from calibration.fitting import Fit, inverse_information
+from calibration.fit.least_squares import Fit, inverse_information
 from calibration.noise import Whitener
 from calibration.stages import Effect
 from tactilevision.records import Floats

@@ -16,7 +16,7 @@ import numpy as np
 from calibration.diagnosis.alternative_explanation import Otherwise
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.score_test import Scored
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.measured.depths import nominal_depth
 from tactilevision.records import Floats
 

@@ -26,7 +26,7 @@ from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
 from calibration.effects.photometric_drift import PhotometricDrift
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
 from calibration.repeats.pure_noise import refit_with_pure_noise

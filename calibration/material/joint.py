@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.edges import usual_softening
-from calibration.identify import main_radius, modulus_of_nu, sticking_range
+from calibration.fit.identifiability import main_radius, modulus_of_nu, sticking_range
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.material.result import CalibrationResult
 from tactilevision.records import Floats, Pair

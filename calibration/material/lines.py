@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting import Fit, fit
-from calibration.identify import bend_of, stiffness_of
+from calibration.fit.identifiability import bend_of, stiffness_of
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.measured.checks import at_one_depth
 from calibration.model import Model

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting import Fit
-from calibration.identify import beta_name, main_radius
+from calibration.fit.identifiability import beta_name, main_radius
+from calibration.fit.least_squares import Fit
 from calibration.laws.paper import A_OVER_H, modulus_at, modulus_from, poisson_from_beta
 from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.repeats.pure_error import noise_floor

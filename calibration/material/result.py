@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.material.routes import Route, apart
 from tactilevision.records import Estimate, Floats, Material, Pair
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.material.round_sticking import stuck_shift

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from tactilevision.records import Floats, Indenter
 
 NU = (0.40, 0.45, 0.48, 0.4999)

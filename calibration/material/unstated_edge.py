@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.edges import usual_softening
-from calibration.identify import main_radius
+from calibration.fit.identifiability import main_radius
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.material.result import CalibrationResult
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H

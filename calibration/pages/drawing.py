@@ -14,10 +14,10 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separ
 from calibration.diagnosis.score_test import Scored, seen_covariates
 from calibration.diagnosis.vision_depth_check import depth_ratio, sighted, unseen_beside
 from calibration.effects import EFFECTS, get_effect
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
+from calibration.fit.minimise import Box, differentiate
+from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.measured.conditions import Covariate, bins
-from calibration.measured.tolerances import CERTIFICATE, HEIGHTS
-from calibration.minimise import Box, differentiate
 from calibration.noise import Whitener
 from calibration.repeats.odd_presses import own_zero_mm
 from calibration.repeats.steadied import steadied

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.identify import main_radius
+from calibration.fit.identifiability import main_radius
 from calibration.material.result import CalibrationResult
 from calibration.pages import page, wording
 from tactilevision.records import CertifiedPoint

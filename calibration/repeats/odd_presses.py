@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.data import Ints
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.measured.conditions import covariates
 from calibration.repeats.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Ints
-from calibration.fitting import Fit
-from calibration.measured.tolerances import HEIGHTS
+from calibration.fit.least_squares import Fit
+from calibration.fit.tolerances import HEIGHTS
 from tactilevision.records import Floats
 
 

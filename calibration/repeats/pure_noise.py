@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.measured.conditions import group_basis
 from calibration.noise import Noise
 from calibration.repeats.products import Weighing

@@ -8,7 +8,7 @@ from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis import forward_selection as module
 from calibration.diagnosis.score_test import Scored, Screen
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 

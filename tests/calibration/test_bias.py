@@ -19,7 +19,7 @@ from calibration.effects.depth_zero import DepthZero
 from calibration.effects.force_gain import ForceGain
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.viscoelasticity import Viscoelasticity
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.stages import Effect
 
 

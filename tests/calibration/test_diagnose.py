@@ -24,7 +24,7 @@ from calibration.diagnosis.inadmissible_beta import theory_beta
 from calibration.diagnosis.refit import Candidate
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise

@@ -15,7 +15,7 @@ from calibration.effects.mullins import largest_past_depth
 from calibration.effects.recovery import memory
 from calibration.effects.skin import weight
 from calibration.effects.tilt import Tilt
-from calibration.fitting import Problem, fit, linearise
+from calibration.fit.least_squares import Problem, fit, linearise
 from calibration.laws.flat_punch import FlatPunch
 from calibration.material.result import common_assumptions
 from calibration.model import Model

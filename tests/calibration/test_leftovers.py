@@ -14,7 +14,7 @@ from calibration.diagnosis.score_test import SCATTER, screen
 from calibration.diagnosis.unexplained import describe
 from calibration.diagnosis.vision_depth_check import sighted
 from calibration.effects import EFFECTS
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.repeats.pure_noise import refit_with_pure_noise

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.minimise import Box, Minimum, minimise
+from calibration.fit.minimise import Box, Minimum, minimise
 from tactilevision.records import Floats
 
 PROBLEMS: dict[str, Any] = json.loads((Path(__file__).parent / "nist_strd.json").read_text())

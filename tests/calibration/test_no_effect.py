@@ -15,7 +15,7 @@ from calibration.compare import base_model, fit_alone
 from calibration.data import Observations
 from calibration.diagnose import diagnose
 from calibration.effects.lateral_boundary import LateralBoundary
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.measured.checks import clear_of_touch
 from calibration.measured.depths import steady_depth

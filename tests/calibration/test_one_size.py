@@ -10,7 +10,7 @@ from test_screen import MODEL, TRUTH, measured, pure
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import screen
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 
 
 def with_clock(lost_N: float, offset_s: float) -> Fit:

@@ -16,7 +16,7 @@ from calibration.diagnosis.instrument_errors import PLAIN, PlainError, SinceTouc
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, Screen
 from calibration.effects import EFFECTS
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.pages.verdict import verdict_sentence

@@ -11,7 +11,7 @@ from test_screen import MODEL, TRUTH, measured, presses
 from calibration.compare import compare
 from calibration.diagnose import diagnose
 from calibration.effects.support.private import load_effect, new_effect
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.session import History, Step, load_history
 from tactilevision.errors import InputError, OutputError
 

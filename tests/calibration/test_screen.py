@@ -12,7 +12,7 @@ from calibration.data import Observations
 from calibration.diagnosis.score_test import _Tail, screen
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
-from calibration.fitting import Fit, fit, profile_interval
+from calibration.fit.least_squares import Fit, fit, profile_interval
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener

@@ -10,8 +10,8 @@ from made_recordings import Truth, draw
 
 from calibration.calibrate import calibrate
 from calibration.data import Measured
+from calibration.fit.tolerances import HEIGHTS
 from calibration.material.result import CalibrationResult
-from calibration.measured.tolerances import HEIGHTS
 
 TOUCH_MM, RISE = 0.002, 0.006
 

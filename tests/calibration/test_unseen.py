@@ -16,7 +16,7 @@ from calibration.diagnose import diagnose
 from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
 from calibration.diagnosis.typical_sizes import absent
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.pages.diagnosis_report import summary

@@ -14,8 +14,8 @@ import pytest
 from calibration import validate as method
 from calibration.calibrate import observe
 from calibration.data import Measured, Observations
+from calibration.fit.depth_trend import find_trend
 from calibration.pages.validation_report import as_json, statements, table
-from calibration.trend import find_trend
 from calibration.validate import Validation, representative, validate
 from tactilevision.cli import main
 from tactilevision.errors import InputError

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.data import Observations
-from calibration.measured.tolerances import TOLERANCES, with_tolerances
-from calibration.minimise import Box, Minimum, differentiate, minimise
+from calibration.fit.minimise import Box, Minimum, differentiate, minimise
+from calibration.fit.tolerances import TOLERANCES, with_tolerances
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener, base_noise
 from calibration.parameters import Parameter

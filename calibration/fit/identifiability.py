@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.edges import stated_edge_mm, straight_line
-from calibration.fitting import Fit
+from calibration.fit.alternative_fits import Rival, rivals
+from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.plausible import GEL_MODULUS_MPA
-from calibration.rivals import Rival, rivals
 from calibration.sticking import sticking_surplus
 from calibration.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
