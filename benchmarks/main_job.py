@@ -45,7 +45,7 @@ def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
 def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.calibrate import calibrate
-    from calibration.data import Measured
+    from calibration.inputs.observations import Measured
     from tactilevision.press.beside import with_nu
     from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor

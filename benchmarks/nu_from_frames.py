@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.main_job import SIDES
 from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from tactilevision.errors import ConvergenceError, TactilevisionError
 from tactilevision.press.beside import with_nu
 from tactilevision.press.certify import certify

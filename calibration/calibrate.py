@@ -11,9 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.data import Measured, Observations
 from calibration.fit.identifiability import beta_name, identify, main_radius
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
+from calibration.inputs.gather import observe_curves, observe_points
+from calibration.inputs.observations import Measured, Observations
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
@@ -23,9 +25,7 @@ from calibration.material.result import NO_CLOCK, CalibrationResult, common_assu
 from calibration.material.round_result import of_round
 from calibration.material.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.material.unstated_edge import allow_for_edge
-from calibration.measured.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.model import Model
-from calibration.observe import observe_curves, observe_points
 from calibration.plausible import FLAG, outside_gels
 from calibration.repeats.pure_error import allow_for_indenters, noise_floor
 from calibration.stages import Law

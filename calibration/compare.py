@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.diagnosis.refit import held_out_rms
 from calibration.diagnosis.score_test import Scored, effect_directions, screen
 from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
+from calibration.inputs.checks import usable
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.measured.checks import usable
 from calibration.model import Model
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.pure_noise import refit_with_pure_noise

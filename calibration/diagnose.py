@@ -20,7 +20,6 @@ import numpy as np
 
 from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
-from calibration.data import Observations
 from calibration.diagnosis import manual_checks
 from calibration.diagnosis.alternative_explanation import Otherwise, otherwise
 from calibration.diagnosis.change_point import change_point
@@ -36,9 +35,10 @@ from calibration.diagnosis.vision_depth_check import fit_sight, risen, sighted
 from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
+from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.observations import Observations
 from calibration.material.result import CalibrationResult
 from calibration.material.routes import informed
-from calibration.measured.checks import clear_of_touch, usable
 from calibration.repeats.odd_presses import Oddity, odd_presses
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.pure_noise import beyond_stated

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from calibration.calibrate import calibrate
-from calibration.data import Measured
 from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
+from calibration.inputs.observations import Measured
 from calibration.material.result import CalibrationResult
 from calibration.stages import Law
 from tactilevision.records import Estimate, Pair

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import Effect, Law, Stage, State
 from tactilevision.errors import InputError

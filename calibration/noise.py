@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.effects.support.hereditary import Grid
+from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
 

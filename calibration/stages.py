@@ -25,7 +25,7 @@ from calibration.parameters import Parameter
 from tactilevision.records import Floats
 
 if TYPE_CHECKING:
-    from calibration.data import Observations
+    from calibration.inputs.observations import Observations
 
 
 class Stage(IntEnum):

@@ -17,9 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.fit.depth_trend import Trend, find_trend
-from calibration.measured.checks import check
+from calibration.inputs.checks import check
+from calibration.inputs.observations import Observations
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
 from tactilevision.mechanics.kappa import fast_kappa

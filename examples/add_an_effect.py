@@ -6,8 +6,8 @@ import numpy as np
 
 from calibration.calibrate import observe
 from calibration.compare import compare
-from calibration.data import Measured
 from calibration.effects.viscoelasticity import Viscoelasticity
+from calibration.inputs.observations import Measured
 from tactilevision import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from tactilevision import read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"

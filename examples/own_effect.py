@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.calibrate import observe
 from calibration.compare import compare
-from calibration.data import Measured, Observations
+from calibration.inputs.observations import Measured, Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision import read_recording

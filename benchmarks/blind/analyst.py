@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.data import Measured, Observations
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.gather import observe_curves
+from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise
-from calibration.observe import observe_curves
 from tactilevision.errors import ConvergenceError
 from tactilevision.recording import read_recording
 from tactilevision.records import Pair

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.measured.conditions import repeat_groups
+from calibration.inputs.conditions import repeat_groups
 from tactilevision.records import Floats
 
 LEVEL, SHUFFLES, FEWEST = 0.05, 999, 8

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data import Observations, Presses
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.fit.least_squares import Fit, Problem, linearise
+from calibration.inputs.observations import Observations, Presses
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Whitener

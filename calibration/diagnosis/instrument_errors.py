@@ -19,10 +19,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.effects.photometric_drift import running_share
 from calibration.effects.support.hereditary import relaxed
-from calibration.measured.depths import UNLOAD, branches
+from calibration.inputs.denoised_depth import UNLOAD, branches
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Bools, Floats

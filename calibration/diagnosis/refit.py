@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Ints, Observations
 from calibration.effects.thickness import Thickness
 from calibration.fit.least_squares import Fit, Problem, fit
 from calibration.fit.minimise import QUICK, Minimum, minimise
+from calibration.inputs.observations import Ints, Observations
 from calibration.model import Model
 from calibration.noise import Whitener
 from calibration.stages import Effect
@@ -147,7 +147,7 @@ def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:
     """Fold of each press (M,): interleaved over groups of like presses, so that each fold holds all conditions."""
-    from calibration.measured.conditions import repeat_groups
+    from calibration.inputs.conditions import repeat_groups
 
     order = np.argsort(repeat_groups(data), kind="stable")
     folds = np.empty(data.count, dtype=np.int64)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.measured.conditions import Covariate, bins, covariates
+from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.noise import Noise, Whitener
 from calibration.repeats.products import Weighing
 from calibration.repeats.pure_noise import renewed_noise

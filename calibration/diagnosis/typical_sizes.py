@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calibration.data import DepthSource, Observations
+from calibration.inputs.observations import DepthSource, Observations
 from calibration.stages import Effect
 
 LARGEST: Mapping[str, float] = {

@@ -17,7 +17,7 @@ from calibration.diagnosis.alternative_explanation import Otherwise
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.score_test import Scored
 from calibration.fit.least_squares import Fit
-from calibration.measured.depths import nominal_depth
+from calibration.inputs.denoised_depth import nominal_depth
 from tactilevision.records import Floats
 
 BINS, FEWEST = 40, 6

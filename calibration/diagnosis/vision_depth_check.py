@@ -19,7 +19,6 @@ from typing import Protocol
 import numpy as np
 from numpy.polynomial.legendre import legval
 
-from calibration.data import Observations
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.vision_slope_check import with_slopes
 from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
@@ -27,6 +26,7 @@ from calibration.effects.photometric_drift import PhotometricDrift
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import Observations
 from calibration.model import Composable, Model
 from calibration.parameters import Parameter, Prior
 from calibration.repeats.pure_noise import refit_with_pure_noise

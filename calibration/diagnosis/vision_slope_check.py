@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from calibration.data import Fall, Observations, Slopes
+from calibration.inputs.observations import Fall, Observations, Slopes
 from calibration.laws.flat_punch import NOMINAL_NU, STATED_NU_STD
 from tactilevision.mechanics.profile import LIKELY_SHARE, PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from calibration.stiffness import punch_stiffness

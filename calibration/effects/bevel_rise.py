@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.mechanics.profile import exact_profile

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.measured.depths import steady_depth
-from calibration.measured.path import depth_at
+from calibration.inputs.denoised_depth import steady_depth
+from calibration.inputs.depth_path import depth_at
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

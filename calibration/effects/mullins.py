@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.measured.depths import nominal_depth
+from calibration.inputs.denoised_depth import nominal_depth
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

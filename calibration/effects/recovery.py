@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.effects.mullins import spots
 from calibration.effects.support.hereditary import relaxed
+from calibration.inputs.observations import Observations
 from calibration.parameters import Parameter
 from calibration.stages import EffectBase, Stage, State
 from tactilevision.records import Floats

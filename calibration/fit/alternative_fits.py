@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.fit.minimise import Box, Minimum, differentiate, minimise
 from calibration.fit.tolerances import TOLERANCES, with_tolerances
+from calibration.inputs.observations import Observations
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener, base_noise
 from calibration.parameters import Parameter

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations, Shared
+from calibration.inputs.observations import Observations, Shared
 from calibration.model import Model
 from calibration.parameters import Parameter, Prior
 from calibration.stages import EffectBase, Stage, State

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.model import Composable
 from calibration.parameters import Parameter, Prior
 from calibration.stages import State

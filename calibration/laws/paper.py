@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, betas, on_its_edge, radius_number, starting_modulus
 from calibration.model import Composable
 from calibration.parameters import Parameter

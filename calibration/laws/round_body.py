@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, poisson_parameter
 from calibration.parameters import Parameter, Prior
 from calibration.stages import State

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.round_body import apply_round, round_parameters
 from calibration.model import Composable
 from calibration.parameters import Parameter

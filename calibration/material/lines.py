@@ -12,8 +12,8 @@ import numpy as np
 
 from calibration.fit.identifiability import bend_of, stiffness_of
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.checks import at_one_depth
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
-from calibration.measured.checks import at_one_depth
 from calibration.model import Model
 from calibration.repeats.pure_error import allow_for_indenters
 from tactilevision.records import Estimate

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model import Model

@@ -17,7 +17,7 @@ from calibration.effects import EFFECTS, get_effect
 from calibration.fit.least_squares import Fit
 from calibration.fit.minimise import Box, differentiate
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
-from calibration.measured.conditions import Covariate, bins
+from calibration.inputs.conditions import Covariate, bins
 from calibration.noise import Whitener
 from calibration.repeats.odd_presses import own_zero_mm
 from calibration.repeats.steadied import steadied

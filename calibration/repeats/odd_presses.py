@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data import Ints
 from calibration.fit.least_squares import Fit
-from calibration.measured.conditions import covariates
+from calibration.inputs.conditions import covariates
+from calibration.inputs.observations import Ints
 from calibration.repeats.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Ints
 from calibration.fit.least_squares import Fit
 from calibration.fit.tolerances import HEIGHTS
+from calibration.inputs.observations import Ints
 from tactilevision.records import Floats
 
 

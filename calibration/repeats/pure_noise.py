@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.fit.least_squares import Fit, fit
-from calibration.measured.conditions import group_basis
+from calibration.inputs.conditions import group_basis
 from calibration.noise import Noise
 from calibration.repeats.products import Weighing
 from calibration.repeats.reml import (

@@ -17,7 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.noise import Linear, Noise
 from calibration.repeats.products import Product, Weighing
 from tactilevision.records import Floats

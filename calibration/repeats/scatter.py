@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.effects.support.hereditary import Grid
-from calibration.measured.depths import LOAD, branches
+from calibration.inputs.denoised_depth import LOAD, branches
+from calibration.inputs.observations import Observations
 from tactilevision.records import Bools, Floats
 
 FEWEST_PRESSES, FEWEST_SAMPLES = 6, 3

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calibration.fit.least_squares import Fit, Problem
-from calibration.measured.depths import nominal_depth
+from calibration.inputs.denoised_depth import nominal_depth
 from calibration.noise import Linear, Whitener
 
 

@@ -13,7 +13,7 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
-    from calibration.data import Observations
+    from calibration.inputs.observations import Observations
     from calibration.session import Step
     from calibration.stages import Effect
     from tactilevision.cli.measure import Taken
@@ -147,7 +147,7 @@ def _with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
 def _data(taken: Sequence[Taken]) -> Observations:
     """The curves of these recordings where there are any, else the certified points."""
     from calibration.calibrate import observe
-    from calibration.observe import observe_all
+    from calibration.inputs.gather import observe_all
 
     sets = [one.measured for one in taken]
     return observe_all(sets) if any(one.curves for one in sets) else observe(sets)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tactilevision.cli import console
 
 if TYPE_CHECKING:
-    from calibration.data import Measured
+    from calibration.inputs.observations import Measured
     from tactilevision.press.certificate import Certificate
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
@@ -33,7 +33,7 @@ class Taken:
     @property
     def measured(self) -> Measured:
         """What a fit gets."""
-        from calibration.data import Measured
+        from calibration.inputs.observations import Measured
 
         curves = self.recording.curves if self.certificate is None else ()
         return Measured(self.recording, self.points, curves)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.data import Observations, Presses
+from calibration.inputs.observations import Observations, Presses
 from tactilevision.records import Floats, Gel, Indenter
 
 NAN = float("nan")

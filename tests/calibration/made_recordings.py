@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press, Sensor
 

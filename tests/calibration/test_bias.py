@@ -9,7 +9,6 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.data import DepthSource, Observations, Shared
 from calibration.diagnosis import manual_checks
 from calibration.diagnosis.sensitivity import hidden, possible_bias
 from calibration.diagnosis.typical_sizes import largest
@@ -20,6 +19,7 @@ from calibration.effects.force_gain import ForceGain
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import DepthSource, Observations, Shared
 from calibration.stages import Effect
 
 

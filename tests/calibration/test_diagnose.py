@@ -16,7 +16,6 @@ from test_screen import MODEL, TRUTH, measured, presses
 import calibration.diagnose as module
 import calibration.diagnosis.forward_selection as searching
 from calibration.compare import Comparison, compare
-from calibration.data import Measured, Observations
 from calibration.diagnose import diagnose
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.diagnosis import Diagnosis
@@ -25,10 +24,11 @@ from calibration.diagnosis.refit import Candidate
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.gather import observe_curves, observe_points
+from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Noise
-from calibration.observe import observe_curves, observe_points
 from calibration.stages import Effect, State
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_presses import GEL, indenter, observations
 
-from calibration.data import Observations
 from calibration.effects import EFFECTS
 from calibration.effects.recovery import carried
+from calibration.inputs.depth_path import depth_at
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.measured.path import depth_at
 from calibration.model import Model
 from calibration.stiffness import punch_stiffness
 from tactilevision.mechanics.askew import PLACES, solve, upright

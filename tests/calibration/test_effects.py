@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from made_presses import GEL, indenter, observations
 
-from calibration.data import Observations
 from calibration.effects import CATALOGUE, EFFECTS, get_effect
 from calibration.effects.edge_fillet import EdgeFillet
 from calibration.effects.mullins import largest_past_depth
@@ -16,6 +15,7 @@ from calibration.effects.recovery import memory
 from calibration.effects.skin import weight
 from calibration.effects.tilt import Tilt
 from calibration.fit.least_squares import Problem, fit, linearise
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.material.result import common_assumptions
 from calibration.model import Model

@@ -12,13 +12,13 @@ from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.compare import base_model, fit_alone
-from calibration.data import Observations
 from calibration.diagnose import diagnose
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fit.least_squares import fit
+from calibration.inputs.checks import clear_of_touch
+from calibration.inputs.denoised_depth import steady_depth
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
-from calibration.measured.checks import clear_of_touch
-from calibration.measured.depths import steady_depth
 from calibration.model import Model
 from calibration.pages.drawing import own_offsets
 from calibration.repeats.odd_presses import odd_presses, own_zero_mm

@@ -9,10 +9,10 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, pure
 
-from calibration.data import Observations
 from calibration.diagnosis.forward_selection import search
 from calibration.effects import EFFECTS, get_effect, written
 from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
+from calibration.inputs.observations import Observations
 from tactilevision.errors import InputError
 
 

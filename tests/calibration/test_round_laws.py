@@ -11,7 +11,7 @@ import pytest
 from made_recordings import points_of
 
 from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from calibration.laws.round_body import _force_over_E
 from calibration.material.round_sticking import stuck_surplus
 from tactilevision.errors import InputError

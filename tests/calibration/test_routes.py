@@ -10,7 +10,7 @@ from made_recordings import Truth, draw
 
 from calibration import theory
 from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from calibration.material.joint import joint_picture
 from calibration.material.routes import of_beta
 from tactilevision.mechanics.flat_contact import FlatContact

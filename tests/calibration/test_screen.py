@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.data import Observations
 from calibration.diagnosis.score_test import _Tail, screen
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit, fit, profile_interval
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.noise import Linear, Noise, Whitener

@@ -9,8 +9,8 @@ import pytest
 from made_recordings import Truth, draw
 
 from calibration.calibrate import calibrate
-from calibration.data import Measured
 from calibration.fit.tolerances import HEIGHTS
+from calibration.inputs.observations import Measured
 from calibration.material.result import CalibrationResult
 
 TOUCH_MM, RISE = 0.002, 0.006

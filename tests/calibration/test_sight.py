@@ -9,10 +9,10 @@ import pytest
 from made_presses import indenter, observations
 from test_effects import RICH
 
-from calibration.data import Observations
 from calibration.diagnose import diagnose
 from calibration.diagnosis.vision_depth_check import Sighted, fit_sight, sight_of, sighted
 from calibration.effects.photometric_drift import running_share
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from tactilevision.records import Floats

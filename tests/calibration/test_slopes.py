@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.data import Fall, Observations
 from calibration.diagnose import diagnose
 from calibration.diagnosis.forward_selection import search
 from calibration.diagnosis.vision_depth_check import fit_sight, sighted
-from calibration.measured.conditions import covariates
+from calibration.inputs.conditions import covariates
+from calibration.inputs.observations import Fall, Observations
 from calibration.pages.verdict import shown_size
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.measured.conditions import group_basis
-from calibration.measured.depths import nominal_depth, steady_depth
-from calibration.measured.path import depth_at
+from calibration.inputs.conditions import group_basis
+from calibration.inputs.denoised_depth import nominal_depth, steady_depth
+from calibration.inputs.depth_path import depth_at
 from tactilevision.records import Floats
 
 

@@ -11,12 +11,12 @@ from test_screen import MODEL, TRUTH, measured, presses
 
 from calibration.calibrate import conclude
 from calibration.compare import base_model, fit_alone
-from calibration.data import Observations
 from calibration.diagnose import diagnose
 from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
 from calibration.diagnosis.typical_sizes import absent
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model import Model
 from calibration.pages.diagnosis_report import summary

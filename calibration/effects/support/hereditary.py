@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data import Ints, Observations
+from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Bools, Floats
 
 

@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from calibration.data import Ints, Observations
+from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Bools, Floats
 
 LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.data import Ints, Observations
-from calibration.measured.depths import FREE, HOLD, LOAD, UNLOAD, ways
+from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, UNLOAD, ways
+from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
 COMING_S = 1.0  # longer than any clock is off

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calibration.data import Ints, Observations
 from calibration.effects.photometric_drift import running_share
-from calibration.measured.depths import BRANCHES, HOLD, SAME_MM, branches, clusters
+from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
+from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
 DEGREES = (4, 1, 3, 0)

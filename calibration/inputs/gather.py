@@ -11,7 +11,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from calibration.data import DAY_S, DepthSource, Fall, Measured, Observations, Presses, RecordingLike, Shared
+from calibration.inputs.observations import (
+    DAY_S,
+    DepthSource,
+    Fall,
+    Measured,
+    Observations,
+    Presses,
+    RecordingLike,
+    Shared,
+)
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
 

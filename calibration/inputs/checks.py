@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.measured.depths import BRANCHES, branches
+from calibration.inputs.denoised_depth import BRANCHES, branches
+from calibration.inputs.observations import Observations
 from calibration.repeats.reml import TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Floats, Indenter
@@ -177,7 +177,7 @@ def clear_of_touch(data: Observations) -> Observations:
 
 def lacks(data: Observations) -> Iterator[str]:
     """A sentence for each thing that these measurements do not have and an analysis would use."""
-    from calibration.measured.conditions import repeat_groups
+    from calibration.inputs.conditions import repeat_groups
 
     if data.count == 1:
         yield "there is one press: how presses differ from each other is assumed, not measured"
