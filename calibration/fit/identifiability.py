@@ -18,9 +18,9 @@ from calibration.edges import stated_edge_mm, straight_line
 from calibration.fit.alternative_fits import Rival, rivals
 from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
-from calibration.plausible import GEL_MODULUS_MPA
-from calibration.sticking import sticking_surplus
-from calibration.stiffness import punch_stiffness
+from calibration.laws.theory.plausible import GEL_MODULUS_MPA
+from calibration.laws.theory.sticking import sticking_surplus
+from calibration.laws.theory.stiffness import punch_stiffness
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 

@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations
+from calibration.laws.theory.admissible_range import RUBBING, bend_range, beta_range
+from calibration.laws.theory.sticking import sticking_surplus
+from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model import Composable
 from calibration.parameters import Parameter, Prior
 from calibration.stages import State
-from calibration.sticking import sticking_surplus
-from calibration.stiffness import punch_stiffness
-from calibration.theory import RUBBING, bend_range, beta_range
 from tactilevision.errors import InputError
 from tactilevision.mechanics.rounded_edge import rounded_contact
 from tactilevision.records import Floats, Gel, Pair

@@ -14,7 +14,7 @@ from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 from calibration.calibrate import calibrate
 from calibration.history import history
 from calibration.inputs.observations import Measured
-from calibration.sticking import exact_surplus, sticking_surplus
+from calibration.laws.theory.sticking import exact_surplus, sticking_surplus
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force

@@ -19,11 +19,11 @@ from calibration.inputs.checks import clear_of_touch
 from calibration.inputs.denoised_depth import steady_depth
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
+from calibration.laws.theory.admissible_range import bend_range
 from calibration.model import Model
 from calibration.pages.drawing import own_offsets
 from calibration.repeats.odd_presses import odd_presses, own_zero_mm
 from calibration.repeats.pure_noise import noise_from_repeats
-from calibration.theory import bend_range
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material

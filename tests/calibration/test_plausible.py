@@ -9,7 +9,7 @@ import pytest
 from made_recordings import HEIGHTS_MM, points_of
 
 from calibration.calibrate import calibrate
-from calibration.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
+from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
 from tactilevision.records import Estimate, Gel
 
 DEPTHS = np.array(HEIGHTS_MM)
