@@ -27,9 +27,9 @@ from calibration.material.result import NO_CLOCK, CalibrationResult, common_assu
 from calibration.material.round_result import of_round
 from calibration.material.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
 from calibration.material.unstated_edge import allow_for_edge
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Law
 from calibration.repeats.pure_error import allow_for_indenters, noise_floor
-from calibration.stages import Law
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 

@@ -16,10 +16,10 @@ from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import usable
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.stages import Effect
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Estimate
 

@@ -20,7 +20,7 @@ from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.observations import Measured
 from calibration.material.result import CalibrationResult
-from calibration.stages import Law
+from calibration.model.stages import Law
 from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05

@@ -13,8 +13,8 @@ import numpy as np
 from calibration.calibrate import observe
 from calibration.compare import compare
 from calibration.inputs.observations import Measured, Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision import read_recording
 from tactilevision.records import Floats
 

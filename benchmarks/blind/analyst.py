@@ -13,7 +13,7 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.noise import Noise
 from tactilevision.errors import ConvergenceError
 from tactilevision.recording import read_recording

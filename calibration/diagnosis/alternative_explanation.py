@@ -20,8 +20,8 @@ from calibration.diagnosis.forward_selection import AS_GOOD, Searched
 from calibration.diagnosis.instrument_errors import PLAIN, PlainError
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.fit.least_squares import Fit
-from calibration.parameters import Parameter
-from calibration.stages import Effect
+from calibration.model.parameters import Parameter
+from calibration.model.stages import Effect
 
 
 @dataclass(frozen=True, slots=True)

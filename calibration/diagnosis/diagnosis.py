@@ -18,7 +18,7 @@ from calibration.diagnosis.unexplained import Left
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.material.result import CalibrationResult
-from calibration.parameters import Parameter
+from calibration.model.parameters import Parameter
 from calibration.repeats.odd_presses import Oddity
 from tactilevision.records import Estimate, Pair
 

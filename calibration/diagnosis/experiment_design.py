@@ -17,7 +17,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.fit.least_squares import Fit, Problem, linearise
 from calibration.inputs.observations import Observations, Presses
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.noise import Whitener
 from tactilevision.records import Floats, Indenter
 

@@ -25,11 +25,11 @@ from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
 from calibration.noise import Whitener
 from calibration.repeats.products import Weighing
 from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.stages import Effect
 from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set

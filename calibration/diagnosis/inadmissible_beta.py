@@ -17,7 +17,7 @@ from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, Problem
 from calibration.inputs.observations import Observations
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.noise import Noise, Whitener
 from tactilevision.records import Floats
 

@@ -23,8 +23,8 @@ from calibration.effects.photometric_drift import running_share
 from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.denoised_depth import UNLOAD, branches
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Bools, Floats
 
 TAU_S = (0.05, 100.0)

@@ -25,9 +25,9 @@ from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest
 from calibration.fit.alternative_fits import stuck
 from calibration.fit.least_squares import Fit, inverse_information
+from calibration.model.stages import Effect
 from calibration.noise import Whitener
 from calibration.repeats.steadied import steadied
-from calibration.stages import Effect
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of

@@ -10,9 +10,9 @@ from calibration.effects.thickness import Thickness
 from calibration.fit.least_squares import Fit, Problem, fit
 from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.inputs.observations import Ints, Observations
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
 from calibration.noise import Whitener
-from calibration.stages import Effect
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 

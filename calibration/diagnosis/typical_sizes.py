@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from calibration.inputs.observations import DepthSource, Observations
-from calibration.stages import Effect
+from calibration.model.stages import Effect
 
 LARGEST: Mapping[str, float] = {
     "depth_zero": 0.05, "force_bias": 0.05, "force_gain": 0.02, "force_crosstalk": 0.02, "clock_offset": 0.1,

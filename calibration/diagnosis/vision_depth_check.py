@@ -27,10 +27,10 @@ from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.model import Composable, Model
-from calibration.parameters import Parameter, Prior
+from calibration.model.composition import Composable, Model
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import Effect, Stage, State
 from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.stages import Effect, Stage, State
 from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Bools, Floats

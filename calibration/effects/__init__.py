@@ -33,7 +33,7 @@ from calibration.effects.thickness import Thickness
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.effects.tilt import Tilt
 from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
-from calibration.stages import Effect
+from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
 _BUILT: tuple[Effect, ...] = (

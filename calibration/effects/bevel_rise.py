@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Floats
 

@@ -16,8 +16,8 @@ import numpy as np
 from calibration.inputs.denoised_depth import steady_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 

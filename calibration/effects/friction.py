@@ -17,8 +17,8 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.laws.theory.sticking import sticking_surplus
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 RATIOS = (0.4, 0.6, 0.85, 1.2)  # a/h

@@ -12,8 +12,8 @@ import numpy as np
 
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 PAUSE_S = 3600.0

@@ -18,8 +18,8 @@ import numpy as np
 from calibration.effects.mullins import spots
 from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 

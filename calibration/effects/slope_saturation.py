@@ -15,8 +15,8 @@ import numpy as np
 
 from calibration.effects.photometric_gain import NOT_VISION
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter, Prior
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 WALLS_PER_MM = 1.5, 0.5  # and std: a wall's height over two thirds of a millimetre

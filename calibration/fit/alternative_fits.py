@@ -15,7 +15,7 @@ import numpy as np
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 
 _KEPT: deque[tuple[Fit, Fit]] = deque(maxlen=4)

@@ -17,9 +17,9 @@ import numpy as np
 from calibration.fit.minimise import Box, Minimum, differentiate, minimise
 from calibration.fit.tolerances import TOLERANCES, with_tolerances
 from calibration.inputs.observations import Observations
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.parameters import Parameter
 from calibration.noise import Linear, Noise, Whitener, base_noise
-from calibration.parameters import Parameter
 from calibration.repeats.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Estimate, Floats, Pair

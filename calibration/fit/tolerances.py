@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.inputs.observations import Observations, Shared
-from calibration.model import Model
-from calibration.parameters import Parameter, Prior
-from calibration.stages import EffectBase, Stage, State
+from calibration.model.composition import Model
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 HEIGHTS, DIMENSIONS, CERTIFICATE = "heights", "dimensions", "certificate"

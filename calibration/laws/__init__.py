@@ -9,7 +9,7 @@ from calibration.laws.cone import Cone
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.laws.sphere import Sphere
-from calibration.stages import Law
+from calibration.model.stages import Law
 from tactilevision.errors import InputError
 
 LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper(), Sphere(), Cone())})

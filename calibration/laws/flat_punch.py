@@ -24,9 +24,9 @@ from calibration.inputs.observations import Observations
 from calibration.laws.theory.admissible_range import RUBBING, bend_range, beta_range
 from calibration.laws.theory.sticking import sticking_surplus
 from calibration.laws.theory.stiffness import punch_stiffness
-from calibration.model import Composable
-from calibration.parameters import Parameter, Prior
-from calibration.stages import State
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import State
 from tactilevision.errors import InputError
 from tactilevision.mechanics.rounded_edge import rounded_contact
 from tactilevision.records import Floats, Gel, Pair

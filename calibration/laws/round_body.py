@@ -19,8 +19,8 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, poisson_parameter
-from calibration.parameters import Parameter, Prior
-from calibration.stages import State
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import State
 from tactilevision.mechanics.round_contact import Ball, Cone, contact_curve
 from tactilevision.records import Floats, Indenter
 

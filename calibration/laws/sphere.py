@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from calibration.inputs.observations import Observations
 from calibration.laws.round_body import apply_round, round_parameters
-from calibration.model import Composable
-from calibration.parameters import Parameter
-from calibration.stages import State
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter
+from calibration.model.stages import State
 from tactilevision.mechanics.round_contact import Ball
 from tactilevision.records import Floats, Indenter
 

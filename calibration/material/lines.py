@@ -14,7 +14,7 @@ from calibration.fit.identifiability import bend_of, stiffness_of
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.checks import at_one_depth
 from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.repeats.pure_error import allow_for_indenters
 from tactilevision.records import Estimate
 

@@ -22,7 +22,7 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
-from calibration.model import Model
+from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Gel
 

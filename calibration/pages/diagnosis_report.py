@@ -9,11 +9,11 @@ from calibration.diagnosis.diagnosis import Added, Diagnosis
 from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
 from calibration.diagnosis.score_test import FAILED
 from calibration.effects import get_effect
+from calibration.model.stages import EffectBase
 from calibration.pages import page, wording
 from calibration.pages.drawing import Card
 from calibration.pages.report import Picture
 from calibration.pages.verdict import SHARES, allowed_for, in_words, shown_size, verdict_sentence
-from calibration.stages import EffectBase
 from tactilevision.errors import InputError
 
 OWN_IDEA = (

@@ -18,10 +18,10 @@ from calibration.fit.least_squares import Fit
 from calibration.fit.minimise import Box, differentiate
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
+from calibration.model.stages import Effect
 from calibration.noise import Whitener
 from calibration.repeats.odd_presses import own_zero_mm
 from calibration.repeats.steadied import steadied
-from calibration.stages import Effect
 from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats

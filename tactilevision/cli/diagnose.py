@@ -14,8 +14,8 @@ from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import Observations
+    from calibration.model.stages import Effect
     from calibration.session import Step
-    from calibration.stages import Effect
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 

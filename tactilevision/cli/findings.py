@@ -11,9 +11,9 @@ from tactilevision.cli.pictures import keep
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.diagnosis.residual_maps import Relief
+    from calibration.model.stages import Effect
     from calibration.pages.diagnosis_report import Drawn
     from calibration.pages.report import Picture
-    from calibration.stages import Effect
     from tactilevision.cli.measure import Taken
 
 RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"

@@ -10,7 +10,7 @@ from calibration.diagnosis import forward_selection as module
 from calibration.diagnosis.score_test import Scored, Screen
 from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 
 
 def _screen(statistic: float, p_adjusted: float) -> Screen:

@@ -20,7 +20,7 @@ from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import DepthSource, Observations, Shared
-from calibration.stages import Effect
+from calibration.model.stages import Effect
 
 
 def points(source: DepthSource = "gauge") -> Observations:

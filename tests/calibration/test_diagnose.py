@@ -27,9 +27,9 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect, State
 from calibration.noise import Noise
-from calibration.stages import Effect, State
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
 from tactilevision.press.certify import certify

@@ -18,9 +18,9 @@ from calibration.fit.least_squares import Problem, fit, linearise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.material.result import common_assumptions
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
 from calibration.noise import Noise, Whitener
-from calibration.stages import Effect
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import Floats

@@ -16,7 +16,7 @@ from calibration.diagnosis.vision_depth_check import sighted
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from calibration.repeats.scatter import Scatter
 from tactilevision.mechanics.profile import exact_profile

@@ -20,7 +20,7 @@ from calibration.inputs.denoised_depth import steady_depth
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.laws.theory.admissible_range import bend_range
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.pages.drawing import own_offsets
 from calibration.repeats.odd_presses import odd_presses, own_zero_mm
 from calibration.repeats.pure_noise import noise_from_repeats

@@ -18,10 +18,10 @@ from calibration.diagnosis.score_test import Scored, Screen
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
 from calibration.pages.verdict import verdict_sentence
 from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.stages import Effect
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())

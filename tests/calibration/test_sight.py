@@ -14,7 +14,7 @@ from calibration.diagnosis.vision_depth_check import Sighted, fit_sight, sight_o
 from calibration.effects.photometric_drift import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from tactilevision.records import Floats
 
 LAW = np.array([0.2, 0.48, 0.8, 0.85, 0.9])

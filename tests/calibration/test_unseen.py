@@ -18,7 +18,7 @@ from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
+from calibration.model.composition import Model
 from calibration.pages.diagnosis_report import summary
 from calibration.pages.verdict import verdict_sentence
 from calibration.repeats.odd_presses import odd_presses

@@ -11,7 +11,7 @@ import keyword
 from pathlib import Path
 
 from calibration.effects import EFFECTS
-from calibration.stages import Effect, EffectBase
+from calibration.model.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files import write_text
 

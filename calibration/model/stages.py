@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from calibration.parameters import Parameter
+from calibration.model.parameters import Parameter
 from tactilevision.records import Floats
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.parameters import Parameter
-from calibration.stages import Effect, Law, Stage, State
+from calibration.model.parameters import Parameter
+from calibration.model.stages import Effect, Law, Stage, State
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
