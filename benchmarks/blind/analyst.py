@@ -14,7 +14,7 @@ from calibration.inputs.gather import observe_curves
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.noise import Noise
+from calibration.noise.model import Noise
 from tactilevision.errors import ConvergenceError
 from tactilevision.recording import read_recording
 from tactilevision.records import Pair

@@ -18,7 +18,7 @@ from calibration.fit.least_squares import Fit, Problem, linearise
 from calibration.inputs.observations import Observations, Presses
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.noise import Whitener
+from calibration.noise.model import Whitener
 from tactilevision.records import Floats, Indenter
 
 SAMPLES = 17

@@ -27,8 +27,8 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.noise import Whitener
-from calibration.repeats.products import Weighing
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Whitener
 from calibration.repeats.pure_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 

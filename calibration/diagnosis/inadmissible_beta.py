@@ -18,7 +18,7 @@ from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, Problem
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
-from calibration.noise import Noise, Whitener
+from calibration.noise.model import Noise, Whitener
 from tactilevision.records import Floats
 
 CANDIDATES = ("thickness", "edge_fillet", "depth_zero", "stiffening")

@@ -26,7 +26,7 @@ from calibration.diagnosis.typical_sizes import absent, largest
 from calibration.fit.alternative_fits import stuck
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import Effect
-from calibration.noise import Whitener
+from calibration.noise.model import Whitener
 from calibration.repeats.steadied import steadied
 from tactilevision.records import Estimate, Floats
 

@@ -12,7 +12,7 @@ from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.noise import Whitener
+from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 

@@ -17,10 +17,10 @@ import numpy as np
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Effect
-from calibration.noise import Noise, Whitener
-from calibration.repeats.products import Weighing
+from calibration.noise.heteroscedasticity import Scatter
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Noise, Whitener
 from calibration.repeats.pure_noise import renewed_noise
-from calibration.repeats.scatter import Scatter
 from calibration.repeats.steadied import steadied
 from tactilevision.errors import InputError
 from tactilevision.records import Floats

@@ -16,7 +16,7 @@ from calibration.diagnosis.typical_sizes import absent, largest, typical
 from calibration.effects.bevel_rise import supposed
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import Effect
-from calibration.noise import Whitener
+from calibration.noise.model import Whitener
 from tactilevision.records import Floats
 
 NOTHING = 1e-9  # of the largest force

@@ -19,8 +19,8 @@ from calibration.fit.tolerances import TOLERANCES, with_tolerances
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
 from calibration.model.parameters import Parameter
-from calibration.noise import Linear, Noise, Whitener, base_noise
-from calibration.repeats.reml import UNKNOWN_SHARE, estimate_noise
+from calibration.noise.model import Linear, Noise, Whitener, base_noise
+from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Bools, Estimate, Floats, Pair
 

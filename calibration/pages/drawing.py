@@ -19,7 +19,7 @@ from calibration.fit.minimise import Box, differentiate
 from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
 from calibration.model.stages import Effect
-from calibration.noise import Whitener
+from calibration.noise.model import Whitener
 from calibration.repeats.odd_presses import own_zero_mm
 from calibration.repeats.steadied import steadied
 from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting

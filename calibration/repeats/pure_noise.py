@@ -12,9 +12,9 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.conditions import group_basis
-from calibration.noise import Noise
-from calibration.repeats.products import Weighing
-from calibration.repeats.reml import (
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Noise
+from calibration.noise.reml import (
     STATED_DOF,
     TYPICAL_GAIN,
     TYPICAL_ZERO_MM,

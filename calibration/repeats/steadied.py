@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from calibration.fit.least_squares import Fit, Problem
 from calibration.inputs.denoised_depth import nominal_depth
-from calibration.noise import Linear, Whitener
+from calibration.noise.model import Linear, Whitener
 
 
 def steadied(fitted: Fit) -> Fit:

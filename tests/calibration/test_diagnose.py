@@ -29,7 +29,7 @@ from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, State
-from calibration.noise import Noise
+from calibration.noise.model import Noise
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
 from tactilevision.press.certify import certify

@@ -20,7 +20,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.material.result import common_assumptions
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.noise import Noise, Whitener
+from calibration.noise.model import Noise, Whitener
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import Floats

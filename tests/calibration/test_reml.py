@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from made_presses import indenter, observations
 
-from calibration.noise import Linear, Noise
-from calibration.repeats.products import Weighing
-from calibration.repeats.reml import minus_two_log_likelihood
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Linear, Noise
+from calibration.noise.reml import minus_two_log_likelihood
 
 
 def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_sizes() -> None:

@@ -15,8 +15,8 @@ from calibration.fit.least_squares import Fit, fit, profile_interval
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.noise import Linear, Noise, Whitener
-from calibration.repeats.products import Weighing
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Linear, Noise, Whitener
 from calibration.repeats.pure_noise import beyond_stated, noise_from_repeats, refit_with_pure_noise, renewed_noise
 from tactilevision.records import Floats
 

@@ -18,8 +18,8 @@ from itertools import combinations
 import numpy as np
 
 from calibration.inputs.observations import Observations
-from calibration.noise import Linear, Noise
-from calibration.repeats.products import Product, Weighing
+from calibration.noise.inner_products import Product, Weighing
+from calibration.noise.model import Linear, Noise
 from tactilevision.records import Floats
 
 TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0

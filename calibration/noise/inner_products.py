@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.effects.support.hereditary import Grid
 from calibration.inputs.observations import Observations
-from calibration.noise import Alike, Linear, Noise
+from calibration.noise.model import Alike, Linear, Noise
 from tactilevision.records import Floats
 
 
