@@ -19,7 +19,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.pure_error import noise_floor
-from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Estimate
 

@@ -40,9 +40,9 @@ from calibration.inputs.observations import Observations
 from calibration.material.result import CalibrationResult
 from calibration.material.routes import informed
 from calibration.model.stages import Effect
-from calibration.repeats.odd_presses import Oddity, odd_presses
+from calibration.repeats.outlying_presses import Oddity, odd_presses
 from calibration.repeats.pure_error import noise_floor
-from calibration.repeats.pure_noise import beyond_stated
+from calibration.repeats.repeat_noise import beyond_stated
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none

@@ -19,7 +19,7 @@ from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.material.result import CalibrationResult
 from calibration.model.parameters import Parameter
-from calibration.repeats.odd_presses import Oddity
+from calibration.repeats.outlying_presses import Oddity
 from tactilevision.records import Estimate, Pair
 
 NOTHING_ODD = Oddity()

@@ -29,7 +29,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
-from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set

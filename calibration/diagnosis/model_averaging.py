@@ -27,7 +27,7 @@ from calibration.fit.alternative_fits import stuck
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.repeats.steadied import steadied
+from calibration.repeats.at_denoised_depth import steadied
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of

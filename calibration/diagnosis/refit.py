@@ -157,7 +157,7 @@ def press_folds(data: Observations, count: int = FOLDS) -> Ints:
 
 def adopt(base: Fit, candidate: Candidate) -> Fit:
     """The candidate as a fit of its own, with the noise estimated anew from what it leaves."""
-    from calibration.repeats.pure_noise import refit_with_pure_noise
+    from calibration.repeats.repeat_noise import refit_with_pure_noise
 
     fitted = fit(candidate.model, base.data, noise=base.noise, starts=candidate.values[None], tolerances=False)
     return replace(refit_with_pure_noise(fitted), warnings=base.warnings)

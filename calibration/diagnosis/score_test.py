@@ -20,8 +20,8 @@ from calibration.model.stages import Effect
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
-from calibration.repeats.pure_noise import renewed_noise
-from calibration.repeats.steadied import steadied
+from calibration.repeats.at_denoised_depth import steadied
+from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 

@@ -30,7 +30,7 @@ from calibration.inputs.observations import Observations
 from calibration.model.composition import Composable, Model
 from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import Effect, Stage, State
-from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Bools, Floats

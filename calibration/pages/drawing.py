@@ -20,8 +20,8 @@ from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.repeats.odd_presses import own_zero_mm
-from calibration.repeats.steadied import steadied
+from calibration.repeats.at_denoised_depth import steadied
+from calibration.repeats.outlying_presses import own_zero_mm
 from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats

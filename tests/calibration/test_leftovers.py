@@ -18,7 +18,7 @@ from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.heteroscedasticity import Scatter
-from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import HeightMap
 

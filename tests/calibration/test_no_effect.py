@@ -22,8 +22,8 @@ from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.laws.theory.admissible_range import bend_range
 from calibration.model.composition import Model
 from calibration.pages.drawing import own_offsets
-from calibration.repeats.odd_presses import odd_presses, own_zero_mm
-from calibration.repeats.pure_noise import noise_from_repeats
+from calibration.repeats.outlying_presses import odd_presses, own_zero_mm
+from calibration.repeats.repeat_noise import noise_from_repeats
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material

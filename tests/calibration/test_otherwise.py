@@ -21,7 +21,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.pages.verdict import verdict_sentence
-from calibration.repeats.pure_noise import refit_with_pure_noise
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())

@@ -17,7 +17,12 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Linear, Noise, Whitener
-from calibration.repeats.pure_noise import beyond_stated, noise_from_repeats, refit_with_pure_noise, renewed_noise
+from calibration.repeats.repeat_noise import (
+    beyond_stated,
+    noise_from_repeats,
+    refit_with_pure_noise,
+    renewed_noise,
+)
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])

@@ -21,7 +21,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.pages.diagnosis_report import summary
 from calibration.pages.verdict import verdict_sentence
-from calibration.repeats.odd_presses import odd_presses
+from calibration.repeats.outlying_presses import odd_presses
 from tactilevision.records import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)

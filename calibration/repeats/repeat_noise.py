@@ -24,7 +24,7 @@ from calibration.noise.reml import (
     sized,
     stencil,
 )
-from calibration.repeats.steadied import steadied
+from calibration.repeats.at_denoised_depth import steadied
 from tactilevision.records import Floats
 
 BEYOND_CHANCE = 0.01
