@@ -101,7 +101,7 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
 
 
 def _write(outcome: Outcome, folder: Path) -> None:
-    from calibration.pages.report import calibration_page
+    from calibration.report.report import calibration_page
     from tactilevision.cli import pictures
     from tactilevision.files import write_json, write_text
     from tactilevision.recording import write_curves, write_points
@@ -169,7 +169,7 @@ def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
 
 def _tell(outcome: Outcome, out: Path) -> None:
     from calibration.material.unfixed import in_words
-    from calibration.pages.report import summary
+    from calibration.report.report import summary
 
     if outcome.result is not None:
         console.warn(outcome.result.warnings)

@@ -43,7 +43,7 @@ def diagnose(
 
     from calibration import diagnose as method
     from calibration.effects import written
-    from calibration.pages.diagnosis_report import diagnosis_page, summary
+    from calibration.report.diagnosis_report import diagnosis_page, summary
     from calibration.session import Step
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text

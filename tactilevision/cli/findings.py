@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.diagnosis.residual_maps import Relief
     from calibration.model.stages import Effect
-    from calibration.pages.diagnosis_report import Drawn
-    from calibration.pages.report import Picture
+    from calibration.report.diagnosis_report import Drawn
+    from calibration.report.report import Picture
     from tactilevision.cli.measure import Taken
 
 RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"
@@ -21,7 +21,7 @@ RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % i
 
 def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    from calibration.pages.drawing import (
+    from calibration.report.drawing import (
         confusability,
         drawn_points,
         fitted_lines,
@@ -67,7 +67,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
 
 def _of_the_picture(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
     """The picture's depth over the certified one, and what the height maps leave, where there are any."""
-    from calibration.pages.drawing import picture_lacks, sighting
+    from calibration.report.drawing import picture_lacks, sighting
     from tactilevision.plots import diagnosis as draw
 
     kept, seen = [], sighting(found)
@@ -86,8 +86,8 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -
 
 def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> list[Drawn]:
     """Each candidate with what it would leave, over what is left."""
-    from calibration.pages.diagnosis_report import Drawn
-    from calibration.pages.drawing import cards
+    from calibration.report.diagnosis_report import Drawn
+    from calibration.report.drawing import cards
     from tactilevision.plots.diagnosis import draw_overlay
 
     made = []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.pages.report import Picture
+from calibration.report.report import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files import plain_name
 from tactilevision.plots import indentation, style
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
     """Force against depth with the fitted law, and E over nu."""
-    from calibration.pages.drawing import drawn_points, fitted_lines
+    from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))

@@ -35,7 +35,7 @@ def validate(
     some seconds each.
     """
     from calibration.calibrate import observe
-    from calibration.pages import validation_report as report
+    from calibration.report import validation_report as report
     from calibration.validate import validate as compare
     from tactilevision.files import staged, write_json
 

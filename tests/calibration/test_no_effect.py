@@ -21,9 +21,9 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.laws.theory.admissible_range import bend_range
 from calibration.model.composition import Model
-from calibration.pages.drawing import own_offsets
 from calibration.repeats.outlying_presses import odd_presses, own_zero_mm
 from calibration.repeats.repeat_noise import noise_from_repeats
+from calibration.report.drawing import own_offsets
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material

@@ -7,7 +7,7 @@ import pytest
 from made_recordings import points_of
 
 from calibration.calibrate import calibrate
-from calibration.pages.report import summary
+from calibration.report.report import summary
 from tactilevision.errors import InputError
 from tactilevision.records import Gel
 

@@ -20,8 +20,8 @@ from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.pages.verdict import verdict_sentence
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.report.verdict import verdict_sentence
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())

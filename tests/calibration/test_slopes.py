@@ -15,7 +15,7 @@ from calibration.diagnosis.forward_selection import search
 from calibration.diagnosis.vision_depth_check import fit_sight, sighted
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import Fall, Observations
-from calibration.pages.verdict import shown_size
+from calibration.report.verdict import shown_size
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats

@@ -19,9 +19,9 @@ from calibration.fit.least_squares import Fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.pages.diagnosis_report import summary
-from calibration.pages.verdict import verdict_sentence
 from calibration.repeats.outlying_presses import odd_presses
+from calibration.report.diagnosis_report import summary
+from calibration.report.verdict import verdict_sentence
 from tactilevision.records import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)

@@ -15,7 +15,7 @@ from calibration import validate as method
 from calibration.calibrate import observe
 from calibration.fit.depth_trend import find_trend
 from calibration.inputs.observations import Measured, Observations
-from calibration.pages.validation_report import as_json, statements, table
+from calibration.report.validation_report import as_json, statements, table
 from calibration.validate import Validation, representative, validate
 from tactilevision.cli import main
 from tactilevision.errors import InputError

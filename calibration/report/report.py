@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.fit.identifiability import main_radius
 from calibration.material.result import CalibrationResult
-from calibration.pages import page, wording
+from calibration.report import page, wording
 from tactilevision.records import CertifiedPoint
 
 PRESS_COLUMNS = (

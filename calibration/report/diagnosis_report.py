@@ -10,10 +10,10 @@ from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
 from calibration.diagnosis.score_test import FAILED
 from calibration.effects import get_effect
 from calibration.model.stages import EffectBase
-from calibration.pages import page, wording
-from calibration.pages.drawing import Card
-from calibration.pages.report import Picture
-from calibration.pages.verdict import SHARES, allowed_for, in_words, shown_size, verdict_sentence
+from calibration.report import page, wording
+from calibration.report.drawing import Card
+from calibration.report.report import Picture
+from calibration.report.verdict import SHARES, allowed_for, in_words, shown_size, verdict_sentence
 from tactilevision.errors import InputError
 
 OWN_IDEA = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.model.parameters import Parameter
-from calibration.pages import wording
+from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
 WIDER = 0.1  # of an interval: less need not be said
