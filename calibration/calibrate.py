@@ -21,15 +21,24 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
 from calibration.laws.theory.plausible import FLAG, outside_gels
-from calibration.material.lines import own_lines
-from calibration.material.published import published_route
-from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
-from calibration.material.round_result import of_round
-from calibration.material.routes import Route, in_words, informed, of_beta, of_bulge, of_prior, of_radii, tightest
-from calibration.material.unstated_edge import allow_for_edge
 from calibration.model.composition import Model
 from calibration.model.stages import Law
 from calibration.repeats.pure_error import allow_for_indenters, noise_floor
+from calibration.result.by_radius import own_lines
+from calibration.result.edge_allowance import allow_for_edge
+from calibration.result.poisson_routes import (
+    Route,
+    in_words,
+    informed,
+    of_beta,
+    of_bulge,
+    of_prior,
+    of_radii,
+    tightest,
+)
+from calibration.result.published_route import published_route
+from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.round_result import of_round
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 

@@ -37,12 +37,12 @@ from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
-from calibration.material.result import CalibrationResult
-from calibration.material.routes import informed
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import Oddity, odd_presses
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.result.poisson_routes import informed
+from calibration.result.result import CalibrationResult
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none

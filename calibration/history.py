@@ -19,8 +19,8 @@ from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.observations import Measured
-from calibration.material.result import CalibrationResult
 from calibration.model.stages import Law
+from calibration.result.result import CalibrationResult
 from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05

@@ -17,9 +17,9 @@ from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Left
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
-from calibration.material.result import CalibrationResult
 from calibration.model.parameters import Parameter
 from calibration.repeats.outlying_presses import Oddity
+from calibration.result.result import CalibrationResult
 from tactilevision.records import Estimate, Pair
 
 NOTHING_ODD = Oddity()

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit.identifiability import main_radius
-from calibration.material.result import CalibrationResult
 from calibration.report import page, wording
+from calibration.result.result import CalibrationResult
 from tactilevision.records import CertifiedPoint
 
 PRESS_COLUMNS = (

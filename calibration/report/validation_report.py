@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.material.result import versions
+from calibration.result.result import versions
 from calibration.validate import Comparison, Rival, Validation
 from tactilevision.records import Floats
 

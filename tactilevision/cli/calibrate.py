@@ -14,7 +14,7 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
-    from calibration.material.result import CalibrationResult
+    from calibration.result.result import CalibrationResult
     from tactilevision.errors import TactilevisionError
 
 
@@ -92,7 +92,7 @@ def _calibrate_one(taken: Taken, law: str) -> Outcome:
 
 def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     """calibration.json of a recording whose presses fix no material."""
-    from calibration.material.unfixed import unfixed_as_json
+    from calibration.result.undetermined import unfixed_as_json
 
     gel, certificate = taken.recording.sensor.gel, taken.certificate
     clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
@@ -168,8 +168,8 @@ def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
 
 
 def _tell(outcome: Outcome, out: Path) -> None:
-    from calibration.material.unfixed import in_words
     from calibration.report.report import summary
+    from calibration.result.undetermined import in_words
 
     if outcome.result is not None:
         console.warn(outcome.result.warnings)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibration.history import HistoryRow
-    from calibration.material.result import CalibrationResult
+    from calibration.result.result import CalibrationResult
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
@@ -38,7 +38,7 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return keep(indentation.draw_material(*plain), path, words)
-    from calibration.material.joint import joint_picture
+    from calibration.result.joint_region import joint_picture
     from tactilevision.plots.joint import draw_joint
 
     seen = joint_picture(result)

@@ -17,10 +17,10 @@ from calibration.effects.tilt import Tilt
 from calibration.fit.least_squares import Problem, fit, linearise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.material.result import common_assumptions
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.noise.model import Noise, Whitener
+from calibration.result.result import common_assumptions
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import Floats

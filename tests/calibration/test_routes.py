@@ -11,8 +11,8 @@ from made_recordings import Truth, draw
 from calibration.calibrate import calibrate
 from calibration.inputs.observations import Measured
 from calibration.laws.theory import admissible_range
-from calibration.material.joint import joint_picture
-from calibration.material.routes import of_beta
+from calibration.result.joint_region import joint_picture
+from calibration.result.poisson_routes import of_beta
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Estimate, Material

@@ -11,7 +11,7 @@ from made_recordings import Truth, draw
 from calibration.calibrate import calibrate
 from calibration.fit.tolerances import HEIGHTS
 from calibration.inputs.observations import Measured
-from calibration.material.result import CalibrationResult
+from calibration.result.result import CalibrationResult
 
 TOUCH_MM, RISE = 0.002, 0.006
 

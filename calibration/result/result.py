@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.material.routes import Route, apart
+from calibration.result.poisson_routes import Route, apart
 from tactilevision.records import Estimate, Floats, Material, Pair
 
 NO_CLOCK = Estimate(None, None, None, "s", "points and curves come on one clock: there was none to align")

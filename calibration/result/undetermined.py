@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibration.laws.flat_punch import SILICONE_NU
-from calibration.material.result import NO_CLOCK, versions
+from calibration.result.result import NO_CLOCK, versions
 from tactilevision.records import CertifiedPoint, Estimate, Gel, Pair
 
 Rejected = tuple[tuple[str, str], ...]

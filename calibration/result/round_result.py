@@ -13,9 +13,9 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import SILICONE_NU
-from calibration.material.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
-from calibration.material.round_sticking import stuck_shift
 from calibration.repeats.pure_error import noise_floor
+from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.round_sticking import stuck_shift
 from tactilevision.records import Estimate, Floats, Pair
 
 NUS = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), 0.4999)
