@@ -44,8 +44,8 @@ def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
 
 def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
-    from calibration.calibrate import calibrate
     from calibration.inputs.observations import Measured
+    from calibration.tasks.calibrate import calibrate
     from tactilevision.press.beside import with_nu
     from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor

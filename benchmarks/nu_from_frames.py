@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.main_job import SIDES
-from calibration.calibrate import calibrate
 from calibration.inputs.observations import Measured
+from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import ConvergenceError, TactilevisionError
 from tactilevision.press.beside import with_nu
 from tactilevision.press.certify import certify

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from calibration.calibrate import calibrate
 from calibration.inputs.observations import Measured
+from calibration.tasks.calibrate import calibrate
 from tactilevision import read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.calibrate import observe
-from calibration.compare import compare
 from calibration.inputs.observations import Measured, Observations
 from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
+from calibration.tasks.calibrate import observe
+from calibration.tasks.compare import compare
 from tactilevision import read_recording
 from tactilevision.records import Floats
 

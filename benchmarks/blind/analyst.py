@@ -52,7 +52,7 @@ def observed(folder: Path) -> Observations:
 
 def diagnosing(folder: Path) -> Finding:
     """The library's own diagnosis."""
-    from calibration.diagnose import diagnose
+    from calibration.tasks.diagnose import diagnose
 
     data = observed(folder)
     start = time.perf_counter()

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.calibrate import conclude
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest
@@ -28,6 +27,7 @@ from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import steadied
+from calibration.tasks.calibrate import conclude
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.result.result import versions
-from calibration.validate import Comparison, Rival, Validation
+from calibration.tasks.validate import Comparison, Rival, Validation
 from tactilevision.records import Floats
 
 NOT_PROVEN = "Agreement at equal force, or at equal depth, does not prove Poisson's ratio"

@@ -75,7 +75,7 @@ def calibrate(
 
 def _calibrate_one(taken: Taken, law: str) -> Outcome:
     """Raises InputError where the measurements were wrong as they came, before any press was looked at."""
-    from calibration.calibrate import calibrate as fit_material
+    from calibration.tasks.calibrate import calibrate as fit_material
     from tactilevision.errors import InputError, NothingCertified
 
     clock = taken.certificate.clock_offset if taken.certificate else None
@@ -154,7 +154,7 @@ def _describe(taken: Taken, folder: Path) -> None:
 
 
 def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
-    from calibration.history import history
+    from calibration.tasks.history import history
     from tactilevision.cli import pictures
     from tactilevision.recording import write_table
 

@@ -41,10 +41,10 @@ def diagnose(
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     import numpy as np
 
-    from calibration import diagnose as method
     from calibration.effects import written
     from calibration.report.diagnosis_report import diagnosis_page, summary
     from calibration.session import Step
+    from calibration.tasks import diagnose as method
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text
 
@@ -86,8 +86,8 @@ def compare(
     """Add effects one after the other and watch the error, in and out of sample, beside the repeats' floor."""
     import numpy as np
 
-    from calibration import compare as method
     from calibration.session import Step
+    from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots import style
@@ -146,8 +146,8 @@ def _with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
 
 def _data(taken: Sequence[Taken]) -> Observations:
     """The curves of these recordings where there are any, else the certified points."""
-    from calibration.calibrate import observe
     from calibration.inputs.gather import observe_all
+    from calibration.tasks.calibrate import observe
 
     sets = [one.measured for one in taken]
     return observe_all(sets) if any(one.curves for one in sets) else observe(sets)

@@ -15,8 +15,8 @@ from tactilevision.plots.press import draw_press
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from calibration.history import HistoryRow
     from calibration.result.result import CalibrationResult
+    from calibration.tasks.history import HistoryRow
     from tactilevision.press.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
-from calibration.calibrate import calibrate
-from calibration.history import history
 from calibration.inputs.observations import Measured
 from calibration.laws.theory.sticking import exact_surplus, sticking_surplus
+from calibration.tasks.calibrate import calibrate
+from calibration.tasks.history import history
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force

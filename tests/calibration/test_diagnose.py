@@ -13,10 +13,8 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
-import calibration.diagnose as module
 import calibration.diagnosis.forward_selection as searching
-from calibration.compare import Comparison, compare
-from calibration.diagnose import diagnose
+import calibration.tasks.diagnose as module
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.inadmissible_beta import theory_beta
@@ -30,6 +28,8 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, State
 from calibration.noise.model import Noise
+from calibration.tasks.compare import Comparison, compare
+from calibration.tasks.diagnose import diagnose
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
 from tactilevision.press.certify import certify

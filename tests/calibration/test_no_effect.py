@@ -11,8 +11,6 @@ from test_diagnose import noisy
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.compare import base_model, fit_alone
-from calibration.diagnose import diagnose
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fit.least_squares import fit
 from calibration.inputs.checks import clear_of_touch
@@ -24,6 +22,8 @@ from calibration.model.composition import Model
 from calibration.repeats.outlying_presses import odd_presses, own_zero_mm
 from calibration.repeats.repeat_noise import noise_from_repeats
 from calibration.report.drawing import own_offsets
+from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material

@@ -9,7 +9,6 @@ import pytest
 from test_diagnose import noisy
 from test_effects import BASE, RICH
 
-from calibration.diagnose import diagnose
 from calibration.diagnosis.alternative_explanation import otherwise
 from calibration.diagnosis.forward_selection import Searched, Step
 from calibration.diagnosis.instrument_errors import PLAIN, PlainError, SinceTouch, since_touch
@@ -22,6 +21,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from calibration.report.verdict import verdict_sentence
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_recordings import Truth, draw
 
-from calibration.calibrate import calibrate
 from calibration.inputs.observations import Measured
 from calibration.laws.theory import admissible_range
 from calibration.result.joint_region import joint_picture
 from calibration.result.poisson_routes import of_beta
+from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Estimate, Material

@@ -9,12 +9,12 @@ import pytest
 from made_presses import indenter, observations
 from test_effects import RICH
 
-from calibration.diagnose import diagnose
 from calibration.diagnosis.vision_depth_check import Sighted, fit_sight, sight_of, sighted
 from calibration.effects.photometric_drift import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
 LAW = np.array([0.2, 0.48, 0.8, 0.85, 0.9])

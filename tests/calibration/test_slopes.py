@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.diagnose import diagnose
 from calibration.diagnosis.forward_selection import search
 from calibration.diagnosis.vision_depth_check import fit_sight, sighted
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import Fall, Observations
 from calibration.report.verdict import shown_size
+from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats

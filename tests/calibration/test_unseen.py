@@ -9,9 +9,6 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.calibrate import conclude
-from calibration.compare import base_model, fit_alone
-from calibration.diagnose import diagnose
 from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
 from calibration.diagnosis.typical_sizes import absent
 from calibration.effects import EFFECTS
@@ -22,6 +19,9 @@ from calibration.model.composition import Model
 from calibration.repeats.outlying_presses import odd_presses
 from calibration.report.diagnosis_report import summary
 from calibration.report.verdict import verdict_sentence
+from calibration.tasks.calibrate import conclude
+from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import validate as method
-from calibration.calibrate import observe
 from calibration.fit.depth_trend import find_trend
 from calibration.inputs.observations import Measured, Observations
 from calibration.report.validation_report import as_json, statements, table
-from calibration.validate import Validation, representative, validate
+from calibration.tasks import validate as method
+from calibration.tasks.calibrate import observe
+from calibration.tasks.validate import Validation, representative, validate
 from tactilevision.cli import main
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnose import diagnose
 from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import Measured
+from calibration.tasks.diagnose import diagnose
 from tactilevision.press import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording

@@ -18,8 +18,6 @@ from functools import partial
 
 import numpy as np
 
-from calibration.calibrate import conclude
-from calibration.compare import base_model, fit_alone
 from calibration.diagnosis import manual_checks
 from calibration.diagnosis.alternative_explanation import Otherwise, otherwise
 from calibration.diagnosis.change_point import change_point
@@ -43,6 +41,8 @@ from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import conclude
+from calibration.tasks.compare import base_model, fit_alone
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.calibrate import calibrate
 from calibration.fit.identifiability import main_radius, stiffness_of
 from calibration.fit.least_squares import Fit, fit, quantile95
 from calibration.fit.tolerances import DIMENSIONS, HEIGHTS
 from calibration.inputs.observations import Measured
 from calibration.model.stages import Law
 from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import calibrate
 from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05
