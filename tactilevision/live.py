@@ -16,9 +16,9 @@ from tactilevision.contact.region import at_border
 from tactilevision.errors import InputError
 from tactilevision.flags import BORDER, add
 from tactilevision.gpu.device import find_gpu
-from tactilevision.middle import median
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.robust import median
 from tactilevision.touching import untouched_std
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.middle import median
 from tactilevision.records import Floats, Pair, SlopeMap
+from tactilevision.robust import median
 
 LEAST_STEEP = 12  # pixels; fewer are noise
 ENOUGH = 200  # pixels that tell a circle to look for a rim on

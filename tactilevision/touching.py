@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.depth_error import DepthError
-from tactilevision.middle import median
 from tactilevision.records import HeightMap
+from tactilevision.robust import median
 
 Array = npt.NDArray[np.floating[Any]]
 SAMPLED = 4000  # pixels, about, that tell how rough a map is

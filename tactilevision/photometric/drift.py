@@ -21,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.middle import median
 from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.means import Planes, means, shares, usual_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
+from tactilevision.robust import median
 
 BLOCKS = 600  # blocks over the picture, about
 ROUNDS = 3

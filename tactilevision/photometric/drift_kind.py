@@ -25,8 +25,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tactilevision.middle import median
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import median
 
 ANYTHING = 1e4
 # stray light and its deviation in parts of the light, lean in parts of g_0; m and its deviation, and lean once
