@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tactilevision.batch.folder import reconstruct_folder
     from tactilevision.errors import (
         ConvergenceError,
         InputError,
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
         RecordingError,
         TactilevisionError,
     )
-    from tactilevision.folder import reconstruct_folder
     from tactilevision.height_files import read_tiff, write_tiff
     from tactilevision.press.certify import certify
     from tactilevision.reconstruct import Reconstructor, build_reconstructor

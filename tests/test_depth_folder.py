@@ -12,7 +12,7 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.folder import COLUMNS, measure, reconstruct_folder, std_at
+from tactilevision.batch.folder import COLUMNS, measure, reconstruct_folder, std_at
 from tactilevision.height_files import read_tiff, write_tiff
 from tactilevision.photometric.method import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
-from tactilevision.folder import measure
 from tactilevision.free_gel import settle
 from tactilevision.live import Stream
 from tactilevision.photometric import (

@@ -18,12 +18,12 @@ import pytest
 import zarr
 from test_depth_folder import SENSOR, RedIsSlope
 
+from tactilevision.batch.folder import reconstruct_folder
+from tactilevision.batch.tree import find_sources, reconstruct_tree
 from tactilevision.errors import InputError, OutputError, RecordingError
-from tactilevision.folder import reconstruct_folder
 from tactilevision.height_files import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_folder
-from tactilevision.tree import find_sources, reconstruct_tree
 
 ROOT = Path(__file__).parents[1]
 
@@ -220,7 +220,7 @@ import sys, time
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_depth_folder import SENSOR, RedIsSlope
-from tactilevision.folder import reconstruct_folder
+from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import read_folder
 

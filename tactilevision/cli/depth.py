@@ -16,11 +16,11 @@ from tactilevision.errors import InputError
 from tactilevision.flags import MEANING
 
 if TYPE_CHECKING:
-    from tactilevision.folder import FrameResult
+    from tactilevision.batch.folder import FrameResult
+    from tactilevision.batch.tree import Branch
     from tactilevision.press.anchor import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
-    from tactilevision.tree import Branch
 
 
 class Form(StrEnum):
@@ -49,8 +49,8 @@ def depth(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    from tactilevision.folder import reconstruct_folder
-    from tactilevision.tree import reconstruct_tree
+    from tactilevision.batch.folder import reconstruct_folder
+    from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
     light = _teller(method, warned)

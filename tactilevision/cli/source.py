@@ -42,7 +42,7 @@ def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recor
 
 def is_tree(path: Path) -> bool:
     """Whether frames have to be looked for below `path`: not a recording, a video, or one folder of pictures."""
-    from tactilevision.tree import find_sources
+    from tactilevision.batch.tree import find_sources
 
     return path.is_dir() and find_sources(path) not in ((path,), ())
 

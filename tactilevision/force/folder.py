@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactilevision.batch.jobs import Journal, clear_leftovers, fingerprint_of, run_job, way_of_reading
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.force.field import ForceField, ForceSettings
@@ -25,7 +26,6 @@ from tactilevision.recording import Recording, read_image
 from tactilevision.records import Bytes, Material
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
-from tactilevision.streaming import Journal, clear_leftovers, fingerprint_of, run_job, way_of_reading
 
 TABLE, JOURNAL = "resultants.csv", ".force-journal.csv"
 AXES = ("fx", "fy", "fz")

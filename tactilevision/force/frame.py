@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from tactilevision.batch.jobs import Row
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.flags import MEANING
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
@@ -17,7 +18,6 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
-from tactilevision.streaming import Row
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.folder import measure
+from tactilevision.batch.folder import measure
 from tactilevision.photometric import (
     BallPicture,
     Calibration,

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.folder import DepthJob
+from tactilevision.batch.folder import DepthJob
 from tactilevision.height_files import read_tiff
 from tactilevision.press.anchor import UNHELD, Certified, face_anchor, read_certified
 from tactilevision.reconstruct import Reconstructor

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
-from tactilevision.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
 from tactilevision.recording.pictures import find_frames

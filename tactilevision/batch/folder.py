@@ -16,6 +16,7 @@ from typing import Literal, Self
 
 import numpy as np
 
+from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
@@ -27,7 +28,6 @@ from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
-from tactilevision.streaming import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
 
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
