@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.press import Certificate, certify
+from tactilevision.certificate import Certificate, certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.synthetic import GelOptions, IndenterOptions, RigOptions, SimulationOptions, simulate

@@ -46,8 +46,8 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
+    from tactilevision.certificate.certify import certify
     from tactilevision.press.beside import with_nu
-    from tactilevision.press.certify import certify
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 

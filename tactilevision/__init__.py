@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tactilevision.batch.folder import reconstruct_folder
+    from tactilevision.certificate.certify import certify
     from tactilevision.errors import (
         ConvergenceError,
         InputError,
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
         TactilevisionError,
     )
     from tactilevision.height_files import read_tiff, write_tiff
-    from tactilevision.press.certify import certify
     from tactilevision.reconstruct import Reconstructor, build_reconstructor
     from tactilevision.recording import Recording, iter_frames, read_folder, read_frame, read_recording
     from tactilevision.records import (

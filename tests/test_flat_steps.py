@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.flat_steps import flat_steps
+from tactilevision.certificate.step_validation import flat_steps
 from tactilevision.held_out_depth import Known, told
 from tactilevision.plots.depth_report import draw_depth_report
 from tactilevision.reconstruct import Reconstructor, build_reconstructor

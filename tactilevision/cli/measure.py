@@ -11,7 +11,7 @@ from tactilevision.cli import console
 
 if TYPE_CHECKING:
     from calibration.inputs.observations import Measured
-    from tactilevision.press.certificate import Certificate
+    from tactilevision.certificate.certificate import Certificate
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint, Estimate
@@ -61,7 +61,7 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
 
 
 def _certified(recording: Recording) -> Taken:
-    from tactilevision.press.certify import certify, require_all
+    from tactilevision.certificate.certify import certify, require_all
     from tactilevision.reconstruct import build_reconstructor
 
     require_all(recording)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from calibration.result.result import CalibrationResult
     from calibration.tasks.history import HistoryRow
-    from tactilevision.press.certificate import Certificate
+    from tactilevision.certificate.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
 

@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.certificate.certificate import Certificate
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.mechanics.bulge import BulgeFit, BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.press.certificate import Certificate
 from tactilevision.press.rise import blur_place, combine, computed_ratio, depth_std
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactilevision.press.checks import Look
+from tactilevision.certificate.rejection import Look
 from tactilevision.press.gauge import Gauge
 from tactilevision.records import CertifiedPoint, Curve
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Touch
 from tactilevision.contact.bevel import SIDES
-from tactilevision.press.certificate import Touch
 from tactilevision.press.watch import GRID_MM, Watch
 from tactilevision.records import Floats
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.certificate.rejection import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.press.alike import share_law
-from tactilevision.press.checks import face_tilt
 from tactilevision.press.event import event_force
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tactilevision.press.certificate import Touch
+from tactilevision.certificate.certificate import Touch
 from tactilevision.press.event import Crossing, crossing, event_force
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow

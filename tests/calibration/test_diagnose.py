@@ -30,9 +30,9 @@ from calibration.model.stages import Effect, State
 from calibration.noise.model import Noise
 from calibration.tasks.compare import Comparison, compare
 from calibration.tasks.diagnose import diagnose
+from tactilevision.certificate.certify import certify
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
-from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.records import Floats

@@ -10,7 +10,7 @@ import pytest
 from calibration.inputs.gather import observe_points
 from calibration.inputs.observations import Measured
 from calibration.tasks.diagnose import diagnose
-from tactilevision.press import certify
+from tactilevision.certificate import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.synthetic.optics import CameraOptions

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from press_scenes import OFFSET_S, RISE, C, Drawn, Made, line_up, recording
 
+from tactilevision.certificate import certify
 from tactilevision.errors import RecordingError
-from tactilevision.press import certify
 from tactilevision.records import REASONS, Frame, HeightMap
 
 FAULTS = list(REASONS)
@@ -147,7 +147,7 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
 ) -> None:
     read, drawn = recording(tmp_path, line_up([Made(0.35), Made(0.35)]))
     short = certify(read, drawn)
-    monkeypatch.setattr(sys.modules["tactilevision.press.certify"], "_LONG", 20)
+    monkeypatch.setattr(sys.modules["tactilevision.certificate.certify"], "_LONG", 20)
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
         assert again.time_s == pytest.approx(once.time_s, abs=2 * float(str(once.extra["touch_std_s"])))
         assert again.accepted

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.press import certify
-from tactilevision.press.certificate import Certificate
+from tactilevision.certificate import certify
+from tactilevision.certificate.certificate import Certificate
 from tactilevision.press.gauge import doubt_of_scale
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording

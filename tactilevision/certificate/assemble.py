@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Certificate, Finding, Touch
+from tactilevision.certificate.evidence import evidence_of
+from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
+from tactilevision.certificate.rejection import Look, findings
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.depth_error import gain_std
 from tactilevision.press.beside import ring_gain_std
-from tactilevision.press.certificate import Certificate, Finding, Touch
-from tactilevision.press.checks import Look, findings
 from tactilevision.press.curves import press_curve
 from tactilevision.press.event import Crossing, crossing
 from tactilevision.press.event_force import EventForce
-from tactilevision.press.evidence import evidence_of
 from tactilevision.press.falls import falls_beside
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.gauge import doubt_of_scale, find_gauge
@@ -33,7 +34,6 @@ from tactilevision.press.rise import (
 from tactilevision.press.ruled import on_ruler
 from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE
-from tactilevision.press.usual import lean_scatter, usual_of
 from tactilevision.press.watch import Watch
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press

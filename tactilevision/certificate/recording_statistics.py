@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tactilevision.certificate.rejection import Look, Usual, face_tilt, interval_at
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
-from tactilevision.press.checks import Look, Usual, face_tilt, interval_at
 from tactilevision.records import Floats
 
 _UNTRIED = 0.002  # rad: scatter of the tilts where too few presses show it

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactilevision.certificate import certify
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
 from tactilevision.held_out_depth import Known
-from tactilevision.press import certify
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Indenter

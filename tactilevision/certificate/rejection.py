@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Finding, Touch
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
-from tactilevision.press.certificate import Finding, Touch
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.phases import find_phases

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Evidence, Finding
+from tactilevision.certificate.rejection import Look
 from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_signal
 from tactilevision.errors import TactilevisionError
-from tactilevision.press.certificate import Evidence, Finding
-from tactilevision.press.checks import Look
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs
 from tactilevision.recording import Recording, read_frame
