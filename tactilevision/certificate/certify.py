@@ -11,13 +11,20 @@ import numpy as np
 
 from tactilevision.certificate.assemble import conclude
 from tactilevision.certificate.certificate import Certificate
+from tactilevision.certificate.clock.alignment import (
+    Seen,
+    coarse_offset,
+    estimate_offset,
+    jumps,
+    near_offset,
+    said_of_jumps,
+)
+from tactilevision.certificate.clock.repeated_frames import allow_for_copies, copied, noting
 from tactilevision.certificate.rejection import rests
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
-from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, jumps, near_offset, said_of_jumps
-from tactilevision.press.copies import allow_for_copies, copied, noting
 from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
 from tactilevision.press.tare import levelled

@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.press.clocks import Seen, coarse_offset, estimate_offset, jumps, near_offset, said_of_jumps
+from tactilevision.certificate.clock.alignment import (
+    Seen,
+    coarse_offset,
+    estimate_offset,
+    jumps,
+    near_offset,
+    said_of_jumps,
+)
 from tactilevision.press.tare import Tare, find_tare, levelled
 from tactilevision.records import Floats, ForceSeries
 

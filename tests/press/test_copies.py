@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.press.copies import allow_for_copies, copied, noting
+from tactilevision.certificate.clock.repeated_frames import allow_for_copies, copied, noting
 from tactilevision.records import Estimate, Floats, Frame
 
 TIMES = np.arange(40) / 14

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.press.clock_fit import ClockProblem, fit_clock, memory, number_of
+from tactilevision.certificate.clock.joint_fit import ClockProblem, fit_clock, memory, number_of
 from tactilevision.records import Estimate, Floats, ForceSeries
 
 _MEMORIES_S = (0.2, 1.0, 5.0)
