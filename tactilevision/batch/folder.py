@@ -17,6 +17,7 @@ from typing import Literal, Self
 import numpy as np
 
 from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
+from tactilevision.certificate.depth.face_depth import UNHELD, FaceAnchor
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
@@ -24,7 +25,6 @@ from tactilevision.exports.zarr_store import begin_frames, end_frames, write_fra
 from tactilevision.files import make_folder, write_text
 from tactilevision.flags import BORDER, add
 from tactilevision.height_files import masked, write_tiff
-from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap

@@ -8,19 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.certificate.certificate import Certificate, Finding, Touch
-from tactilevision.certificate.evidence import evidence_of
-from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
-from tactilevision.certificate.rejection import Look, findings
-from tactilevision.contact.bevel import mean_distance_mm
-from tactilevision.depth_error import gain_std
-from tactilevision.press.beside import ring_gain_std
-from tactilevision.press.curves import press_curve
-from tactilevision.press.event import Crossing, crossing
-from tactilevision.press.event_force import EventForce
-from tactilevision.press.falls import falls_beside
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.gauge import doubt_of_scale, find_gauge
-from tactilevision.press.rise import (
+from tactilevision.certificate.depth.curves import press_curve
+from tactilevision.certificate.depth.depth_scale import doubt_of_scale, find_gauge
+from tactilevision.certificate.depth.edge_profile import falls_beside
+from tactilevision.certificate.depth.pile_up import (
     Rise,
     blur_place,
     combine,
@@ -31,6 +22,15 @@ from tactilevision.press.rise import (
     seen_ratio,
     unknown_rise,
 )
+from tactilevision.certificate.depth.surface_beside_punch import ring_gain_std
+from tactilevision.certificate.evidence import evidence_of
+from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
+from tactilevision.certificate.rejection import Look, findings
+from tactilevision.contact.bevel import mean_distance_mm
+from tactilevision.depth_error import gain_std
+from tactilevision.press.event import Crossing, crossing
+from tactilevision.press.event_force import EventForce
+from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.ruled import on_ruler
 from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE

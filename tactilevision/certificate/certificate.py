@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tactilevision.certificate.depth.depth_scale import Gauge
+from tactilevision.certificate.depth.pile_up import Rise
 from tactilevision.contact.onset import Onset
-from tactilevision.press.gauge import Gauge
-from tactilevision.press.rise import Rise
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, HeightMap, Pair
 
 

@@ -18,7 +18,7 @@ from tactilevision.flags import MEANING
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult
     from tactilevision.batch.tree import Branch
-    from tactilevision.press.anchor import FaceAnchor
+    from tactilevision.certificate.depth.face_depth import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 

@@ -10,7 +10,7 @@ import typer
 from tactilevision.cli import console
 
 if TYPE_CHECKING:
-    from tactilevision.press.anchor import FaceAnchor
+    from tactilevision.certificate.depth.face_depth import FaceAnchor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
@@ -68,7 +68,7 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
 
 def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> FaceAnchor:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.press.anchor import UNHELD, face_anchor, read_certified
+    from tactilevision.certificate.depth.face_depth import UNHELD, face_anchor, read_certified
 
     if calibration is None:
         return UNHELD

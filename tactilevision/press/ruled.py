@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.certificate.depth.pile_up import Rise
 from tactilevision.certificate.rejection import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.press.alike import share_law
@@ -14,7 +15,6 @@ from tactilevision.press.event import event_force
 from tactilevision.press.event_force import EventForce
 from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.ramp import FirstContact
-from tactilevision.press.rise import Rise
 from tactilevision.press.ruler import Mark, Ruler, fit_ruler
 from tactilevision.press.timed import Chain, Timed
 from tactilevision.press.touch import SURE, fill_mm

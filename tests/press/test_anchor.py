@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
+from tactilevision.certificate.depth.face_depth import UNHELD, Certified, face_anchor, read_certified
 from tactilevision.height_files import read_tiff
-from tactilevision.press.anchor import UNHELD, Certified, face_anchor, read_certified
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor

@@ -11,10 +11,10 @@ import pytest
 from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 
 from tactilevision.certificate.certificate import Certificate, Evidence
+from tactilevision.certificate.depth.pile_up import Rise
+from tactilevision.certificate.depth.surface_beside_punch import surfaces_beside, with_nu, with_rise
 from tactilevision.mechanics.bulge import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
-from tactilevision.press.beside import surfaces_beside, with_nu, with_rise
-from tactilevision.press.rise import Rise
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Frame, SlopeMap

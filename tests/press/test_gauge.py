@@ -11,7 +11,7 @@ import pytest
 
 from tactilevision.certificate import certify
 from tactilevision.certificate.certificate import Certificate
-from tactilevision.press.gauge import doubt_of_scale
+from tactilevision.certificate.depth.depth_scale import doubt_of_scale
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tactilevision.certificate.depth.depth_scale import Gauge
 from tactilevision.certificate.rejection import Look
-from tactilevision.press.gauge import Gauge
 from tactilevision.records import CertifiedPoint, Curve
 
 _SMOOTH = 5

@@ -16,9 +16,9 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilevision.certificate.depth.depth_scale import Gauge, doubt_of_scale, find_gauge
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
-from tactilevision.press.gauge import Gauge, doubt_of_scale, find_gauge
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
 

@@ -22,12 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
+from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.mechanics.bulge import BulgeFit, BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.press.rise import blur_place, combine, computed_ratio, depth_std
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
