@@ -24,13 +24,13 @@ from tactilevision.certificate.depth.pile_up import (
 )
 from tactilevision.certificate.depth.surface_beside_punch import ring_gain_std
 from tactilevision.certificate.evidence import evidence_of
+from tactilevision.certificate.force.event_force import EventForce
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
 from tactilevision.certificate.rejection import Look, findings
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.depth_error import gain_std
 from tactilevision.press.event import Crossing, crossing
-from tactilevision.press.event_force import EventForce
-from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.ruled import on_ruler
 from tactilevision.press.timed import Chain, Timed, time_all
 from tactilevision.press.touch import SURE

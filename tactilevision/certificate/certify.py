@@ -20,14 +20,14 @@ from tactilevision.certificate.clock.alignment import (
     said_of_jumps,
 )
 from tactilevision.certificate.clock.repeated_frames import allow_for_copies, copied, noting
+from tactilevision.certificate.force.tare import levelled
+from tactilevision.certificate.force.window import ForceWindow, force_window
 from tactilevision.certificate.rejection import rests
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
-from tactilevision.press.force_window import ForceWindow, force_window
 from tactilevision.press.groups import Touched, find_all
-from tactilevision.press.tare import levelled
 from tactilevision.press.timed import Chain
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Reconstructs, Watch, watch

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.certificate.certificate import Finding, Touch
+from tactilevision.certificate.force.event_force import EventForce
+from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
-from tactilevision.press.event_force import EventForce
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.phases import find_phases
 from tactilevision.press.touch import SURE
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, ForceSeries, Press

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.press.ramp import FirstContact
+from tactilevision.certificate.force.contact_point import FirstContact
 from tactilevision.records import Floats
 
 _LEAST = 3  # presses from which a law is called common

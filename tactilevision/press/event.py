@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.press.event_force import EventForce, force_in_dwell, force_on_ramp
-from tactilevision.press.force_window import ForceWindow
+from tactilevision.certificate.force.event_force import EventForce, force_in_dwell, force_on_ramp
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.records import ForceSeries, Pair
 
 _NEAR_S = 0.1

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilevision.certificate.force.contact_point import first_contact, moving_s
+from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.contact.onset import Onset
 from tactilevision.press.event import crossing
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.phases import find_phases
-from tactilevision.press.ramp import first_contact, moving_s
 from tactilevision.press.touch import (
     SURE,
     Case,

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.certificate.depth.pile_up import Rise
+from tactilevision.certificate.force.contact_point import FirstContact
+from tactilevision.certificate.force.event_force import EventForce
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.rejection import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.press.alike import share_law
 from tactilevision.press.event import event_force
-from tactilevision.press.event_force import EventForce
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.ramp import FirstContact
 from tactilevision.press.ruler import Mark, Ruler, fit_ruler
 from tactilevision.press.timed import Chain, Timed
 from tactilevision.press.touch import SURE, fill_mm

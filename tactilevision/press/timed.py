@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tactilevision.certificate.certificate import Touch
+from tactilevision.certificate.force.event_force import EventForce
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.press.event import Crossing, crossing, event_force
-from tactilevision.press.event_force import EventForce
-from tactilevision.press.force_window import ForceWindow
 from tactilevision.press.groups import Touched
 from tactilevision.press.ruler import Ruler
 from tactilevision.press.touch import SURE

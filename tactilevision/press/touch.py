@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilevision.certificate.force.phases import noise_of
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
 from tactilevision.contact.onset import Growth, Onset, find_onset
-from tactilevision.press.phases import noise_of
 from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Indenter, Pair
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.ramp import FirstContact, first_contact, moving_s, top_s
+from tactilevision.certificate.force.contact_point import FirstContact, first_contact, moving_s, top_s
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.recording import StageSeries
 from tactilevision.records import Floats
 

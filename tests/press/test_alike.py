@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactilevision.certificate.force.contact_point import FirstContact
 from tactilevision.press.alike import share_law
-from tactilevision.press.ramp import FirstContact
 
 PACE = 0.25
 B1, B2 = 3.0, 0.9

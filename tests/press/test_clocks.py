@@ -15,7 +15,7 @@ from tactilevision.certificate.clock.alignment import (
     near_offset,
     said_of_jumps,
 )
-from tactilevision.press.tare import Tare, find_tare, levelled
+from tactilevision.certificate.force.tare import Tare, find_tare, levelled
 from tactilevision.records import Floats, ForceSeries
 
 TOPS = (0.2, 0.35, 0.4, 0.5, 0.65)

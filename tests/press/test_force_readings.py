@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.certificate.force.event_force import force_in_dwell, force_on_ramp
+from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.tare import find_tare
+from tactilevision.certificate.force.window import force_window
 from tactilevision.press.event import crossing, event_force
-from tactilevision.press.event_force import force_in_dwell, force_on_ramp
-from tactilevision.press.force_window import force_window
-from tactilevision.press.phases import find_phases
-from tactilevision.press.tare import find_tare
 from tactilevision.records import Floats, ForceSeries, Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])

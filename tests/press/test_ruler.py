@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.press.force_window import force_window
-from tactilevision.press.ramp import first_contact, moving_s, top_s
+from tactilevision.certificate.force.contact_point import first_contact, moving_s, top_s
+from tactilevision.certificate.force.window import force_window
 from tactilevision.press.ruler import Mark, fit_ruler
 from tactilevision.press.travel import begin_of, travel_of
 from tactilevision.recording import StageSeries

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.press.phases import CLEAR, FAINT, Phases, find_phases, noise_of
-from tactilevision.press.tare import Tare, find_tare
+from tactilevision.certificate.force.phases import CLEAR, FAINT, Phases, find_phases, noise_of
+from tactilevision.certificate.force.tare import Tare, find_tare
 from tactilevision.records import Bools, Floats, ForceSeries, Pair, Press
 
 _RATE_S = 0.1

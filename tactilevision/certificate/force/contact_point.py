@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.press.force_window import ForceWindow
-from tactilevision.press.phases import noise_of
+from tactilevision.certificate.force.phases import noise_of
+from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.records import Floats
 
 _SHORTEST = 0.3  # of the ramp: below it the curvature is no longer to be told from the start
