@@ -28,13 +28,13 @@ from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
 from tactilevision.certificate.rejection import Look, findings
+from tactilevision.certificate.touch.apply_travel_scale import on_ruler
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.contact_times import Chain, Timed, time_all
+from tactilevision.certificate.touch.force_crossing import Crossing, crossing
+from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.depth_error import gain_std
-from tactilevision.press.event import Crossing, crossing
-from tactilevision.press.ruled import on_ruler
-from tactilevision.press.timed import Chain, Timed, time_all
-from tactilevision.press.touch import SURE
-from tactilevision.press.watch import Watch
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
 

@@ -23,14 +23,14 @@ from tactilevision.certificate.clock.repeated_frames import allow_for_copies, co
 from tactilevision.certificate.force.tare import levelled
 from tactilevision.certificate.force.window import ForceWindow, force_window
 from tactilevision.certificate.rejection import rests
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.bevel_search import Touched, find_all
+from tactilevision.certificate.touch.contact_times import Chain
+from tactilevision.certificate.touch.press_track import Reconstructs, Watch, watch
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
-from tactilevision.press.groups import Touched, find_all
-from tactilevision.press.timed import Chain
-from tactilevision.press.touch import SURE
-from tactilevision.press.watch import Reconstructs, Watch, watch
 from tactilevision.recording import BadFrame, Recording, iter_frames, require
 from tactilevision.records import Estimate, Footprint, ForceSeries, Gel, Indenter, Press
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from tactilevision.certificate.certificate import Evidence, Finding
 from tactilevision.certificate.rejection import Look
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.press_track import Reconstructs
 from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_signal
 from tactilevision.errors import TactilevisionError
-from tactilevision.press.touch import SURE
-from tactilevision.press.watch import Reconstructs
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import HeightMap, Pair
 

@@ -16,10 +16,10 @@ from tactilevision.certificate.certificate import Finding, Touch
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
-from tactilevision.press.touch import SURE
-from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, ForceSeries, Press
 
 TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resultant by six degrees

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactilevision.certificate.force.contact_point import FirstContact
-from tactilevision.press.alike import share_law
+from tactilevision.certificate.touch.shared_contact_law import share_law
 
 PACE = 0.25
 B1, B2 = 3.0, 0.9

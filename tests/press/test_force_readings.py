@@ -9,7 +9,7 @@ from tactilevision.certificate.force.event_force import force_in_dwell, force_on
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
-from tactilevision.press.event import crossing, event_force
+from tactilevision.certificate.touch.force_crossing import crossing, event_force
 from tactilevision.records import Floats, ForceSeries, Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])

@@ -9,8 +9,8 @@ import pytest
 
 from tactilevision.certificate.force.contact_point import first_contact, moving_s, top_s
 from tactilevision.certificate.force.window import force_window
-from tactilevision.press.ruler import Mark, fit_ruler
-from tactilevision.press.travel import begin_of, travel_of
+from tactilevision.certificate.touch.indenter_travel import begin_of, travel_of
+from tactilevision.certificate.touch.travel_scale import Mark, fit_ruler
 from tactilevision.recording import StageSeries
 from tactilevision.records import ForceSeries, Press
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from tactilevision.certificate.certificate import Touch
+from tactilevision.certificate.touch.press_track import GRID_MM, Watch
 from tactilevision.contact.bevel import SIDES
-from tactilevision.press.watch import GRID_MM, Watch
 from tactilevision.records import Floats
 
 RINGS = 4

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import EDGE_MM
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.mechanics.touch import touch_depth
-from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Gel, Indenter
 
 _HALF_RING_MM = 0.3

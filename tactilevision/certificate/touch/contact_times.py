@@ -10,11 +10,11 @@ import numpy as np
 from tactilevision.certificate.certificate import Touch
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
-from tactilevision.press.event import Crossing, crossing, event_force
-from tactilevision.press.groups import Touched
-from tactilevision.press.ruler import Ruler
-from tactilevision.press.touch import SURE
-from tactilevision.press.watch import Reconstructs, Watch
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.bevel_search import Touched
+from tactilevision.certificate.touch.force_crossing import Crossing, crossing, event_force
+from tactilevision.certificate.touch.press_track import Reconstructs, Watch
+from tactilevision.certificate.touch.travel_scale import Ruler
 from tactilevision.recording import Recording
 from tactilevision.records import Estimate, ForceSeries
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.certificate.force.phases import noise_of
+from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
 from tactilevision.contact.onset import Growth, Onset, find_onset
-from tactilevision.press.watch import Watch
 from tactilevision.records import Bools, Floats, Indenter, Pair
 
 SURE = 25.0  # fall of chi-square that counts as a touch: five sigma

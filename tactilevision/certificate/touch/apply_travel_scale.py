@@ -12,13 +12,13 @@ from tactilevision.certificate.force.contact_point import FirstContact
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.rejection import face_tilt
+from tactilevision.certificate.touch.bevel_contact_depth import SURE, fill_mm
+from tactilevision.certificate.touch.contact_times import Chain, Timed
+from tactilevision.certificate.touch.force_crossing import event_force
+from tactilevision.certificate.touch.indenter_travel import Travel, begin_of, travel_of
+from tactilevision.certificate.touch.shared_contact_law import share_law
+from tactilevision.certificate.touch.travel_scale import Mark, Ruler, fit_ruler
 from tactilevision.contact.bevel import SIDES
-from tactilevision.press.alike import share_law
-from tactilevision.press.event import event_force
-from tactilevision.press.ruler import Mark, Ruler, fit_ruler
-from tactilevision.press.timed import Chain, Timed
-from tactilevision.press.touch import SURE, fill_mm
-from tactilevision.press.travel import Travel, begin_of, travel_of
 from tactilevision.records import Indenter
 
 # A rounded edge bends the law's first 20 um: by finite elements, edges of .05 to .15 mm move its zero by .1 to .5.

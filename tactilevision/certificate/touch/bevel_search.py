@@ -14,9 +14,7 @@ import numpy as np
 from tactilevision.certificate.force.contact_point import first_contact, moving_s
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
-from tactilevision.contact.onset import Onset
-from tactilevision.press.event import crossing
-from tactilevision.press.touch import (
+from tactilevision.certificate.touch.bevel_contact_depth import (
     SURE,
     Case,
     DepthOfForce,
@@ -25,7 +23,9 @@ from tactilevision.press.touch import (
     find_in_pictures,
     find_touches,
 )
-from tactilevision.press.watch import Watch
+from tactilevision.certificate.touch.force_crossing import crossing
+from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.contact.onset import Onset
 from tactilevision.records import Bools, Floats
 
 _TURNS = 3
