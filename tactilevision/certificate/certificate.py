@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from tactilevision.certificate.depth.depth_scale import Gauge
 from tactilevision.certificate.depth.pile_up import Rise
-from tactilevision.contact.onset import Onset
+from tactilevision.contact.bevel_onset import Onset
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, HeightMap, Pair
 
 

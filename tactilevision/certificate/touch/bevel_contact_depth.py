@@ -16,7 +16,7 @@ import numpy as np
 from tactilevision.certificate.force.phases import noise_of
 from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
-from tactilevision.contact.onset import Growth, Onset, find_onset
+from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
 from tactilevision.records import Bools, Floats, Indenter, Pair
 
 SURE = 25.0  # fall of chi-square that counts as a touch: five sigma

@@ -25,7 +25,7 @@ from tactilevision.certificate.touch.bevel_contact_depth import (
 )
 from tactilevision.certificate.touch.force_crossing import crossing
 from tactilevision.certificate.touch.press_track import Watch
-from tactilevision.contact.onset import Onset
+from tactilevision.contact.bevel_onset import Onset
 from tactilevision.records import Bools, Floats
 
 _TURNS = 3
