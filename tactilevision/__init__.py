@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         RecordingError,
         TactilevisionError,
     )
-    from tactilevision.height_files import read_tiff, write_tiff
+    from tactilevision.exports.tiff import read_tiff, write_tiff
     from tactilevision.reconstruct import Reconstructor, build_reconstructor
     from tactilevision.recording import Recording, iter_frames, read_folder, read_frame, read_recording
     from tactilevision.records import (

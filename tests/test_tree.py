@@ -21,7 +21,7 @@ from test_depth_folder import SENSOR, RedIsSlope
 from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.batch.tree import find_sources, reconstruct_tree
 from tactilevision.errors import InputError, OutputError, RecordingError
-from tactilevision.height_files import read_tiff
+from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_folder
 

@@ -21,10 +21,10 @@ from tactilevision.certificate.depth.face_depth import UNHELD, FaceAnchor
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
+from tactilevision.exports.tiff import masked, write_tiff
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import make_folder, write_text
 from tactilevision.flags import BORDER, add
-from tactilevision.height_files import masked, write_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap

@@ -179,7 +179,7 @@ def _is_tiff(path: Path) -> bool:
 
 
 def _read_tiff(path: Path, mm_per_px: float | None) -> HeightMap:
-    from tactilevision.height_files import read_tiff
+    from tactilevision.exports.tiff import read_tiff
 
     return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
 

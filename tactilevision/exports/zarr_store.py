@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.exports.tiff import masked
 from tactilevision.files import told_as_output
-from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]

@@ -12,7 +12,7 @@ import pytest
 
 from tactilevision.batch.folder import DepthJob
 from tactilevision.certificate.depth.face_depth import UNHELD, Certified, face_anchor, read_certified
-from tactilevision.height_files import read_tiff
+from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
