@@ -19,8 +19,8 @@ from scipy import fft
 from tactilevision.errors import InputError
 from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import CellCompliance, layer_cells
+from tactilevision.force.lateral_boundaries.table import SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
-from tactilevision.force.sides.table import SideTable, side_table
 from tactilevision.records import Bools, Floats, Gel
 
 POISSON_STEP = 1e-3

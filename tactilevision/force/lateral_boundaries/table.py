@@ -19,12 +19,12 @@ import numpy.typing as npt
 from scipy.sparse.linalg import splu
 
 from tactilevision.force.inverse import Cells
+from tactilevision.force.lateral_boundaries.hexahedra import stiffness
+from tactilevision.force.lateral_boundaries.layer_field import LayerStress, layer_stress
+from tactilevision.force.lateral_boundaries.mesh import GelMesh, face_values, gel_mesh
+from tactilevision.force.lateral_boundaries.store import kept
+from tactilevision.force.lateral_boundaries.wall import WallPoints, wall_points
 from tactilevision.force.nodes import NodeGrid
-from tactilevision.force.sides.hexahedra import stiffness
-from tactilevision.force.sides.layer_field import LayerStress, layer_stress
-from tactilevision.force.sides.mesh import GelMesh, face_values, gel_mesh
-from tactilevision.force.sides.store import kept
-from tactilevision.force.sides.wall import WallPoints, wall_points
 from tactilevision.records import Floats, Gel
 
 Singles = npt.NDArray[np.float32]

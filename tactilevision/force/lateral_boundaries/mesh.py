@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.force.sides.hexahedra import quadratic
+from tactilevision.force.lateral_boundaries.hexahedra import quadratic
 from tactilevision.records import Floats, Gel
 
 Indices = npt.NDArray[np.intp]

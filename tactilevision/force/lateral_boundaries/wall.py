@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.force.sides.hexahedra import GAUSS, GAUSS_WEIGHT, quadratic
-from tactilevision.force.sides.mesh import GelMesh
+from tactilevision.force.lateral_boundaries.hexahedra import GAUSS, GAUSS_WEIGHT, quadratic
+from tactilevision.force.lateral_boundaries.mesh import GelMesh
 from tactilevision.records import Floats
 
 
