@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.records import Bytes, Frame, Gel
 from tactilevision.sensors import get_sensor
-from tactilevision.surface import integrate
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import Flat

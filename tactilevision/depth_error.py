@@ -29,13 +29,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.drift_error import DriftError
+from tactilevision.integration.circular_edges import window_of
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.steep_edges import Wall
+from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
-from tactilevision.rim import window_of
-from tactilevision.surface import integrate
-from tactilevision.walls import Wall
-from tactilevision.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 
 Picture = npt.NDArray[np.float32]
 DRAWS = 6

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.zero_plane import ZeroPlane, plane_terms
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.surface import integrate
-from tactilevision.zero_plane import ZeroPlane, plane_terms
 
 STEP = 0.01  # of a coefficient, small enough for laws to be straight over it
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.samples import inside_ball
 from tactilevision.records import Pair, SlopeMap
-from tactilevision.surface import integrate
 
 MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
 MOST = 24  # balls; more tell no more

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.flags import BALLS, LIGHT, MOVED, REFERENCE
+from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.ball_doubts import COVERED
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.light import other_light
@@ -27,7 +28,6 @@ from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.moved import moved_by
 from tactilevision.records import Bytes, Pair
 from tactilevision.sensors import rectify
-from tactilevision.zero_plane import ZeroPlane
 
 if TYPE_CHECKING:
     from tactilevision.reconstruct import Reconstructor

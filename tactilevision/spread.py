@@ -18,12 +18,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball import Ball
 from tactilevision.photometric.jackknife import jackknife_std
 from tactilevision.photometric.samples import radii_from
 from tactilevision.records import Bytes, Pair
-from tactilevision.zero_plane import USUAL_THICKNESS_MM
 
 Depth = npt.NDArray[np.floating[Any]]
 Reader = Callable[[Bytes], Depth]

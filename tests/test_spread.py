@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball import Ball
 from tactilevision.records import Bytes, Floats
 from tactilevision.spread import spread_beside
-from tactilevision.zero_plane import USUAL_THICKNESS_MM
 
 STEP, GAIN = 0.1, np.full((3, 4), 0.02)
 BALL = Ball((60.0, 45.0), 20.0, 4.0)

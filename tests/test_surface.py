@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.integration.poisson import divergence, gradient, integrate, solve_edges, weighted
 from tactilevision.records import Floats, SlopeMap
-from tactilevision.surface import divergence, gradient, integrate, solve_edges, weighted
 
 SHAPE = (240, 320)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.two_grid_poisson import TwoGrids
 from tactilevision.photometric.change import Planes, Window
 from tactilevision.records import Floats, SlopeMap
-from tactilevision.surface import integrate
-from tactilevision.two_grids import TwoGrids
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)
 

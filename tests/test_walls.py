@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tactilevision.integration.circular_edges import find_rims
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.steep_edges import find_walls, restore, restore_windows
 from tactilevision.records import Floats, SlopeMap
-from tactilevision.rim import find_rims
-from tactilevision.surface import integrate
-from tactilevision.walls import find_walls, restore, restore_windows
 
 STEP = 0.06
 FINER = 3

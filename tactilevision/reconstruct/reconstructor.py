@@ -14,6 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.depth_error import DepthError
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.steep_edges import Wall, find_walls, restore, restore_windows
+from tactilevision.integration.two_grid_poisson import TwoGrids
+from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.likeness import Likeness
 from tactilevision.photometric import Calibration
 from tactilevision.photometric.calm import CalmReader
@@ -22,11 +26,7 @@ from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
-from tactilevision.surface import integrate
 from tactilevision.touched_reference import look_at_reference
-from tactilevision.two_grids import TwoGrids
-from tactilevision.walls import Wall, find_walls, restore, restore_windows
-from tactilevision.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader

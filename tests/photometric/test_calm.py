@@ -10,6 +10,7 @@ import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
 from tactilevision.free_gel import settle
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -21,7 +22,6 @@ from tactilevision.photometric.calm import CalmReader
 from tactilevision.photometric.marks import Marks
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.records import Bytes, Floats
-from tactilevision.surface import integrate
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 

@@ -25,13 +25,13 @@ from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.integration.poisson import weighted
 from tactilevision.mechanics.bulge import BulgeFit, BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
-from tactilevision.surface import weighted
 
 SQUARE_MM = 0.25
 FRAMES = 8  # a press; more no longer lower what is left, which is the same in all frames

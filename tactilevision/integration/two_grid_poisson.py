@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.cosine import edge_divergence, transform_solver
+from tactilevision.integration.dct_poisson import edge_divergence, transform_solver
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric.change import Planes, Window
 from tactilevision.records import Pair, SlopeMap
-from tactilevision.surface import integrate
 
 LARGE = 10000  # points, above which a coarse grid is solved by transforms: no quicker on smaller ones
 

@@ -26,9 +26,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from tactilevision.integration.circular_edges import Rim, find_rims, solved, window_of
 from tactilevision.photometric.change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
-from tactilevision.rim import Rim, find_rims, solved, window_of
 
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
 CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)

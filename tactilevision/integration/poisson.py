@@ -8,7 +8,7 @@ averaged onto the half-pixel edge between two neighbours, where the difference o
 With w = 1 the normal equations are a 5-point Laplacian with natural (Neumann) borders, which cosine transforms
 solve (`cosine.py`). The solution is exact for the scheme: a plane, a tilt and a paraboloid come back to rounding
 error. The error on a smooth surface falls with the square of the pixel. The mean of the surface is left at 0
-(the slopes do not know it); `tactilevision.zero_plane` finds the untouched gel.
+(the slopes do not know it); `tactilevision.integration.zero_plane` finds the untouched gel.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.cosine import transform_solver
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.flat_border import integrate_flat_border
+from tactilevision.integration.dct_poisson import transform_solver
+from tactilevision.integration.dirichlet_poisson import integrate_flat_border
 from tactilevision.records import Pair, SlopeMap
 
 Array = npt.NDArray[np.floating[Any]]

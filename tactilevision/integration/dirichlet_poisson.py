@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from tactilevision.cosine import edge_divergence
 from tactilevision.errors import InputError
+from tactilevision.integration.dct_poisson import edge_divergence
 from tactilevision.records import Pair, SlopeMap
 
 Array = npt.NDArray[np.floating[Any]]
