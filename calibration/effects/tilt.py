@@ -5,7 +5,7 @@
 w = w_read - t a theta the depth of the face's centre: t is 1 where the depth counts from the first touch of the
 lower edge, as a stage's does, and 0 where it counts from the gel's own base; of other depths nobody says which. f
 is the exact contact without tension of a rigid flat face on a bonded layer, from the table of
-tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
+tactilevision.mechanics.tilted_punch. The whole face lies on from w = 2 a theta: its pressure
 (w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Below -a theta nothing presses, and what clings to the
 face is drawn by all of w. Vanishes at theta = 0.
 Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
@@ -20,7 +20,7 @@ import numpy as np
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
-from tactilevision.mechanics.askew import upright
+from tactilevision.mechanics.tilted_punch import upright
 from tactilevision.records import Floats
 
 

@@ -4,7 +4,7 @@
 
 P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
 small strain, frictionless, layer far wider than the punch. Where the edge is stated to be rounded, the contact
-begins smaller and grows (tactilevision.mechanics.rounded_edge); c and beta stay the sharp punch's. beta holds what
+begins smaller and grows (tactilevision.mechanics.filleted_punch); c and beta stay the sharp punch's. beta holds what
 large strain and friction add; theory gives it no single value, so it is free, and as it changes with a/h each
 radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
@@ -28,7 +28,7 @@ from calibration.model.composition import Composable
 from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import State
 from tactilevision.errors import InputError
-from tactilevision.mechanics.rounded_edge import rounded_contact
+from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)

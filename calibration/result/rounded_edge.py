@@ -11,7 +11,7 @@ import numpy as np
 from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
-from tactilevision.mechanics.rounded_edge import rounded_contact
+from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Floats, Pair
 

@@ -15,7 +15,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.composition import Model
-from tactilevision.mechanics.askew import PLACES, solve, upright
+from tactilevision.mechanics.tilted_punch import PLACES, solve, upright
 
 LAW = np.array([0.2, 0.48, 0.85])
 

@@ -9,8 +9,8 @@ import pytest
 from made_surfaces import PX_MM, RADIUS_MM, SHAPE, THICKNESS_MM, noise, surface, views
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.bulge import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.correlated import NoiseModel, estimate_noise
+from tactilevision.mechanics.poisson_from_surface import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Floats

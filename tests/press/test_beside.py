@@ -13,7 +13,7 @@ from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 from tactilevision.certificate.certificate import Certificate, Evidence
 from tactilevision.certificate.depth.pile_up import Rise
 from tactilevision.certificate.depth.surface_beside_punch import surfaces_beside, with_nu, with_rise
-from tactilevision.mechanics.bulge import BulgeSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording

@@ -26,7 +26,7 @@ from tactilevision.certificate.depth.pile_up import blur_place, combine, compute
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
-from tactilevision.mechanics.bulge import BulgeFit, BulgeSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import BulgeFit, BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor

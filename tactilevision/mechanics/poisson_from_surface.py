@@ -27,7 +27,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.bulge_press import (
+from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
+from tactilevision.mechanics.profile import LIKELY_SHARE, LINEAR, SHARE_STD, ProfileModel
+from tactilevision.mechanics.surface_press import (
     Joint,
     Press,
     WhitePress,
@@ -37,8 +39,6 @@ from tactilevision.mechanics.bulge_press import (
     unknowns,
     whiten,
 )
-from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
-from tactilevision.mechanics.profile import LIKELY_SHARE, LINEAR, SHARE_STD, ProfileModel
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Estimate, Floats
