@@ -11,9 +11,9 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
-from tactilevision.photometric.calm import CalmReader, calm_pixels
+from tactilevision.photometric.background import QuietSums
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.quiet import QuietSums
+from tactilevision.photometric.multiresolution import CalmReader, calm_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify

@@ -11,9 +11,9 @@ import torch
 
 from tactilevision.gpu.cosine import TorchSolver
 from tactilevision.gpu.laws import Law, law_on
-from tactilevision.photometric.calm import Look, Reading
 from tactilevision.photometric.change import ChangeMaps, Planes
 from tactilevision.photometric.method import CalibratedMethod, Evaluator
+from tactilevision.photometric.multiresolution import Look, Reading
 from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Bytes, Pair, SlopeMap
 

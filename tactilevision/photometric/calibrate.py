@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.background import Quiet, QuietSums
 from tactilevision.photometric.ball import Ball, find_ball
 from tactilevision.photometric.ball_doubts import coverage, in_reference, odd_balls, one_contact, radii_apart
 from tactilevision.photometric.change import ColourChange, Planes
 from tactilevision.photometric.drift import solid
 from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
-from tactilevision.photometric.marks import marked
+from tactilevision.photometric.markers import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.power import response_of
-from tactilevision.photometric.quiet import Quiet, QuietSums
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.samples import (
     CONTACT,

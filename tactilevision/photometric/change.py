@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.drift import Drift, DriftTracker, undone
-from tactilevision.photometric.marks import fill, marked
+from tactilevision.photometric.markers import fill, marked
 from tactilevision.photometric.means import means
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
 from tactilevision.photometric.response import SOFTENING_GREY, Response

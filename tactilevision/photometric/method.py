@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.calm import CalmReader, Reading, calm_pixels
+from tactilevision.photometric.background import Quiet, QuietSums, darkness, doubt, rest_bias
 from tactilevision.photometric.change import ColourChange, Planes, Window, strips
-from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
+from tactilevision.photometric.multiresolution import CalmReader, Reading, calm_pixels
 from tactilevision.photometric.reference import Reference
 from tactilevision.photometric.response import response_in
 from tactilevision.records import Bytes, Floats, SlopeMap

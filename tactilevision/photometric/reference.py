@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import Marks, find_marks
+from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.records import Bools, Bytes
 
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)

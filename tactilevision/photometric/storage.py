@@ -18,14 +18,14 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
+from tactilevision.photometric.background import Quiet
 from tactilevision.photometric.light import light_of
 from tactilevision.photometric.lookup import Lookup
-from tactilevision.photometric.marks import find_marks
+from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.photometric.quiet import Quiet
 from tactilevision.photometric.reference import Reference
 
 FORMAT = 1

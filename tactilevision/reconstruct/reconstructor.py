@@ -20,10 +20,10 @@ from tactilevision.integration.two_grid_poisson import TwoGrids
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.likeness import Likeness
 from tactilevision.photometric import Calibration
-from tactilevision.photometric.calm import CalmReader
 from tactilevision.photometric.change import Planes
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.multiresolution import CalmReader
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
 from tactilevision.touched_reference import look_at_reference

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import FEWEST, evenly_spaced
+from tactilevision.photometric.markers import FEWEST, evenly_spaced
 from tactilevision.records import Bytes, Floats, Pair, ShearMap
 from tactilevision.shear.markers import (
     MarkerMotion,

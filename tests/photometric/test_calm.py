@@ -18,9 +18,9 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
-from tactilevision.photometric.calm import CalmReader
-from tactilevision.photometric.marks import Marks
+from tactilevision.photometric.markers import Marks
 from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.multiresolution import CalmReader
 from tactilevision.records import Bytes, Floats
 
 SCALE = (MM_PER_PX, MM_PER_PX)

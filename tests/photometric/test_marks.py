@@ -18,7 +18,7 @@ from tactilevision.photometric import (
     save_method,
 )
 from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.marks import fill, find_marks, marked
+from tactilevision.photometric.markers import fill, find_marks, marked
 from tactilevision.records import Bytes, Floats
 from tactilevision.sensors import get_sensor, may_have_marks
 

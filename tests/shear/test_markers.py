@@ -10,7 +10,7 @@ import pytest
 from drawn_gels import SHAPE, marks, motion, origin, photograph
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import evenly_spaced
+from tactilevision.photometric.markers import evenly_spaced
 from tactilevision.records import Bytes, Floats
 from tactilevision.shear.markers import find_markers
 from tactilevision.shear.measure import LOST, marker_motion, measure_shear

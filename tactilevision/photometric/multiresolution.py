@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.background import rest_bias
 from tactilevision.photometric.change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.means import means, usual_pixels
-from tactilevision.photometric.quiet import rest_bias
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 
