@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball.samples import Samples, inside_ball, join
 from tactilevision.photometric.calibrate import direction_error_deg, locate
 from tactilevision.photometric.card import provenance
 from tactilevision.photometric.change import ColourChange
@@ -23,7 +24,6 @@ from tactilevision.photometric.drawn_samples import draw_samples
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.network_training import fit_network
 from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import Samples, inside_ball, join
 from tactilevision.photometric.storage import save_network
 from tactilevision.records import Bytes, Floats
 

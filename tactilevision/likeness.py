@@ -21,7 +21,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.integration.zero_plane import ZeroPlane
-from tactilevision.photometric.ball_doubts import COVERED
+from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.drift import Drift
 from tactilevision.photometric.light import other_light
 from tactilevision.photometric.method import CalibratedMethod

@@ -20,9 +20,9 @@ import numpy.typing as npt
 
 from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
-from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.jackknife import jackknife_std
-from tactilevision.photometric.samples import radii_from
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.jackknife import jackknife_std
+from tactilevision.photometric.ball.samples import radii_from
 from tactilevision.records import Bytes, Pair
 
 Depth = npt.NDArray[np.floating[Any]]

@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.depth_error import gain_std, place_gain_std
 from tactilevision.held_out_depth import Known, bands, dent_mm, told
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
 
 
 @pytest.mark.parametrize("scale", [(0.06, 0.06), (0.05, 0.07)])

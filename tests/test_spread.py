@@ -8,7 +8,7 @@ import pytest
 
 from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.records import Bytes, Floats
 from tactilevision.spread import spread_beside
 

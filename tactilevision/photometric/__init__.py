@@ -5,8 +5,8 @@ PHOTOMETRIC lists the methods that come along; any `method.PhotometricMethod` wo
 
 from __future__ import annotations
 
+from tactilevision.photometric.ball.cross_validation import Fitter
 from tactilevision.photometric.calibrate import BallPicture, Calibration, calibrate_from_balls
-from tactilevision.photometric.left_out import Fitter
 from tactilevision.photometric.lookup import fit_lookup
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.network_training import NetworkFitter

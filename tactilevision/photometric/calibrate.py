@@ -11,16 +11,18 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.background import Quiet, QuietSums
-from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import coverage, in_reference, odd_balls, one_contact, radii_apart
-from tactilevision.photometric.change import ColourChange, Planes
-from tactilevision.photometric.drift import solid
-from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
-from tactilevision.photometric.markers import marked
-from tactilevision.photometric.method import CalibratedMethod, ColourLaw
-from tactilevision.photometric.power import response_of
-from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.samples import (
+from tactilevision.photometric.ball.consistency import coverage, in_reference, odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball.cross_validation import (
+    Fitter,
+    doubt_of,
+    gain_std,
+    gains_of,
+    gains_without,
+    held_out,
+)
+from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.observability import Told, told_slopes
+from tactilevision.photometric.ball.samples import (
     CONTACT,
     RESTING,
     Samples,
@@ -31,7 +33,12 @@ from tactilevision.photometric.samples import (
     untouched,
     with_noise,
 )
-from tactilevision.photometric.two_ways import Told, told_slopes
+from tactilevision.photometric.change import ColourChange, Planes
+from tactilevision.photometric.drift import solid
+from tactilevision.photometric.markers import marked
+from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.power import response_of
+from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 LEAST_BALLS = 3

@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.change import Window, strips
-from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 CELLS = 48

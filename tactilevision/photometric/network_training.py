@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tactilevision.photometric.ball import Ball, ball_slopes
+from tactilevision.photometric.ball.detection import Ball, ball_slopes
+from tactilevision.photometric.ball.samples import CONTACT, INSIDE, Samples, join
 from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.one_core import one_core
 from tactilevision.photometric.onnx_file import export_network, require_exporter
 from tactilevision.photometric.polynomial import TYPICAL
-from tactilevision.photometric.samples import CONTACT, INSIDE, Samples, join
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 if TYPE_CHECKING:

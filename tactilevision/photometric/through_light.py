@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.polynomial import Polynomial, fit_polynomial
-from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}

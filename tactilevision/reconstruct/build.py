@@ -25,10 +25,10 @@ from tactilevision.photometric import (
     load_network,
     make_reference,
 )
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.light import check_view, light_of
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
-from tactilevision.photometric.samples import far_from
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify

@@ -10,8 +10,8 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import one_contact
+from tactilevision.photometric.ball.consistency import one_contact
+from tactilevision.photometric.ball.detection import Ball, find_ball
 from tactilevision.records import Bytes, Floats
 
 SIDES = (MM_PER_PX, MM_PER_PX)

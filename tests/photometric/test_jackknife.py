@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tactilevision.photometric.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
-from tactilevision.photometric.left_out import borne_out, doubt_of, gain_std, gains_of, held_out
+from tactilevision.photometric.ball.cross_validation import borne_out, doubt_of, gain_std, gains_of, held_out
+from tactilevision.photometric.ball.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 BALLS, EACH, STEEPEST, NOISE = 12, 60, 0.6, 0.01

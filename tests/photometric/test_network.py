@@ -21,13 +21,13 @@ from tactilevision.photometric import (
     make_reference,
     save_method,
 )
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.drawn_lights import draw_scenes, expose, shade
 from tactilevision.photometric.drawn_samples import draw_samples
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
-from tactilevision.photometric.samples import Samples
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 

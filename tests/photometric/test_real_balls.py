@@ -24,9 +24,9 @@ from tactilevision.photometric import (
     load_network,
     make_reference,
 )
+from tactilevision.photometric.ball.samples import inside_ball
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import inside_ball
 from tactilevision.photometric.through_light import EitherWay
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame

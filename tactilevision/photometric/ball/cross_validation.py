@@ -20,9 +20,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.jackknife import gain_map
+from tactilevision.photometric.ball.jackknife import gain_map
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.samples import Samples
 from tactilevision.records import Floats
 
 FOLDS = 3

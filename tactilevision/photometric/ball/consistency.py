@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.records import Floats, Pair
 
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball import Ball, ball_slopes
+from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.change import Planes
 from tactilevision.records import Bools, Floats, Pair
 

@@ -25,8 +25,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.samples import Samples
 from tactilevision.photometric.through_light import colours_of, fit_light
 from tactilevision.records import Floats
 
