@@ -19,8 +19,8 @@ from tactilevision.photometric import BallPicture, calibrate_from_balls, make_re
 from tactilevision.photometric.ball.samples import Samples, inside_ball, join
 from tactilevision.photometric.calibrate import direction_error_deg, locate
 from tactilevision.photometric.card import provenance
-from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.drawn_samples import draw_samples
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.network_training import fit_network
 from tactilevision.photometric.polynomial import fit_polynomial

@@ -33,7 +33,7 @@ from tactilevision.integration.circular_edges import window_of
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import Wall
 from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
-from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
 

@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.zero_plane import ZeroPlane, plane_terms
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Floats, Pair, SlopeMap
 
 STEP = 0.01  # of a coefficient, small enough for laws to be straight over it

@@ -22,8 +22,8 @@ from tactilevision.errors import InputError
 from tactilevision.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.ball.consistency import COVERED
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.light import other_light
+from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.moved import moved_by
 from tactilevision.records import Bytes, Pair

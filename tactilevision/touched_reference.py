@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift import solid
+from tactilevision.photometric.illumination.drift import solid
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Bytes, Pair
 

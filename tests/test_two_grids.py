@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.two_grid_poisson import TwoGrids
-from tactilevision.photometric.change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Floats, SlopeMap
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)

@@ -11,10 +11,10 @@ import torch
 
 from tactilevision.gpu.cosine import TorchSolver
 from tactilevision.gpu.laws import Law, law_on
-from tactilevision.photometric.change import ChangeMaps, Planes
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
 from tactilevision.photometric.method import CalibratedMethod, Evaluator
 from tactilevision.photometric.multiresolution import Look, Reading
-from tactilevision.photometric.response import SOFTENING_GREY
 from tactilevision.records import Bytes, Pair, SlopeMap
 
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 
 from tactilevision.integration.circular_edges import Rim, find_rims, solved, window_of
-from tactilevision.photometric.change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside

@@ -33,11 +33,11 @@ from tactilevision.photometric.ball.samples import (
     untouched,
     with_noise,
 )
-from tactilevision.photometric.change import ColourChange, Planes
-from tactilevision.photometric.drift import solid
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
+from tactilevision.photometric.illumination.drift import solid
+from tactilevision.photometric.illumination.gamma import response_of
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
-from tactilevision.photometric.power import response_of
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 

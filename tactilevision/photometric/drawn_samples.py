@@ -14,9 +14,9 @@ import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples, join
 from tactilevision.photometric.drawn_lights import SIZE_MM, draw_scenes, expose, shade
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
 from tactilevision.photometric.one_core import one_core
 from tactilevision.photometric.reference import LEAST_SIGNAL, SATURATED
-from tactilevision.photometric.response import SOFTENING_GREY
 
 if TYPE_CHECKING:
     import torch

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.change import Window, strips
+from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
 CELLS = 48

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.background import Quiet, QuietSums, darkness, doubt, rest_bias
-from tactilevision.photometric.change import ColourChange, Planes, Window, strips
+from tactilevision.photometric.illumination.camera_response import response_in
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
 from tactilevision.photometric.multiresolution import CalmReader, Reading, calm_pixels
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.response import response_in
 from tactilevision.records import Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.background import rest_bias
-from tactilevision.photometric.change import ChangeMaps, Planes, Window, strips
-from tactilevision.photometric.drift import Drift
-from tactilevision.photometric.means import means, usual_pixels
+from tactilevision.photometric.illumination.block_means import means, usual_pixels
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
+from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.change import STRIP_PX, Window, strips
+from tactilevision.photometric.illumination.colour_change import STRIP_PX, Window, strips
 from tactilevision.photometric.onnx_file import open_bytes, run_network
 from tactilevision.photometric.polynomial import REACH
 from tactilevision.records import Floats

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.ball.samples import CONTACT, INSIDE, Samples, join
-from tactilevision.photometric.change import ColourChange
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.one_core import one_core
 from tactilevision.photometric.onnx_file import export_network, require_exporter

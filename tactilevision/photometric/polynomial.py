@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.change import Window, strips
+from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
 PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))

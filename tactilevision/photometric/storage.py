@@ -19,7 +19,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.photometric.background import Quiet
-from tactilevision.photometric.light import light_of
+from tactilevision.photometric.illumination.light_match import light_of
 from tactilevision.photometric.lookup import Lookup
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw

@@ -27,7 +27,7 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import far_from
-from tactilevision.photometric.light import check_view, light_of
+from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.records import Bytes, Sensor

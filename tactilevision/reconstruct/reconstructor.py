@@ -20,8 +20,8 @@ from tactilevision.integration.two_grid_poisson import TwoGrids
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.likeness import Likeness
 from tactilevision.photometric import Calibration
-from tactilevision.photometric.change import Planes
-from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.multiresolution import CalmReader
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap

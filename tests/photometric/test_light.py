@@ -15,7 +15,7 @@ from tactilevision.errors import InputError
 from tactilevision.flags import LIGHT
 from tactilevision.likeness import Likeness
 from tactilevision.photometric import make_reference, save_method
-from tactilevision.photometric.light import change_of_light, light_of, other_light
+from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.reference import Reference

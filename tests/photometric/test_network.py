@@ -23,9 +23,9 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.change import ColourChange
 from tactilevision.photometric.drawn_lights import draw_scenes, expose, shade
 from tactilevision.photometric.drawn_samples import draw_samples
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.network import Network
 from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.photometric.change import Planes
+from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.records import Bools, Floats, Pair
 
 CONTACT = 9000  # samples under balls, over all presses

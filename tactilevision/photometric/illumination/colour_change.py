@@ -19,11 +19,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift import Drift, DriftTracker, undone
+from tactilevision.photometric.illumination.block_means import means
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undone
 from tactilevision.photometric.markers import fill, marked
-from tactilevision.photometric.means import means
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
-from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 
 SHADOW_PX = 4  # pixels apart that shadows are looked for

@@ -21,10 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.drift_kind import OTHERS, TERMS, drift_of, likely_slopes, noise_of
-from tactilevision.photometric.means import Planes, means, shares, usual_pixels
+from tactilevision.photometric.illumination.block_means import Planes, means, shares, usual_pixels
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
+from tactilevision.photometric.illumination.drift_priors import OTHERS, TERMS, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.response import SOFTENING_GREY, Response
 from tactilevision.records import Bools, Bytes, Floats
 from tactilevision.robust import median
 

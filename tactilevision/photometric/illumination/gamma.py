@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.response import SOFTENING_GREY, STRAIGHT, Response
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, STRAIGHT, Response
 from tactilevision.photometric.through_light import GENTLE, PLACE_ORDER, fit_light, terms_of
 from tactilevision.records import Bools, Floats
 
