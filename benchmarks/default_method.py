@@ -21,9 +21,9 @@ from tactilevision.photometric.calibrate import direction_error_deg, locate
 from tactilevision.photometric.card import provenance
 from tactilevision.photometric.drawn_samples import draw_samples
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.network_training import fit_network
-from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.storage import save_network
 from tactilevision.records import Bytes, Floats
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from tactilevision.photometric.ball.cross_validation import Fitter
 from tactilevision.photometric.calibrate import BallPicture, Calibration, calibrate_from_balls
-from tactilevision.photometric.lookup import fit_lookup
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.methods.inverse_shading import EitherWay
+from tactilevision.photometric.methods.lookup import fit_lookup
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.network_training import NetworkFitter
-from tactilevision.photometric.polynomial import fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.photometric.storage import load_method, load_network, save_method
-from tactilevision.photometric.through_light import EitherWay
 
 PHOTOMETRIC: dict[str, Fitter] = {
     "polynomial": fit_polynomial,

@@ -20,10 +20,10 @@ import numpy as np
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.ball.samples import CONTACT, INSIDE, Samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.onnx_file import export_network, require_exporter
+from tactilevision.photometric.methods.polynomial import TYPICAL
 from tactilevision.photometric.one_core import one_core
-from tactilevision.photometric.onnx_file import export_network, require_exporter
-from tactilevision.photometric.polynomial import TYPICAL
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 if TYPE_CHECKING:

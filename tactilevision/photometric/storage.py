@@ -20,12 +20,12 @@ from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.photometric.background import Quiet
 from tactilevision.photometric.illumination.light_match import light_of
-from tactilevision.photometric.lookup import Lookup
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
-from tactilevision.photometric.network import Network
-from tactilevision.photometric.onnx_file import OPSET, open_bytes, run_network
-from tactilevision.photometric.polynomial import POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.lookup import Lookup
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
 
 FORMAT = 1

@@ -17,7 +17,7 @@ from tactilevision.likeness import Likeness
 from tactilevision.photometric import make_reference, save_method
 from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.reference import Reference
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording

@@ -26,7 +26,7 @@ from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.drawn_lights import draw_scenes, expose, shade
 from tactilevision.photometric.drawn_samples import draw_samples
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
 
 SCALE = (MM_PER_PX, MM_PER_PX)
@@ -145,7 +145,7 @@ def test_it_survives_the_disk_and_nothing_else(tmp_path: Path) -> None:
 def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
     import torch
 
-    from tactilevision.photometric.onnx_file import export_network
+    from tactilevision.photometric.methods.onnx_file import export_network
 
     path = save_method(calibrated().method, tmp_path / "finger.npz")
     strange = export_network(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.ball.samples import Samples, with_noise
-from tactilevision.photometric.polynomial import Polynomial, fit_polynomial
-from tactilevision.photometric.through_light import ThroughLight
+from tactilevision.photometric.methods.inverse_shading import ThroughLight
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 
 LIGHTS = np.array([[1.0, -0.4, -0.5], [0.1, 0.8, -0.7]])  # x, y by channel
 

@@ -26,8 +26,8 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.samples import inside_ball
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.through_light import EitherWay
+from tactilevision.photometric.methods.inverse_shading import EitherWay
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify

@@ -9,7 +9,7 @@ from lamp_room import LAMPS, MM_PER_PX, SHAPE, TINTS, ball, in_px, picture, pres
 from tactilevision.photometric import BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.photometric.ball.observability import told_slopes
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.polynomial import fit_polynomial
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.records import Floats
 
 FACING = ((-30.0, 0.0, 18.0), (30.0, 0.0, 18.0), (0.0, 30.0, 18.0))

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.through_light import colours_of, fit_light
+from tactilevision.photometric.methods.inverse_shading import colours_of, fit_light
 from tactilevision.records import Floats
 
 PLACES = (16, 12)  # across, down

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.records import Floats
 
 PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}

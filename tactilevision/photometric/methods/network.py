@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.illumination.colour_change import STRIP_PX, Window, strips
-from tactilevision.photometric.onnx_file import open_bytes, run_network
-from tactilevision.photometric.polynomial import REACH
+from tactilevision.photometric.methods.onnx_file import open_bytes, run_network
+from tactilevision.photometric.methods.polynomial import REACH
 from tactilevision.records import Floats
 
 SMALL = 0.05  # colour change over which the slope of the law at rest is taken
