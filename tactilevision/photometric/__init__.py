@@ -11,9 +11,9 @@ from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.methods.inverse_shading import EitherWay
 from tactilevision.photometric.methods.lookup import fit_lookup
 from tactilevision.photometric.methods.polynomial import fit_polynomial
-from tactilevision.photometric.network_training import NetworkFitter
 from tactilevision.photometric.reference import Reference, make_reference
 from tactilevision.photometric.storage import load_method, load_network, save_method
+from tactilevision.photometric.training.network_training import NetworkFitter
 
 PHOTOMETRIC: dict[str, Fitter] = {
     "polynomial": fit_polynomial,

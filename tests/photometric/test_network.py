@@ -23,11 +23,11 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.drawn_lights import draw_scenes, expose, shade
-from tactilevision.photometric.drawn_samples import draw_samples
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
-from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
+from tactilevision.photometric.training.network_training import NetworkFitter, augmented, fit_network
+from tactilevision.photometric.training.random_lights import draw_scenes, expose, shade
+from tactilevision.photometric.training.random_samples import draw_samples
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples, join
-from tactilevision.photometric.drawn_lights import SIZE_MM, draw_scenes, expose, shade
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
-from tactilevision.photometric.one_core import one_core
 from tactilevision.photometric.reference import LEAST_SIGNAL, SATURATED
+from tactilevision.photometric.training.random_lights import SIZE_MM, draw_scenes, expose, shade
+from tactilevision.photometric.training.single_core import one_core
 
 if TYPE_CHECKING:
     import torch

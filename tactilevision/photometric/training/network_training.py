@@ -23,7 +23,7 @@ from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import export_network, require_exporter
 from tactilevision.photometric.methods.polynomial import TYPICAL
-from tactilevision.photometric.one_core import one_core
+from tactilevision.photometric.training.single_core import one_core
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
 if TYPE_CHECKING:
