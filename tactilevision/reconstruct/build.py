@@ -15,7 +15,6 @@ from tactilevision.depth_error import untouched_std_mm
 from tactilevision.errors import InputError
 from tactilevision.free_gel import free_frames, settle, tare, untouched_of
 from tactilevision.held_out_depth import held_out_depth, seen_gain_std
-from tactilevision.likeness import UNTOLD, Likeness, some_frames, usual_of
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -29,6 +28,7 @@ from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.quality.reference_match import UNTOLD, Likeness, some_frames, usual_of
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify

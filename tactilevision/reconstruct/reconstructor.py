@@ -18,15 +18,15 @@ from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import Wall, find_walls, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGrids
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
-from tactilevision.likeness import Likeness
 from tactilevision.photometric import Calibration
 from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.photometric.multiresolution import CalmReader
+from tactilevision.quality.contact_in_reference import look_at_reference
+from tactilevision.quality.reference_match import Likeness
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
-from tactilevision.touched_reference import look_at_reference
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader

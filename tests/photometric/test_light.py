@@ -13,12 +13,12 @@ from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
 from tactilevision.flags import LIGHT
-from tactilevision.likeness import Likeness
 from tactilevision.photometric import make_reference, save_method
 from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.reference import Reference
+from tactilevision.quality.reference_match import Likeness
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes

@@ -25,7 +25,7 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.moved import moved_by
+from tactilevision.quality.image_shift import moved_by
 from tactilevision.records import Bytes, Pair
 from tactilevision.sensors import rectify
 
