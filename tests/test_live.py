@@ -15,7 +15,6 @@ import pytest
 
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
-from tactilevision.free_gel import settle
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -24,6 +23,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.untouched_frames import settle
 from tactilevision.records import Bytes, Frame, Indenter
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.free_gel import settle, tare
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -21,6 +20,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
+from tactilevision.reconstruct.untouched_frames import settle, tare
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 

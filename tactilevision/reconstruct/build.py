@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from tactilevision.depth_error import untouched_std_mm
 from tactilevision.errors import InputError
-from tactilevision.free_gel import free_frames, settle, tare, untouched_of
 from tactilevision.held_out_depth import held_out_depth, seen_gain_std
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -30,6 +29,7 @@ from tactilevision.photometric.illumination.light_match import check_view, light
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
 from tactilevision.quality.reference_match import UNTOLD, Likeness, some_frames, usual_of
 from tactilevision.reconstruct.reconstructor import Reconstructor
+from tactilevision.reconstruct.untouched_frames import free_frames, settle, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.spread import spread_beside

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.free_gel import settle
 from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
 from tactilevision.photometric import (
@@ -20,6 +19,7 @@ from tactilevision.photometric import (
     make_reference,
 )
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.untouched_frames import settle
 from tactilevision.records import Frame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))

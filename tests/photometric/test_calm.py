@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
-from tactilevision.free_gel import settle
 from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -21,6 +20,7 @@ from tactilevision.photometric import (
 from tactilevision.photometric.markers import Marks
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.multiresolution import CalmReader
+from tactilevision.reconstruct.untouched_frames import settle
 from tactilevision.records import Bytes, Floats
 
 SCALE = (MM_PER_PX, MM_PER_PX)
