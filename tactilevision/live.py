@@ -14,10 +14,10 @@ import numpy as np
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import at_border
 from tactilevision.errors import InputError
-from tactilevision.flags import BORDER, add
 from tactilevision.gpu.device import find_gpu
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
 from tactilevision.touching import untouched_std
 

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -23,6 +22,7 @@ from tactilevision.photometric import (
 from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Frame, Pair
+from tactilevision.records.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses

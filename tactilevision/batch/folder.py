@@ -24,10 +24,10 @@ from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
 from tactilevision.files import make_folder, write_text
-from tactilevision.flags import BORDER, add
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
+from tactilevision.records.flags import BORDER, add
 
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"

@@ -13,7 +13,7 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.flags import MEANING
+from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult

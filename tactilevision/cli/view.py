@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
-from tactilevision.flags import MEANING
+from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

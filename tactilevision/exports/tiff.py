@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
-from tactilevision.flags import add
 from tactilevision.records import HeightMap, Pair
+from tactilevision.records.flags import add
 
 
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:

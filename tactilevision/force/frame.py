@@ -10,13 +10,13 @@ import numpy as np
 from tactilevision.batch.jobs import Row
 from tactilevision.certificate.depth.face_depth import UNHELD, FaceAnchor
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.flags import MEANING
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap
+from tactilevision.records.flags import MEANING
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"

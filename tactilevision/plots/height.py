@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.flags import add
 from tactilevision.plots import style
 from tactilevision.records import Bytes, Floats, Footprint, HeightMap
+from tactilevision.records.flags import add
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

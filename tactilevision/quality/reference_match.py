@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
@@ -27,6 +26,7 @@ from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.quality.image_shift import moved_by
 from tactilevision.records import Bytes, Pair
+from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:

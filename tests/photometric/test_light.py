@@ -12,7 +12,6 @@ import pytest
 from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT
 from tactilevision.photometric import make_reference, save_method
 from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
@@ -22,6 +21,7 @@ from tactilevision.quality.reference_match import Likeness
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes
+from tactilevision.records.flags import LIGHT
 from tactilevision.sensors import get_sensor
 from tactilevision.weights import find_model
 

@@ -7,9 +7,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT
 from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
 from tactilevision.records import HeightMap
+from tactilevision.records.flags import LIGHT
 
 
 def test_the_scale_is_told_within_the_picture() -> None:
