@@ -16,7 +16,7 @@ import numpy as np
 from tactilevision.records import Bytes, Floats
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
-from tactilevision.synthetic.sight import SOUND, Sight
+from tactilevision.synthetic.slope_response import SOUND, Sight
 
 _FINER = 3
 _STEPS = 16383

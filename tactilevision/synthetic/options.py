@@ -10,7 +10,7 @@ from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.sight import SOUND, Sight
+from tactilevision.synthetic.slope_response import SOUND, Sight
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.records import CertifiedPoint, Curve, Floats
-from tactilevision.synthetic.story import Story, stream
+from tactilevision.synthetic.scenario import Story, stream
 
 DEPTH_STD_MM = 0.003  # of one reading of depth in curves.csv
 

@@ -19,7 +19,7 @@ from tactilevision.synthetic.optics import build_camera
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
 from tactilevision.synthetic.reference import picture_still, plan_balls
-from tactilevision.synthetic.story import Story, stream, tell
+from tactilevision.synthetic.scenario import Story, stream, tell
 from tactilevision.synthetic.truth import truth_of
 
 Progress = Callable[[int, int], None]

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from tactilevision.synthetic.plan import PlannedPress, gel_under
-from tactilevision.synthetic.sight import Sight
-from tactilevision.synthetic.story import Story
+from tactilevision.synthetic.scenario import Story
+from tactilevision.synthetic.slope_response import Sight
 
 
 def truth_of(story: Story) -> dict[str, Any]:

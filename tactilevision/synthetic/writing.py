@@ -18,8 +18,8 @@ from tactilevision.synthetic.gel import Grid
 from tactilevision.synthetic.optics import distortion
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.scenario import Story
 from tactilevision.synthetic.series import DEPTH_STD_MM, certified, curves, read_forces
-from tactilevision.synthetic.story import Story
 
 _SUFFIX = {"png": ".png", "jpeg": ".jpg"}
 

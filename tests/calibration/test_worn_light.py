@@ -16,8 +16,8 @@ from tactilevision.recording import read_recording
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.sight import SOUND, Sight
 from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.slope_response import SOUND, Sight
 
 
 def options(sight: Sight) -> SimulationOptions:

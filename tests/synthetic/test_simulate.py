@@ -25,9 +25,9 @@ from tactilevision.synthetic import (
 )
 from tactilevision.synthetic.options import FAULTS
 from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.scenario import Story, tell
 from tactilevision.synthetic.series import read_forces
 from tactilevision.synthetic.simulate import frame_times
-from tactilevision.synthetic.story import Story, tell
 
 SMALL = SimulationOptions(
     camera=CameraOptions(width_px=160, height_px=120, mm_per_px=(0.17, 0.17), light_seed=3, distortion_px=4.0),

@@ -11,8 +11,8 @@ import pytest
 
 from tactilevision.synthetic import SimulationOptions
 from tactilevision.synthetic.optics import CameraOptions
-from tactilevision.synthetic.sight import SOUND, Sight
 from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.slope_response import SOUND, Sight
 
 
 def test_sound_light_shows_the_slopes_themselves() -> None:
