@@ -19,7 +19,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
 from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
-from tactilevision.touching import untouched_std
+from tactilevision.uncertainty.untouched_noise import untouched_std
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact
 EVERY = 2  # pixels along each side, of which one is looked at

@@ -10,7 +10,7 @@ from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.records import Bytes, Floats
-from tactilevision.spread import spread_beside
+from tactilevision.uncertainty.leakage import spread_beside
 
 STEP, GAIN = 0.1, np.full((3, 4), 0.02)
 BALL = Ball((60.0, 45.0), 20.0, 4.0)

@@ -19,7 +19,6 @@ import numpy as np
 from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import UNHELD, FaceAnchor
 from tactilevision.contact.region import at_border, find_contact
-from tactilevision.depth_error import DepthError
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
 from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
@@ -28,6 +27,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
 from tactilevision.records.flags import BORDER, add
+from tactilevision.uncertainty.depth import DepthError
 
 TABLE = "depth.csv"
 MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"

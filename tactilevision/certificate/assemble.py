@@ -34,9 +34,9 @@ from tactilevision.certificate.touch.contact_times import Chain, Timed, time_all
 from tactilevision.certificate.touch.force_crossing import Crossing, crossing
 from tactilevision.certificate.touch.press_track import Watch
 from tactilevision.contact.bevel import mean_distance_mm
-from tactilevision.depth_error import gain_std
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
+from tactilevision.uncertainty.depth import gain_std
 
 _GENTLE = 0.3  # a slope that most calibrations hold
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")

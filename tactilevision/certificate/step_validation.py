@@ -11,10 +11,10 @@ import numpy as np
 from tactilevision.certificate import certify
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
-from tactilevision.held_out_depth import Known
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Indenter
+from tactilevision.uncertainty.ball_validation import Known
 
 FLAT = "flat_cylinder"
 

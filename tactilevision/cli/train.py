@@ -60,7 +60,7 @@ def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
     """What the recording's own certified presses say of the method, for its card; doubts of the scale are told."""
     from tactilevision.certificate.depth.depth_scale import doubt_of_scale
     from tactilevision.certificate.step_validation import flat_steps
-    from tactilevision.held_out_depth import told
+    from tactilevision.uncertainty.ball_validation import told
 
     with console.progress_bar("certifying flat steps"):
         steps, why = flat_steps(source, made)

@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import DepthError
 from tactilevision.records import Bools, HeightMap
-from tactilevision.touching import roughness_mm, untouched_std
+from tactilevision.uncertainty.depth import DepthError
+from tactilevision.uncertainty.untouched_noise import roughness_mm, untouched_std
 
 NOISY, LEAST_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
 WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves

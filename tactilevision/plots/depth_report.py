@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tactilevision.held_out_depth import Known, bands
 from tactilevision.plots import style
+from tactilevision.uncertainty.ball_validation import Known, bands
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import untouched_std_mm
 from tactilevision.errors import InputError
-from tactilevision.held_out_depth import held_out_depth, seen_gain_std
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -32,7 +30,9 @@ from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.untouched_frames import free_frames, settle, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
-from tactilevision.spread import spread_beside
+from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_std
+from tactilevision.uncertainty.depth import untouched_std_mm
+from tactilevision.uncertainty.leakage import spread_beside
 from tactilevision.weights import find_model
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import DepthError
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import Wall, find_walls, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGrids
@@ -27,6 +26,7 @@ from tactilevision.quality.contact_in_reference import look_at_reference
 from tactilevision.quality.reference_match import Likeness
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
+from tactilevision.uncertainty.depth import DepthError
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader

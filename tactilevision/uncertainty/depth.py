@@ -28,7 +28,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.drift_error import DriftError
 from tactilevision.integration.circular_edges import window_of
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import Wall
@@ -36,6 +35,7 @@ from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
+from tactilevision.uncertainty.illumination import DriftError
 
 Picture = npt.NDArray[np.float32]
 DRAWS = 6

@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import DepthError
 from tactilevision.records import HeightMap
 from tactilevision.robust import median
+from tactilevision.uncertainty.depth import DepthError
 
 Array = npt.NDArray[np.floating[Any]]
 SAMPLED = 4000  # pixels, about, that tell how rough a map is
