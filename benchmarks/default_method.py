@@ -2,7 +2,8 @@
 
     python -m benchmarks.default_method
 
-Trained on gel drawn under many lights like GelSlim 3.0's (tactilevision/photometric/training/random_lights.py), some two
+Trained on gel drawn under many lights like GelSlim 3.0's (tactilevision/photometric/training/random_lights.py),
+some two
 minutes on one core. Where real frames lie at ../shared/real its card says how far it is off on them, beside a
 polynomial calibrated on their own balls; nothing of them is learnt.
 """

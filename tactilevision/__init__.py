@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 _PLACES = {
     "errors": ("ConvergenceError", "InputError", "NothingCertified", "OutputError", "RecordingError",
                "TactilevisionError"),
-    "folder": ("reconstruct_folder",),
-    "height_files": ("read_tiff", "write_tiff"),
-    "press.certify": ("certify",),
+    "batch.folder": ("reconstruct_folder",),
+    "exports.tiff": ("read_tiff", "write_tiff"),
+    "certificate.certify": ("certify",),
     "reconstruct": ("Reconstructor", "build_reconstructor"),
     "recording": ("Recording", "iter_frames", "read_folder", "read_frame", "read_recording"),
     "records": ("CertifiedPoint", "Curve", "Estimate", "Footprint", "ForceSeries", "Frame", "Gel", "HeightMap",

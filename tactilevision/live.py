@@ -23,7 +23,7 @@ from tactilevision.uncertainty.untouched_noise import untouched_std
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact
 EVERY = 2  # pixels along each side, of which one is looked at
-LEAST_PIXELS = 20  # that reach it; fewer are noise
+MIN_PIXELS = 20  # that reach it; fewer are noise
 UNKNOWN_MM = 0.02  # deviation of a map that states none
 BLIND_MM = 0.5  # a picture in which a contact as deep may hide says nothing of the untouched gel
 RENEW = 0.002  # five seconds at 90 frames a second: lamps warm in minutes, presses take less
@@ -104,7 +104,7 @@ class Stream:
             spread = np.full(depth.shape, UNKNOWN_MM)
         least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > SIGMAS * spread) & valid
-        if EVERY**2 * np.count_nonzero(pressed) < LEAST_PIXELS:
+        if EVERY**2 * np.count_nonzero(pressed) < MIN_PIXELS:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 

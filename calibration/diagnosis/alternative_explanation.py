@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.forward_selection import AS_GOOD, Searched
-from calibration.diagnosis.instrument_errors import PLAIN, PlainError
+from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.fit.least_squares import Fit
 from calibration.model.parameters import Parameter
@@ -25,7 +25,7 @@ from calibration.model.stages import Effect
 
 
 @dataclass(frozen=True, slots=True)
-class Otherwise:
+class AlternativeExplanation:
     """A plain error that does as well as effects together: its words and covariate, what it is fitted to be, the
     keys that it stands in place of, and how much less it costs than they do, in chi^2 + 2 q.
     """
@@ -45,19 +45,19 @@ class Otherwise:
                 "instead_of": list(self.instead_of), "cheaper_by": self.cheaper}  # fmt: skip
 
 
-def otherwise(searched: Searched) -> Otherwise | None:
+def alternative_explanation(searched: Searched) -> AlternativeExplanation | None:
     """The plain error that does as well as all that was added and better than each part of it; else None."""
     named, start = [step.best.effect for step in searched.steps], searched.start
     begin = replace(start, noise=searched.current.noise)
     paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
-    best = min(_fitted(begin, PLAIN), key=lambda one: one.cost, default=None)
+    best = min(_fitted(begin, INSTRUMENT_ERRORS), key=lambda one: one.cost, default=None)
     if best is None or best.cost >= paid + (AS_GOOD if named else -AS_GOOD):
         return None
     if best.cost >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
         return None
-    assert isinstance(best.effect, PlainError)
+    assert isinstance(best.effect, InstrumentError)
     sizes = tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True))
-    return Otherwise(best.effect.key, best.effect.words, best.effect.covariate, sizes,
+    return AlternativeExplanation(best.effect.key, best.effect.words, best.effect.covariate, sizes,
                      tuple(effect.key for effect in named), paid - best.cost, float(best.values[0]))  # fmt: skip
 
 

@@ -13,13 +13,13 @@ from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import repeat_groups
 from tactilevision.records import Floats
 
-LEVEL, SHUFFLES, FEWEST = 0.05, 999, 8
+LEVEL, SHUFFLES, MIN_COUNT = 0.05, 999, 8
 
 
 def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:
     """The first press after the jump; None where none is beyond chance or there are fewer than eight presses."""
     data = fitted.data
-    if data.count < FEWEST:
+    if data.count < MIN_COUNT:
         return None
     weight = np.bincount(data.press, fitted.about.force_N**2)
     mean = np.bincount(data.press, fitted.residual_N * fitted.about.force_N) / np.maximum(weight, 1e-300)

@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.alternative_explanation import Otherwise
+from calibration.diagnosis.alternative_explanation import AlternativeExplanation
 from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
-from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
-from calibration.diagnosis.model_averaging import Unseen
+from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
+from calibration.diagnosis.model_averaging import UndetectedEffect
 from calibration.diagnosis.score_test import Scored
-from calibration.diagnosis.unexplained import Left
+from calibration.diagnosis.unexplained import Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
 from calibration.fit.least_squares import Fit
 from calibration.model.parameters import Parameter
-from calibration.repeats.outlying_presses import Oddity
+from calibration.repeats.outlying_presses import OutlyingPresses
 from calibration.result.result import CalibrationResult
 from tactilevision.records import Estimate, Pair
 
-NOTHING_ODD = Oddity()
+NOTHING_ODD = OutlyingPresses()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,30 +91,30 @@ class Diagnosis:
     before: CalibrationResult
     after: CalibrationResult
     covariates: tuple[Scored, ...]
-    screen: tuple[Scored, ...]
+    score_test: tuple[Scored, ...]
     measure_next: tuple[NextMeasurement, ...]
     change_point: str | None
     flags: tuple[str, ...]
-    would_have_to_be: tuple[WouldHaveToBe, ...]
+    would_have_to_be: tuple[InadmissibleBeta, ...]
     lack_of_fit_p: float
     tried: tuple[str, ...]
     possible_bias: Mapping[str, float]
     base: Fit
     fitted: Fit
     sight: Searched | None = None
-    left: Left | None = None
-    odd: Oddity = NOTHING_ODD
+    left: Unexplained | None = None
+    odd: OutlyingPresses = NOTHING_ODD
     nearest: tuple[str, float] | None = None
     held_out: tuple[float, ...] = ()
     covariates_before: tuple[Scored, ...] = ()
     below_visibility: Mapping[str, float] = field(default_factory=dict)
-    unseen: tuple[Unseen, ...] = ()
+    unseen: tuple[UndetectedEffect, ...] = ()
     alone_MPa: Pair | None = None
     set_aside: tuple[str, ...] = ()
     without: str = ""
     whole: Fit | None = None
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
-    otherwise: Otherwise | None = None
+    alternative_explanation: AlternativeExplanation | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -135,7 +135,7 @@ class Diagnosis:
             "lack_of_fit_p": self.lack_of_fit_p,
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
-            "otherwise": None if self.otherwise is None else self.otherwise.as_json(),
+            "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
             "left": None
             if self.left is None
             else {
@@ -149,7 +149,7 @@ class Diagnosis:
                 "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
             },
             "bias_of_E_at_smallest_visible": dict(self.below_visibility),
-            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.screen],
+            "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.score_test],
             "smallest_visible": dict(self.visible),
             "smallest_visible_unit": {key: self.sizes[key].unit for key in self.visible if key in self.sizes},
             "would_have_to_be": [w.as_json() for w in self.would_have_to_be],

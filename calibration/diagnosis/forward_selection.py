@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
-from calibration.diagnosis.score_test import Scored, Screen, screen
+from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
@@ -44,7 +44,7 @@ FEW = 49  # draws where the statistic alone is asked for
 class Round:
     """One turn of the search: the screen, and the candidates refitted on its best."""
 
-    screen: Screen
+    score_test: ScoreTest
     candidates: tuple[Candidate, ...]
     scored: Mapping[str, Scored]
 
@@ -74,7 +74,7 @@ class Searched:
     start: Fit
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
-    last: Screen
+    last: ScoreTest
 
     @property
     def current(self) -> Fit:
@@ -82,9 +82,9 @@ class Searched:
         return self.steps[-1].fitted if self.steps else self.start
 
     @property
-    def first(self) -> Screen:
+    def first(self) -> ScoreTest:
         """The screen of the fit that the search began on."""
-        return self.rounds[0].screen
+        return self.rounds[0].score_test
 
     @property
     def explained(self) -> float:
@@ -92,7 +92,9 @@ class Searched:
         return explained_share(self.start, self.current, self.last)
 
 
-def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float) -> Searched:
+def forward_selection(
+    base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float
+) -> Searched:
     """Search on top of `base`. A candidate that cannot be fitted is passed over."""
     start = current = base
     rounds, steps = list[Round](), list[Step]()
@@ -113,7 +115,7 @@ def search(base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, 
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].screen if len(steps) < MOST else screen(current, (), rng)
+    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng)
     return Searched(base, start, tuple(rounds), tuple(steps), last)
 
 
@@ -121,7 +123,7 @@ def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
     """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
     bend that theory allows, another term of a relaxation.
     """
-    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.screen.covariates)), default=1.0)
+    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.score_test.covariates)), default=1.0)
     if stands_out > level:
         return None
     rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
@@ -186,16 +188,16 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
     a covariate it has to take what its parameters cost.
     """
     best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
-    if not turn.screen.covariates or best <= turn.screen.lack_of_fit:
+    if not turn.score_test.covariates or best <= turn.score_test.lack_of_fit:
         return True
-    before = turn.screen.covariates[0]
-    after = next((c for c in screen(room, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    before = turn.score_test.covariates[0]
+    after = next((c for c in score_test(room, (), rng, draws=FEW).covariates if c.key == before.key), before)
     return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
-    seen = screen(current, catalogue, rng)
+    seen = score_test(current, catalogue, rng)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
@@ -294,7 +296,7 @@ def _apart(current: Fit, best: Candidate, other: Effect) -> float:
         return float("inf")
 
 
-def explained_share(base: Fit, current: Fit, left: Screen) -> float:
+def explained_share(base: Fit, current: Fit, left: ScoreTest) -> float:
     """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
     telling covariate still stands above chance by; all white under the last model's noise.
     """

@@ -27,7 +27,7 @@ TURNS = 25
 
 
 @dataclass(frozen=True, slots=True)
-class WouldHaveToBe:
+class InadmissibleBeta:
     """One candidate: its first parameter, what it would have to be, R^2 of P/w over w/h that it leaves, and E."""
 
     key: str
@@ -45,7 +45,7 @@ class WouldHaveToBe:
                 "youngs_modulus_MPa": self.modulus_MPa}  # fmt: skip
 
 
-def would_have_to_be(fitted: Fit) -> tuple[WouldHaveToBe, ...]:
+def would_have_to_be(fitted: Fit) -> tuple[InadmissibleBeta, ...]:
     """Every candidate that fits at all, the one that leaves the least error first."""
     found = []
     for key in CANDIDATES:
@@ -60,7 +60,7 @@ def theory_beta(radius_mm: float, thickness_mm: float) -> float:
     return THEORY_BETA * (radius_mm / thickness_mm) / AT_RATIO
 
 
-def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
+def _candidate(fitted: Fit, key: str) -> InadmissibleBeta:
     effect, data = get_effect(key), fitted.data
     model = fitted.model + effect
     place = model.slices(data)[key].start
@@ -73,7 +73,7 @@ def _candidate(fitted: Fit, key: str) -> WouldHaveToBe:
             thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
             starts = values[None]
     force = model.predict(values, data)
-    return WouldHaveToBe(
+    return InadmissibleBeta(
         key, effect.parameters[0].name, effect.parameters[0].unit, float(values[place]),
         straightness(data, force), float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
         float(values[0]),

@@ -30,11 +30,11 @@ from tactilevision.records import Bools, Floats
 TAU_S = (0.05, 100.0)
 TAUS = (0.2, 1.0, 5.0, 25.0)
 FINEST_MM, LENGTHS, PHASES = 0.05, 24, 4
-FEWEST_PLACES = 12
+MIN_PLACES = 12
 FORCE = Parameter("size_N", "N", 0.0, (-1.0, 1.0), "size", 0.02)
 
 
-class PlainError(EffectBase):
+class InstrumentError(EffectBase):
     """`words` what it is, `covariate` what it is a function of."""
 
     words: ClassVar[str]
@@ -45,7 +45,7 @@ class PlainError(EffectBase):
         raise NotImplementedError(f"{type(self).__name__} does nothing")
 
 
-class _InPress(PlainError):
+class _InPress(InstrumentError):
     """A force error of time within a press, with a time constant; `begin`: size to start from, either sign."""
 
     stage = Stage.INSTRUMENT
@@ -92,7 +92,7 @@ class UnderLoad(_InPress):
         return replace(state, force_N=state.force_N + values[0] * relaxed(state.force_N, values[1], data))
 
 
-class _WayBack(PlainError):
+class _WayBack(InstrumentError):
     """An error of one size while the punch is drawn off."""
 
     covariate = "load/unload"
@@ -134,7 +134,7 @@ class DepthWayBack(_WayBack):
         return replace(state, depth_mm=state.depth_mm + values[0] * _way_back(data))
 
 
-class AlongDepth(PlainError):
+class AlongDepth(InstrumentError):
     """The scale of the depth is not even."""
 
     key = "depth_along_depth"
@@ -151,7 +151,7 @@ class AlongDepth(PlainError):
     def missing(self, data: Observations) -> str:
         """Needs more depths than a wave can be laid through."""
         places = np.unique(np.round(4 * data.depth_mm / FINEST_MM)).size
-        return "" if places >= FEWEST_PLACES else f"needs {FEWEST_PLACES} depths or more"
+        return "" if places >= MIN_PLACES else f"needs {MIN_PLACES} depths or more"
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """The same, with periods no longer than the deepest press and a half."""
@@ -171,7 +171,7 @@ class AlongDepth(PlainError):
         return replace(state, depth_mm=state.depth_mm + along)
 
 
-class WorkingTime(PlainError):
+class WorkingTime(InstrumentError):
     """The force sensor's zero drifts while the rig works."""
 
     key = "force_over_time"
@@ -198,7 +198,7 @@ class WorkingTime(PlainError):
         return replace(state, force_N=state.force_N + values[0] * grown)
 
 
-PLAIN: Sequence[PlainError] = (
+INSTRUMENT_ERRORS: Sequence[InstrumentError] = (
     SinceTouch(),
     UnderLoad(),
     ForceWayBack(),

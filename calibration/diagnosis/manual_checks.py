@@ -53,7 +53,7 @@ CHECKS: Mapping[str, Check] = {
     "recovery": Check("vary the waits from 3 s to 10 min", 25.0),
     "ageing": Check("repeat the presses in a month", 10.0),
 }
-LEAST_BIAS = 0.002  # of E: less is not worth a look
+MIN_BIAS = 0.002  # of E: less is not worth a look
 _OTHER_PUNCH = Check("press the same depths with a punch of another radius: does it follow depth or force?", 10.0)
 FOLLOW: Mapping[str, Check] = {
     **dict.fromkeys(("w", "w/h", "1/w", "P"), _OTHER_PUNCH),
@@ -89,6 +89,6 @@ def of_left(covariates: Iterable[str]) -> list[NextMeasurement]:
 
 def of_hidden(bias: Mapping[str, float]) -> list[NextMeasurement]:
     """Checks of effects that these data cannot show, what takes most off E's possible bias in a minute first."""
-    worth = {CHECKS[key]: abs(share) for key, share in bias.items() if key in CHECKS and abs(share) > LEAST_BIAS}
+    worth = {CHECKS[key]: abs(share) for key, share in bias.items() if key in CHECKS and abs(share) > MIN_BIAS}
     ranked = sorted(worth, key=lambda check: -worth[check] / check.minutes)
     return [NextMeasurement(check.action, check.minutes, NAN) for check in ranked]

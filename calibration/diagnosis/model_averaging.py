@@ -26,8 +26,8 @@ from calibration.fit.alternative_fits import stuck
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.repeats.at_denoised_depth import steadied
-from calibration.tasks.calibrate import conclude
+from calibration.repeats.at_denoised_depth import at_denoised_depth
+from calibration.tasks.calibrate import determine_material
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of
@@ -36,7 +36,7 @@ A_LAW = ("friction",)  # a gel that sticks is a law of its own here
 
 
 @dataclass(frozen=True, slots=True)
-class Unseen:
+class UndetectedEffect:
     """One effect that may be there: its chance given the data, and the rms of what it then does to E, relative."""
 
     key: str
@@ -62,9 +62,9 @@ class _Part:
         return self.without + self.added
 
 
-def allow_for_unseen(
+def average_models(
     modulus: Estimate, fitted: Fit, effects: Sequence[Effect]
-) -> tuple[Estimate, tuple[Unseen, ...]]:
+) -> tuple[Estimate, tuple[UndetectedEffect, ...]]:
     """E with its interval averaged over `effects`, and the effects by what they add to its variance.
 
     As it is where E has no value.
@@ -91,14 +91,18 @@ def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
         other = stuck(fitted)
     except CANNOT_FIT:
         other = None
-    return [(fitted, modulus)] if other is None else [(fitted, modulus), (other, conclude(other).youngs_modulus)]
+    return (
+        [(fitted, modulus)]
+        if other is None
+        else [(fitted, modulus), (other, determine_material(other).youngs_modulus)]
+    )
 
 
 def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: float) -> list[_Part]:
     """No effect, then each start of each; none where E has no value in this fit."""
     if found.value is None or not found.std:
         return []
-    space, chance = _Space(steadied(fitted)), ANY / max(len(effects), 1)
+    space, chance = _Space(at_denoised_depth(fitted)), ANY / max(len(effects), 1)
     std, own = found.std / found.value, np.log(found.value / about_MPa)
     rivals = [one for effect in effects for one in space.rivals(effect, chance)]
     rest = np.log(1 - chance * len({one.key for one in rivals}))
@@ -170,7 +174,7 @@ def _quantile(share: float, weight: Floats, shift: Floats, std: Floats) -> float
     return float(brentq(lambda x: float(weight @ ndtr((x - shift) / std)) - share, low, high))
 
 
-def _ranked(parts: Sequence[_Part], total: float) -> tuple[Unseen, ...]:
+def _ranked(parts: Sequence[_Part], total: float) -> tuple[UndetectedEffect, ...]:
     """Effects by what they add to the variance of E; `total` the log of all weights."""
     found = []
     for key in dict.fromkeys(part.key for part in parts if part.key):
@@ -178,5 +182,5 @@ def _ranked(parts: Sequence[_Part], total: float) -> tuple[Unseen, ...]:
         weight = np.exp(np.concatenate([part.log_weight for part in mine]) - total)
         chance = float(weight.sum())
         squares = float(weight @ np.concatenate([part.added for part in mine]) ** 2)
-        found.append(Unseen(key, chance, float(np.sqrt(squares / chance)) if chance > 0 else 0.0))
+        found.append(UndetectedEffect(key, chance, float(np.sqrt(squares / chance)) if chance > 0 else 0.0))
     return tuple(sorted(found, key=lambda one: -one.chance * one.off**2))

@@ -24,7 +24,7 @@ from tactilevision.records import Bools, Floats, Gel, HeightMap, Pair
 
 HALF, STEPS = 3.0, 61  # of the grid, in radii of the punch
 NEAR, FAR = (1.15, 1.7), (2.0, 2.8)  # rings beside the punch, in radii
-FEWEST = 4
+MIN_COUNT = 4
 TOWARDS = {"right": 0.0, "bottom": np.pi / 2, "left": np.pi, "top": -np.pi / 2}
 BEVEL_HALF_ANGLE = np.pi / 3
 
@@ -41,7 +41,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Relief:
+class ResidualMap:
     """Mean residual (STEPS, STEPS) in mm over `count` presses, x and y at `axis` (STEPS,) in radii; the tests."""
 
     residual_mm: Floats
@@ -50,9 +50,9 @@ class Relief:
     covariates: tuple[Scored, ...]
 
 
-def relief(surfaces: Sequence[Surface], gel: Gel) -> Relief | None:
+def residual_map(surfaces: Sequence[Surface], gel: Gel) -> ResidualMap | None:
     """What the height maps of these presses leave; None for fewer than four."""
-    if len(surfaces) < FEWEST:
+    if len(surfaces) < MIN_COUNT:
         return None
     axis = np.linspace(-HALF, HALF, STEPS)
     x, y = np.meshgrid(axis, axis)
@@ -62,7 +62,7 @@ def relief(surfaces: Sequence[Surface], gel: Gel) -> Relief | None:
     tests = (_azimuth(maps, x, y), _radius(maps, surfaces, x, y))
     found = [test for test in tests if test is not None]
     both = tuple(Scored(s.key, s.statistic, s.p, min(1.0, len(found) * s.p)) for s in found)
-    return Relief(mean, axis, len(surfaces), both)
+    return ResidualMap(mean, axis, len(surfaces), both)
 
 
 def _residual(one: Surface, gel: Gel, x: Floats, y: Floats) -> Floats:
@@ -106,7 +106,7 @@ def _azimuth(maps: Floats, x: Floats, y: Floats) -> Scored | None:
             table = np.column_stack([np.ones(use.sum()), np.cos(angle[use]), np.sin(angle[use])])
             rows.append(np.linalg.lstsq(table, one[use], rcond=None)[0][1:])
     count = len(rows)
-    if count < FEWEST:
+    if count < MIN_COUNT:
         return None
     mean, spread = np.mean(rows, axis=0), np.cov(np.array(rows).T)
     squared = float(count * mean @ np.linalg.solve(spread, mean)) * (count - 2) / (2 * (count - 1))
@@ -122,7 +122,7 @@ def _radius(maps: Floats, surfaces: Sequence[Surface], x: Floats, y: Floats) -> 
     rings = [(r > low) & (r < high) for low, high in (NEAR, FAR)]
     steps = [_mean(one[rings[0]]) - _mean(one[rings[1]]) for one in maps]
     known = np.array([step for step in steps if np.isfinite(step)])
-    if known.size < FEWEST:
+    if known.size < MIN_COUNT:
         return None
     own = [_mean(s.height_map.std_mm[s.height_map.valid]) for s in surfaces if s.height_map.std_mm is not None]
     shared = float(np.median(own)) if own else 0.0

@@ -20,7 +20,7 @@ from calibration.model.stages import Effect
 from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
-from calibration.repeats.at_denoised_depth import steadied
+from calibration.repeats.at_denoised_depth import at_denoised_depth
 from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
@@ -52,7 +52,7 @@ class Scored:
 
 
 @dataclass(frozen=True, slots=True)
-class Screen:
+class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
     `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
@@ -70,9 +70,11 @@ class Screen:
         return min((c.p_adjusted for c in self.covariates), default=1.0)
 
 
-def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS) -> Screen:
+def score_test(
+    fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS
+) -> ScoreTest:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
-    fitted = steadied(fitted)
+    fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
     seen = seen_covariates(fitted)
     steps = {c.name: _steps(fitted, c) for c in seen} | _of_one_size(fitted, seen)
@@ -97,7 +99,7 @@ def screen(fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, 
         looks.append(SCATTER)
         sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, cast.own_priors), usual))
         null_sums = np.column_stack([null_sums, [scatter.statistic(one, usual) for one in white]])
-    return Screen(
+    return ScoreTest(
         effects=_ranked(list(tables), largest, null_largest, skip=missing),
         covariates=_ranked(looks, sums, null_sums, skip={}),
         not_testable=missing, visible=_visible(fitted, effects, tables, cast),

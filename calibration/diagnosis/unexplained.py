@@ -13,19 +13,19 @@ from itertools import product
 
 import numpy as np
 
-from calibration.diagnosis.alternative_explanation import Otherwise
+from calibration.diagnosis.alternative_explanation import AlternativeExplanation
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.score_test import Scored
 from calibration.fit.least_squares import Fit
 from calibration.inputs.denoised_depth import nominal_depth
 from tactilevision.records import Floats
 
-BINS, FEWEST = 40, 6
+BINS, MIN_COUNT = 40, 6
 WIDER = (1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class Unexplained:
     """Size of the residual's part that depends on depth (N, rms), the depth over which it varies (mm; NaN where
     nothing does), the covariates it depends on, the most telling first.
     """
@@ -35,7 +35,7 @@ class Left:
     covariates: tuple[str, ...]
 
 
-def left_of(searched: Searched, plain: Otherwise | None) -> Left:
+def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:
     """What a search leaves; where `plain` stands for its steps, what its start leaves."""
     if plain is None:
         return describe(searched.current, searched.last.covariates)
@@ -43,10 +43,10 @@ def left_of(searched: Searched, plain: Otherwise | None) -> Left:
     return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
 
 
-def describe(fitted: Fit, scored: tuple[Scored, ...], level: float = 0.05) -> Left:
+def describe(fitted: Fit, scored: tuple[Scored, ...], level: float = 0.05) -> Unexplained:
     """What is left of a fit."""
     size, length = _process(*_binned(fitted))
-    return Left(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
+    return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < level))
 
 
 def nearest(searched: Searched) -> tuple[str, float] | None:
@@ -74,7 +74,7 @@ def _binned(fitted: Fit) -> tuple[Floats, Floats, Floats]:
 
 
 def _process(depth_mm: Floats, mean_N: Floats, error_N: Floats) -> tuple[float, float]:
-    if depth_mm.size < FEWEST:
+    if depth_mm.size < MIN_COUNT:
         return 0.0, float("nan")
     span = float(np.ptp(depth_mm))
     apart = np.subtract.outer(depth_mm, depth_mm)

@@ -35,11 +35,11 @@ from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Bools, Floats
 
-FEWEST = 4  # samples: fewer leave nothing to hold against each other
+MIN_COUNT = 4  # samples: fewer leave nothing to hold against each other
 WALLS = 3  # terms of a face's own error over the depths
 FLATTENING, LOST = "flattening", "lost_in_walls"
 LOST_STD = 0.5  # of what a second ceiling like the method's own would take off a face
-LEAST_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
+MIN_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
 ZERO_STD_MM = 0.005  # of a height map's zero, where single depths cannot tell it from a gain
 
 
@@ -151,7 +151,7 @@ def sight_of(data: Observations) -> Observations | None:
     if data.reconstructed_mm is None:
         return None
     usable = np.isfinite(data.reconstructed_mm) & (data.depth_mm > 0)
-    if np.count_nonzero(usable) < FEWEST:
+    if np.count_nonzero(usable) < MIN_COUNT:
         return None
     both = data.samples(usable)
     assert both.reconstructed_mm is not None
@@ -172,7 +172,7 @@ def unseen_beside(data: Observations) -> str:
     )
 
 
-def fit_sight(data: Observations) -> Fit | None:
+def fit_vision_depth(data: Observations) -> Fit | None:
     """The law of `Sight` on these measurements, with the noise of repeats; None where no picture gave a depth."""
     both = sight_of(data)
     return None if both is None else refit_with_pure_noise(fit(Model(Sight()), both))
@@ -213,7 +213,7 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     slopes = data.slopes
     if slopes is None:
         return []
-    azimuths, rise = np.unique(slopes.azimuth_deg[_beside(data)]), max(data.shared.rise, LEAST_RISE_STD)
+    azimuths, rise = np.unique(slopes.azimuth_deg[_beside(data)]), max(data.shared.rise, MIN_RISE_STD)
     gain, flattened = float(np.nanmedian(slopes.gain_std)), (slopes.slope / slopes.ball_slope) ** 2 / 3
     # a light's law errs smoothly over the picture: quarters err alike for the most part, their mean by `gain`
     changes: list[tuple[str, float, Floats | Bools]] = [("light", float(np.sqrt(0.75)) * gain, _beside(data))]

@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from calibration.inputs.observations import Fall, Observations, Slopes
+from calibration.inputs.observations import EdgeDrop, Observations, Slopes
 from calibration.laws.flat_punch import NOMINAL_NU, STATED_NU_STD
 from tactilevision.mechanics.profile import LIKELY_SHARE, PunchCase, friction_of_share, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
@@ -22,9 +22,9 @@ from tactilevision.records import Floats, Gel
 
 READ_STD_MM = 0.001  # of a fall: the camera's noise in the mean over a quarter of a ring; its scale is estimated
 FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
-LEAST_MM = 0.004  # of an expected fall: below it a micron is a quarter
+MIN_MM = 0.004  # of an expected fall: below it a micron is a quarter
 UNSTATED_NU_STD, HIGHEST_NU = 0.015, 0.499
-FEWEST_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
+MIN_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
 
 
 def with_slopes(faces: Observations) -> Observations | None:
@@ -40,8 +40,8 @@ def with_slopes(faces: Observations) -> Observations | None:
     press = np.array([place[f.recording, f.press] for f in falls], dtype=np.int64)
     depth = faces.depth_mm[press]
     usual, other_nu, slippery = _expected(faces.gel, depth, faces.radius_mm[press], falls)
-    sound = np.flatnonzero(usual > LEAST_MM)
-    if np.unique(press[sound]).size < FEWEST_PRESSES:
+    sound = np.flatnonzero(usual > MIN_MM)
+    if np.unique(press[sound]).size < MIN_PRESSES:
         return None
     read = np.array([f.fall_mm for f in falls])
     told = np.array([(f.to_mm - f.from_mm, f.azimuth_deg, f.from_mm, f.gain_std, f.ball_slope) for f in falls])
@@ -58,7 +58,7 @@ def with_slopes(faces: Observations) -> Observations | None:
     return replace(faces.at(rows[order]).with_force(seen[order]), slopes=slopes, force_std_N=std[order])
 
 
-def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[Fall]) -> tuple[Floats, ...]:
+def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[EdgeDrop]) -> tuple[Floats, ...]:
     """Expected falls (N,), those for a std more of nu, and those without friction; NaN where none is known."""
     nu = NOMINAL_NU if gel.poisson_ratio is None else gel.poisson_ratio
     nu_std = UNSTATED_NU_STD if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_NU_STD

@@ -32,7 +32,7 @@ from calibration.effects.temperature import Temperature
 from calibration.effects.thickness import Thickness
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.effects.tilt import Tilt
-from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
+from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
 from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
@@ -72,7 +72,7 @@ def get_effect(key: str) -> Effect:
     Raises InputError for an unknown key.
     """
     name, _, terms = key.partition(":")
-    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MOST_TERMS)}:
+    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
         return Viscoelasticity(terms=int(terms))
     if key not in EFFECTS:
         raise InputError("there is no effect of this name", where="effect", value=key,

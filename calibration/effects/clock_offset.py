@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import steady_depth
+from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
@@ -58,5 +58,5 @@ class ClockOffset(EffectBase):
         """Read the depth at another time."""
         if values[0] == 0:
             return state
-        steady = replace(data, depth_mm=steady_depth(data))  # differences of readings are of their noise
+        steady = replace(data, depth_mm=denoised_depth(data))  # differences of readings are of their noise
         return replace(state, depth_mm=state.depth_mm + depth_at(steady, -values[0]) - steady.depth_mm)

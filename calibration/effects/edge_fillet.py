@@ -2,7 +2,8 @@
 
     edge -> edge + rho
 
-The contact of a rounded edge: tactilevision.mechanics.filleted_punch, between a gel that slides (t = 0) and one that
+The contact of a rounded edge (tactilevision.mechanics.filleted_punch) lies
+between a gel that slides (t = 0) and one that
 sticks (t = 1) to the edge. Vanishes at rho = 0.
 Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 """

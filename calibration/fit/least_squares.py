@@ -28,7 +28,7 @@ TOO_FEW = (
     "there are no more measurements than parameters and no noise is stated: the intervals rest on an assumed "
     "noise of 2 % of the largest force"
 )
-ROUNDS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
+MAX_ITERATIONS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +131,13 @@ def fit(model: Model, data: Observations, *, noise: Noise | None = None, starts:
     start = points[0]
     about, stated = linearise(whole, start, data)
     current = noise or first_noise(data, about, stated)
-    for turn in range(ROUNDS if noise is None else 2):
+    for turn in range(MAX_ITERATIONS if noise is None else 2):
         problem = Problem(whole, data, parameters, Whitener(data, current, about))
         found = problem.solve(points)
         values = problem.full(found.values)
         about, stated = linearise(whole, values, data)
         points = values[None]
-        if noise is None and turn < ROUNDS - 1:
+        if noise is None and turn < MAX_ITERATIONS - 1:
             current = _noise_of(problem, values, about, stated)
     fitted = _finish(problem, found, current, about)
     return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted

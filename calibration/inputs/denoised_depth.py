@@ -15,7 +15,7 @@ from tactilevision.records import Bools, Floats
 
 LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3
 BRANCHES = ("load", "hold", "unload", "free")
-FEWEST_HELD, FINEST_MM = 3, 2e-4  # samples of a plateau; std of a depth that is read very well
+MIN_HELD, FINEST_MM = 3, 2e-4  # samples of a plateau; std of a depth that is read very well
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
 COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
 _KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
@@ -45,7 +45,7 @@ def ways(data: Observations) -> Ints:
     for begin, end in zip(data.first, [*data.first[1:], data.size], strict=True):
         one = slice(int(begin), int(end))
         for first, last in _runs(way[one] == HOLD):
-            if last - first + 1 >= FEWEST_HELD:
+            if last - first + 1 >= MIN_HELD:
                 _fit_plateau(way[one], depth[one], first, last)
     return way
 
@@ -71,7 +71,7 @@ def _runs(inside: Bools) -> list[tuple[int, int]]:
     return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 
-def steady_depth(data: Observations) -> Floats:
+def denoised_depth(data: Observations) -> Floats:
     """Depth (N,) without most of its readings' noise: a plateau's mean, a smooth course of the others.
 
     Not to be written to.

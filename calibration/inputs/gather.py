@@ -14,7 +14,7 @@ import numpy as np
 from calibration.inputs.observations import (
     DAY_S,
     DepthSource,
-    Fall,
+    EdgeDrop,
     Measured,
     Observations,
     Presses,
@@ -46,7 +46,7 @@ class _Touch:
     reconstructed_mm: Floats
     reconstructed_std_mm: Floats
     dated_s: float  # what calendar and clock say of its beginning, since the calendar's; NaN: nothing
-    falls: tuple[Fall, ...] = ()
+    falls: tuple[EdgeDrop, ...] = ()
 
     @property
     def begin_s(self) -> float:
@@ -103,14 +103,14 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
         )  # fmt: skip
 
 
-def _falls(point: CertifiedPoint, number: int) -> Iterator[Fall]:
+def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
     """What the columns fall_AZIMUTH_FROM_TO_mm say of one press."""
     gain_std, ball_slope = (_number(point.extra, name) for name in ("slope_gain_std", "ball_slope"))
     for name in point.extra if np.isfinite(gain_std) and ball_slope > 0 else ():
         place, fall_mm = FALL.fullmatch(name), _number(point.extra, name)
         if place is not None and np.isfinite(fall_mm):
             azimuth, begin, end = (float(text) for text in place.groups())
-            yield Fall(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
+            yield EdgeDrop(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
 
 
 def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:

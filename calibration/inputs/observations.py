@@ -84,7 +84,7 @@ class Shared:
 
 
 @dataclass(frozen=True, slots=True)
-class Fall:
+class EdgeDrop:
     """How far the gel falls away beside the face of one press as the picture reads it, at the certified depth.
 
     `press` is its label in the recording of this number; `fall_mm` from `from_mm` to `to_mm` beside the edge, in
@@ -149,7 +149,7 @@ class Observations:
     depth_source: DepthSource = "vision"
     reconstructed_mm: Floats | None = None
     reconstructed_std_mm: Floats | None = None
-    falls: tuple[Fall, ...] = ()
+    falls: tuple[EdgeDrop, ...] = ()
     slopes: Slopes | None = None
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())

@@ -4,9 +4,9 @@
 
 P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
 small strain, frictionless, layer far wider than the punch. Where the edge is stated to be rounded, the contact
-begins smaller and grows (tactilevision.mechanics.filleted_punch); c and beta stay the sharp punch's. beta holds what
-large strain and friction add; theory gives it no single value, so it is free, and as it changes with a/h each
-radius has its own.
+begins smaller and grows (tactilevision.mechanics.filleted_punch); c and beta stay the sharp punch's.
+beta holds what large strain and friction add. Theory gives it no single value, so it is free; as it changes with
+a/h, each radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
 Med. Eng. Phys. 19 (1997) 57.
 

@@ -26,7 +26,7 @@ from tactilevision.records import Floats, Indenter
 
 BETA_STD = 0.5  # finite elements of flat punches lie between 0 and 1.3
 NODES = 4
-LEAST_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
+MIN_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
 TABLE = 60
 NU_STEP = 0.01
 STIFFNESS_STEP = 1e-4  # of the depth
@@ -100,7 +100,7 @@ def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) 
 
 @lru_cache(maxsize=512)
 def _table(body: Body, thickness_mm: float, nu: float, deepest_mm: float) -> tuple[Floats, Floats]:
-    depth = np.geomspace(LEAST_SHARE * deepest_mm, deepest_mm, TABLE)
+    depth = np.geomspace(MIN_SHARE * deepest_mm, deepest_mm, TABLE)
     return depth, contact_curve(body, depth, thickness_mm=thickness_mm, poisson_ratio=nu).force_over_E_mm2
 
 

@@ -20,7 +20,7 @@ from calibration.inputs.denoised_depth import LOAD, branches
 from calibration.inputs.observations import Observations
 from tactilevision.records import Bools, Floats
 
-FEWEST_PRESSES, FEWEST_SAMPLES = 6, 3
+MIN_PRESSES, MIN_SAMPLES = 6, 3
 
 
 class Scatter:
@@ -29,9 +29,9 @@ class Scatter:
     def __init__(self, data: Observations) -> None:
         self._grid = Grid.of(data)
         self._load, self._rest = self._sides(branches(data) == LOAD)
-        enough = (self._load.sum(axis=1) >= FEWEST_SAMPLES) & (self._rest.sum(axis=1) >= FEWEST_SAMPLES)
+        enough = (self._load.sum(axis=1) >= MIN_SAMPLES) & (self._rest.sum(axis=1) >= MIN_SAMPLES)
         self._use = enough
-        self.seen = bool(np.count_nonzero(enough) >= FEWEST_PRESSES)
+        self.seen = bool(np.count_nonzero(enough) >= MIN_PRESSES)
 
     def _sides(self, loading: Bools) -> tuple[Bools, Bools]:
         real = self._grid.real

@@ -26,7 +26,7 @@ TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0
 UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
-CLOSE, MOST_STEPS = 1e-3, 40  # a size is never known to a thousandth
+CLOSE, MAX_STEPS = 1e-3, 40  # a size is never known to a thousandth
 FINEST = 1e-6  # of the largest force, of the stated noise, of a gain, in mm: nothing is known more finely
 CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
 
@@ -132,7 +132,7 @@ def _best(
     def cost(logs: Floats) -> float:
         return likelihood(sized(first, logs)) + prior_cost(logs, stated=first.stated)
 
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         costs = np.array([cost(here + offset) for offset in offsets])
         move = newton_move(costs, here.size)
         while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:

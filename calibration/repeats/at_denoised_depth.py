@@ -13,7 +13,7 @@ from calibration.inputs.denoised_depth import nominal_depth
 from calibration.noise.model import Linear, Whitener
 
 
-def steadied(fitted: Fit) -> Fit:
+def at_denoised_depth(fitted: Fit) -> Fit:
     """The same values and the same residual; model, derivatives and forces at the nominal depths."""
     data = fitted.data.shifted(nominal_depth(fitted.data) - fitted.data.depth_mm)
     force = fitted.model.predict(fitted.values, data)

@@ -26,13 +26,13 @@ from calibration.inputs.observations import Ints
 from calibration.noise.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats
 
-FEWEST, REPEATS, SHUFFLES = 8, 3, 999
+MIN_COUNT, REPEATS, SHUFFLES = 8, 3, 999
 LEVEL = 0.005  # of either finding where nothing is there: beside the screen's own
 ROBUST = 1.4826
 TAILS = (2.0, 3.0, 4.0, 6.0, 10.0, 30.0, 1000.0)  # degrees of freedom
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
-LEAST_SPREAD_MM = 1e-3
-LEAST_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
+MIN_SPREAD_MM = 1e-3
+MIN_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
 BEYOND_TYPICAL = 8.0  # times the usual gain and zero: two of the e-folds that the prior gives rigs (reml.SPREAD)
 OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
 OF_SENSOR = (*OF_PRESSES, "T")  # what a force sensor's zero may follow
@@ -40,7 +40,7 @@ SAMPLES = 6  # of a press: fewer do not tell a force's zero from its depth's and
 
 
 @dataclass(frozen=True, slots=True)
-class Oddity:
+class OutlyingPresses:
     """Labels of presses that stand out, covariates that the presses' zeros depend on with p for all looks, and
     whether like presses scatter far more than any rig's. `foreign` where the others' own tails reach none of them.
     """
@@ -54,13 +54,13 @@ class Oddity:
         return bool(self.presses or self.wanders)
 
 
-def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
+def outlying_presses(fitted: Fit, rng: np.random.Generator) -> OutlyingPresses:
     """What is odd among the presses of a fit; nothing for fewer than eight of them."""
     data, noise = fitted.data, fitted.noise
     known_apart = data.is_curves or noise.stated  # else the readings' own noise is in gain and zero
     scattered = known_apart and max(noise.gain / TYPICAL_GAIN, noise.zero_mm / TYPICAL_ZERO_MM) > BEYOND_TYPICAL
-    if data.count < FEWEST:
-        return Oddity(scattered=scattered)
+    if data.count < MIN_COUNT:
+        return OutlyingPresses(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
     beside = np.abs(_beside_like(own, groups) / _usual_mm(fitted))
     far = beside > _limit(beside, DOF_SHARE * (own.size - np.unique(groups).size), ROBUST)
@@ -71,7 +71,7 @@ def odd_presses(fitted: Fit, rng: np.random.Generator) -> Oddity:
     if np.bincount(data.press).min() >= SAMPLES:
         zeros.append((own_force_N(fitted), OF_SENSOR))
     wanders = tuple(_wanders(fitted, zeros, groups, rng).items())
-    return Oddity(stands_out, foreign, wanders, scattered)
+    return OutlyingPresses(stands_out, foreign, wanders, scattered)
 
 
 def own_zero_mm(fitted: Fit) -> Floats:
@@ -92,7 +92,7 @@ def _usual_mm(fitted: Fit) -> Floats:
     """How far z (M,) may be expected to scatter by a press's own gain and zero, and by its samples."""
     noise, stiff = fitted.noise, _stiff(fitted)
     of_gain = noise.gain * _along_slope(fitted, fitted.about.force_N) / stiff
-    return np.asarray(np.sqrt(noise.zero_mm**2 + of_gain**2 + noise.scale**2 / stiff + LEAST_SPREAD_MM**2))
+    return np.asarray(np.sqrt(noise.zero_mm**2 + of_gain**2 + noise.scale**2 / stiff + MIN_SPREAD_MM**2))
 
 
 def _along_slope(fitted: Fit, values_N: Floats) -> Floats:
@@ -118,7 +118,7 @@ def _limit(beside: Floats, dof: float, over_median: float) -> float:
     """How far |z| of the farthest of so many presses may lie, by t of these degrees of freedom."""
     from scipy.stats import t
 
-    spread = max(over_median * float(np.median(beside)), LEAST_SPREAD)
+    spread = max(over_median * float(np.median(beside)), MIN_SPREAD)
     return spread * float(t.isf(LEVEL / 2 / beside.size, max(dof, 2.0)))
 
 
@@ -127,7 +127,7 @@ def _tail_dof(beside: Floats) -> float:
     from scipy.stats import t
 
     def likelihood(dof: float) -> float:
-        spread = max(_over_median(dof) * float(np.median(beside)), LEAST_SPREAD)
+        spread = max(_over_median(dof) * float(np.median(beside)), MIN_SPREAD)
         return float(np.sum(t.logpdf(beside / spread, dof) - np.log(spread)))
 
     return max(TAILS, key=likelihood)

@@ -24,7 +24,7 @@ from calibration.noise.reml import (
     sized,
     stencil,
 )
-from calibration.repeats.at_denoised_depth import steadied
+from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Floats
 
 BEYOND_CHANCE = 0.01
@@ -33,12 +33,12 @@ ALIKE = (
 )
 
 
-def noise_from_repeats(fitted: Fit) -> Noise:
+def repeat_noise(fitted: Fit) -> Noise:
     """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
     typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
     where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
     """
-    steady, stated = steadied(fitted), fitted.noise.stated
+    steady, stated = at_denoised_depth(fitted), fitted.noise.stated
     space = _explained(steady)
     if fitted.data.size - space.shape[1] < 3:
         if not (fitted.data.is_curves or stated) or fitted.noise.gain:
@@ -74,7 +74,7 @@ def _explained(steady: Fit) -> Floats:
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
     """The same model fitted with the noise that repeats show."""
-    return fit(fitted.model, fitted.data, noise=noise_from_repeats(fitted), starts=fitted.values[None],
+    return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None],
                tolerances=False)  # fmt: skip
 
 

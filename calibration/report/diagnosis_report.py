@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from calibration.diagnosis.diagnosis import Added, Diagnosis
-from calibration.diagnosis.inadmissible_beta import WouldHaveToBe
+from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.score_test import FAILED
 from calibration.effects import get_effect
 from calibration.model.stages import EffectBase
@@ -103,13 +103,13 @@ def _material_moves(found: Diagnosis) -> list[str]:
             f"{wording.estimate(before)}."]  # fmt: skip
 
 
-def _needed(one: WouldHaveToBe) -> str:
+def _needed(one: InadmissibleBeta) -> str:
     """What one candidate would have to be."""
     what = f"{in_words(one.key).capitalize()}: {_parameter(one.parameter)} would have to be {_size(one)}"
     return f"{what}; the line would stay straight to R² = {one.r_squared:.4f}."
 
 
-def _size(one: WouldHaveToBe) -> str:
+def _size(one: InadmissibleBeta) -> str:
     if one.parameter in SHARES:
         return f"{100 * one.value:+.0f} %"
     return f"{one.value:.3g}" + ("" if one.unit == "1" else f" {one.unit}")

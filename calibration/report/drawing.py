@@ -20,7 +20,7 @@ from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
 from calibration.inputs.conditions import Covariate, bins
 from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
-from calibration.repeats.at_denoised_depth import steadied
+from calibration.repeats.at_denoised_depth import at_denoised_depth
 from calibration.repeats.outlying_presses import own_zero_mm
 from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
@@ -90,7 +90,7 @@ def _box(fitted: Fit) -> Box:
 
 def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
     """The covariates that tell most, with the residual in its own std."""
-    seen = {c.name: c for c in seen_covariates(steadied(fitted))}
+    seen = {c.name: c for c in seen_covariates(at_denoised_depth(fitted))}
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
     return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
             for s in scored[:most] if s.key in seen]  # fmt: skip
@@ -110,7 +110,7 @@ def own_offsets(found: Diagnosis) -> Offsets | None:
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
     """Separation (k, k) of the added and best-scoring effects that show at all; None for fewer than two."""
-    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.screen)])
+    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
     fits = []
     for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
         with suppress(*CANNOT_FIT):
@@ -205,7 +205,7 @@ def _overlay(base: Fit, candidate: Candidate) -> Overlay:
     """Against the covariate along which the candidate changes most."""
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
-    best = max(seen_covariates(steadied(base)), key=lambda one: _spread(one, change / std))
+    best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
     number = bins(best, BINS)
     rows = [number == k for k in range(int(number.max()) + 1)]
     residual = base.residual_N / std

@@ -49,7 +49,7 @@ def verdict_sentence(found: Diagnosis) -> str:
             return f"Something is missing from the model; these data cannot tell which of: {several}."
         case _ if found.odd:
             return f"{_odd(found)}. Look at these presses before E is used."
-        case _ if found.otherwise is not None:
+        case _ if found.alternative_explanation is not None:
             return (
                 f"Something is missing from the model, and no effect of the catalogue is it: {_otherwise(found)}."
             )
@@ -136,7 +136,7 @@ def _left(found: Diagnosis) -> str:
 
 def _otherwise(found: Diagnosis) -> str:
     """What explains a misfit as well as effects together, or better than what was tried."""
-    plain = found.otherwise
+    plain = found.alternative_explanation
     assert plain is not None
     sizes = ", ".join(f"{p.meaning} {amount(p, value)}" for p, value in plain.sizes)
     keys = [in_words(key) for key in plain.instead_of]

@@ -70,7 +70,7 @@ def calibrate(
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
     model = Model(_free(chosen, data, single=single), effects.effects if effects else ())
-    result = conclude(allow_for_indenters(fit(model, data)))
+    result = determine_material(allow_for_indenters(fit(model, data)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
@@ -109,7 +109,7 @@ def _sized(data: Observations) -> Observations:
     return replace(data, presses=replace(data.presses, radius_mm=np.nan_to_num(data.presses.radius_mm)))
 
 
-def conclude(fitted: Fit) -> CalibrationResult:
+def determine_material(fitted: Fit) -> CalibrationResult:
     """The material behind a fit of any law in the catalogue."""
     if shape_of(fitted.model.law) != FLAT:
         found = of_round(fitted)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.refit import held_out_rms
-from calibration.diagnosis.score_test import Scored, effect_directions, screen
+from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
@@ -134,7 +134,7 @@ def evaluate(model: Model, data: Observations, rng: np.random.Generator) -> Comp
 def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     """What a fit leaves, in and out of sample."""
     data = fitted.data
-    left = screen(fitted, (), rng)
+    left = score_test(fitted, (), rng)
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(

@@ -19,29 +19,29 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis import manual_checks
-from calibration.diagnosis.alternative_explanation import Otherwise, otherwise
+from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.diagnosis.experiment_design import NextMeasurement, measure_next
-from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, search
+from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import CANDIDATES, would_have_to_be
-from calibration.diagnosis.model_averaging import Unseen, allow_for_unseen
+from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.diagnosis.sensitivity import hidden
-from calibration.diagnosis.unexplained import Left, left_of, nearest
-from calibration.diagnosis.vision_depth_check import fit_sight, risen, sighted
+from calibration.diagnosis.unexplained import Unexplained, nearest, unexplained
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, risen, sighted
 from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import Oddity, odd_presses
+from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
 from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
-from calibration.tasks.calibrate import conclude
+from calibration.tasks.calibrate import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from tactilevision.records import Estimate
 
@@ -66,8 +66,8 @@ class _Outcome:
     left: float
     unknown: bool
     flags: tuple[str, ...]
-    odd: Oddity = NOTHING_ODD
-    otherwise: Otherwise | None = None
+    odd: OutlyingPresses = NOTHING_ODD
+    alternative_explanation: AlternativeExplanation | None = None
 
     @property
     def sets(self) -> list[tuple[Candidate, ...]]:
@@ -108,17 +108,19 @@ def diagnose(
 def _diagnosed(data: Observations, *, catalogue: Sequence[Effect], known: Sequence[Effect],
                rng: np.random.Generator, bulge: Estimate | None) -> Diagnosis:  # fmt: skip
     """These presses, all of them."""
-    seen, data = fit_sight(data), informed(data, bulge)
+    seen, data = fit_vision_depth(data), informed(data, bulge)
     model = base_model(data)
     for effect in known:
         model = model + effect
     parts = 1 if seen is None else 2
-    found_there = search(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
-    force = _held_against_plain(_outcome(found_there, LEFT_LEVEL / parts, odd_presses(found_there.current, rng)))
+    found_there = forward_selection(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
+    force = _against_instrument_errors(
+        _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
+    )
     sight = None
     if seen is not None:
-        sight = _outcome(search(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
-    return _conclude(force, sight, catalogue, rng)
+        sight = _outcome(forward_selection(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+    return _determine(force, sight, catalogue, rng)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -131,7 +133,7 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     )  # fmt: skip
 
 
-def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Outcome:
+def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
     """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
     left, steps = searched.last.lack_of_fit, searched.steps
     flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
@@ -147,29 +149,31 @@ def _outcome(searched: Searched, level: float, odd: Oddity = NOTHING_ODD) -> _Ou
     return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
 
 
-def _held_against_plain(force: _Outcome) -> _Outcome:
+def _against_instrument_errors(force: _Outcome) -> _Outcome:
     """With the plain error that does as well as what was named, which then stands no more, or better than what was
     tried.
     """
-    found = otherwise(force.searched) if force.steps or (force.unknown and not force.odd) else None
+    found = alternative_explanation(force.searched) if force.steps or (force.unknown and not force.odd) else None
     if found is None:
         return force
-    return replace(force, steps=(), tried=force.tried or found.instead_of, unknown=True, otherwise=found)
+    return replace(
+        force, steps=(), tried=force.tried or found.instead_of, unknown=True, alternative_explanation=found
+    )
 
 
-def _conclude(
+def _determine(
     force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, alone = conclude(base), _concluded(fitted)
+    before, alone = determine_material(base), _concluded(fitted)
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
     outside = "beta_outside_theory" in flags
     explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
     others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    others += [] if force.otherwise is None else [force.otherwise.modulus_MPa]
+    others += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
     after, unseen = _material(alone, (force, sight), catalogue, [modulus / base.values[0] for modulus in others])
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
@@ -179,13 +183,13 @@ def _conclude(
     looked = _looked_for(catalogue, sight)
     missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
-    left = left_of(force.searched, force.otherwise) if force.unknown else None
+    left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing, visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
-        after=after, covariates=force.searched.last.covariates, screen=force.searched.first.effects,
+        after=after, covariates=force.searched.last.covariates, score_test=force.searched.first.effects,
         measure_next=_next(base, both, left, instead, small.bias),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
@@ -195,14 +199,15 @@ def _conclude(
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
         covariates_before=force.searched.first.covariates,
         left=left, odd=force.odd, nearest=nearest(force.searched) if force.unknown else None,
-        otherwise=force.otherwise, unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
+        alternative_explanation=force.alternative_explanation, unseen=unseen,
+        alone_MPa=alone.youngs_modulus.interval95,
         sizes={e.key: e.parameters[0] for e in looked},
     )  # fmt: skip
 
 
 def _concluded(fitted: Fit) -> CalibrationResult:
     """The material of the last fit, with a word where samples scatter by more than was stated of them."""
-    result, times = conclude(fitted), beyond_stated(fitted)
+    result, times = determine_material(fitted), beyond_stated(fitted)
     if times is None:
         return result
     said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
@@ -210,10 +215,10 @@ def _concluded(fitted: Fit) -> CalibrationResult:
 
 
 def _material(alone: CalibrationResult, both: tuple[_Outcome, _Outcome | None], catalogue: Sequence[Effect],
-              shares: Sequence[float]) -> tuple[CalibrationResult, tuple[Unseen, ...]]:  # fmt: skip
+              shares: Sequence[float]) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:  # fmt: skip
     """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
     force, sight = both
-    averaged, unseen = allow_for_unseen(alone.youngs_modulus, force.fitted, catalogue)
+    averaged, unseen = average_models(alone.youngs_modulus, force.fitted, catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
     after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
                     warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())))  # fmt: skip
@@ -231,10 +236,14 @@ def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
 def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
-    looks = [one.searched.rounds[k].screen for one in both for k in (0, -1)]  # a bend or an effect hides some more
-    visible = {key: size for screen in looks for key, size in screen.visible.items()}
-    looked = {key for screen in first for key in screen.visible if key not in screen.not_testable}
-    missing = {key: why for screen in first for key, why in screen.not_testable.items() if key not in looked}
+    looks = [
+        one.searched.rounds[k].score_test for one in both for k in (0, -1)
+    ]  # a bend or an effect hides some more
+    visible = {key: size for score_test in looks for key, size in score_test.visible.items()}
+    looked = {key for score_test in first for key in score_test.visible if key not in score_test.not_testable}
+    missing = {
+        key: why for score_test in first for key, why in score_test.not_testable.items() if key not in looked
+    }
     return missing, visible
 
 
@@ -301,7 +310,7 @@ def _errors(base: Fit, current: Fit) -> Errors:
     return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
 
 
-def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Sequence[Candidate],
+def _next(base: Fit, both: Sequence[_Outcome], left: Unexplained | None, instead: Sequence[Candidate],
           bias: Mapping[str, float]) -> tuple[NextMeasurement, ...]:  # fmt: skip
     """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows."""
     open_sets = [group for one in both for group in one.sets]
@@ -319,7 +328,7 @@ def _next(base: Fit, both: Sequence[_Outcome], left: Left | None, instead: Seque
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
 
 
-def _again(odd: Oddity) -> tuple[NextMeasurement, ...]:
+def _again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
     """Presses that do not repeat the others are pressed again before anything else is asked of them."""
     if odd.presses:
         names = ", ".join(odd.presses)

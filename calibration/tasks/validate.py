@@ -31,7 +31,7 @@ LAWS = ("neo-hooke", "hencky")
 FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
-FEWEST = 2  # samples that a rival must reach to be one
+MIN_COUNT = 2  # samples that a rival must reach to be one
 RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)
 
 
@@ -218,7 +218,7 @@ def _rivals(data: Observations, samples: Samples, material: Material) -> tuple[R
         curve = tabulated_curve(contact, Material(modulus, nu), BEYOND * float(samples.depth_mm[mine].max()))
         if curve is not None:
             error = curve.depth_at(samples.force_N[mine]) / samples.depth_mm[mine] - 1
-            if np.isfinite(error).sum() >= FEWEST:
+            if np.isfinite(error).sum() >= MIN_COUNT:
                 kept.append((nu, modulus, error))
     common = np.isfinite([error for _, _, error in kept]).all(axis=0) if kept else np.zeros(0, dtype=bool)
     return tuple(

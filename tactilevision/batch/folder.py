@@ -17,7 +17,7 @@ from typing import Literal, Self
 import numpy as np
 
 from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
-from tactilevision.certificate.depth.face_depth import UNHELD, FaceAnchor
+from tactilevision.certificate.depth.face_depth import UNHELD, FaceDepthCorrection
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
@@ -72,7 +72,7 @@ class DepthJob:
     reconstructor: Reconstructor
     out: Path
     scratch: Path | None = None
-    anchor: FaceAnchor = UNHELD
+    anchor: FaceDepthCorrection = UNHELD
     with_std: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
     columns: int = len(COLUMNS)
@@ -123,7 +123,7 @@ def reconstruct_folder(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
-    anchor: FaceAnchor = UNHELD,
+    anchor: FaceDepthCorrection = UNHELD,
     with_std: bool = False,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.

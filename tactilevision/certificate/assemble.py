@@ -7,32 +7,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.certificate import Certificate, Finding, Touch
+from tactilevision.certificate.certificate import Certificate, ContactEvent, Finding
 from tactilevision.certificate.depth.curves import press_curve
-from tactilevision.certificate.depth.depth_scale import doubt_of_scale, find_gauge
-from tactilevision.certificate.depth.edge_profile import falls_beside
+from tactilevision.certificate.depth.depth_scale import find_depth_scale, scale_warning
+from tactilevision.certificate.depth.edge_profile import edge_profile
 from tactilevision.certificate.depth.pile_up import (
-    Rise,
+    PileUp,
     blur_place,
     combine,
     computed_ratio,
     depth_std,
     map_error,
-    press_rise,
+    press_pile_up,
     seen_ratio,
-    unknown_rise,
+    unknown_pile_up,
 )
 from tactilevision.certificate.depth.surface_beside_punch import ring_gain_std
 from tactilevision.certificate.evidence import evidence_of
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
-from tactilevision.certificate.recording_statistics import lean_scatter, usual_of
-from tactilevision.certificate.rejection import Look, findings
-from tactilevision.certificate.touch.apply_travel_scale import on_ruler
+from tactilevision.certificate.recording_statistics import lean_scatter, recording_statistics
+from tactilevision.certificate.rejection import PressEvidence, rejection_reasons
+from tactilevision.certificate.touch.apply_travel_scale import apply_travel_scale
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.contact_times import Chain, Timed, time_all
-from tactilevision.certificate.touch.force_crossing import Crossing, crossing
-from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.certificate.touch.contact_times import Chain, ContactTimes, contact_times
+from tactilevision.certificate.touch.force_crossing import ForceCrossing, force_crossing
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
@@ -42,19 +42,19 @@ _GENTLE = 0.3  # a slope that most calibrations hold
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
 
 
-def conclude(chain: Chain) -> Certificate:
+def assemble_certificate(chain: Chain) -> Certificate:
     """Points, curves and evidence of every press."""
-    timed = time_all(chain)
+    timed = contact_times(chain)
     rises = _rises(chain, timed)
     looks = _looks(chain, timed, rises)
     first = _said(chain, looks)
     # frames may be missing where a touch was seen, and not where the ruler puts it
     sound = [name for name, against in first.items()
              if name not in chain.strays and all(one.reason == "dropped_frames" for one in against)]  # fmt: skip
-    timed = on_ruler(chain, timed, rises, sound)
+    timed = apply_travel_scale(chain, timed, rises, sound)
     looks = _looks(chain, timed, rises)
     said = _said(chain, looks)
-    leans = lean_scatter([look for name, look in looks.items() if not said[name]], usual_of(looks))
+    leans = lean_scatter([look for name, look in looks.items() if not said[name]], recording_statistics(looks))
     points = []
     for press in chain.recording.presses:
         point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press),
@@ -62,8 +62,8 @@ def conclude(chain: Chain) -> Certificate:
         points.append(_judged(point, said.get(press.press, (_UNSEEN,))))
     faces = [(touch.depth_seen_mm, point.depth_mm) for point in points
              if point.accepted and (touch := looks[point.press].touch) is not None]  # fmt: skip
-    gauge = find_gauge(faces)
-    doubts = filter(None, [doubt_of_scale(faces, [ball.ball_radius_mm for ball in chain.recording.balls])])
+    gauge = find_depth_scale(faces)
+    doubts = filter(None, [scale_warning(faces, [ball.ball_radius_mm for ball in chain.recording.balls])])
     seen = [(looks[point.press], point) for point in points if point.press in looks]
     curves = [curve for look, point in seen if (curve := press_curve(look, point, gauge)) is not None]
     evidence = {point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
@@ -76,7 +76,7 @@ def conclude(chain: Chain) -> Certificate:
     )  # fmt: skip
 
 
-def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
+def _rises(chain: Chain, timed: Mapping[str, ContactTimes]) -> dict[str, PileUp]:
     """Rise at the bevel's edge for each press: seen in all presses of its bevel, computed for its own depth."""
     found: dict[float, list[tuple[np.ndarray, np.ndarray]]] = {}
     scales, errors = [], []
@@ -84,22 +84,22 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
         distance, case = one.touched.distance_mm, one.touched.case
         if one.touch is None or one.touch.onset.gain <= SURE or distance is None:
             continue
-        height = case.watch.indenter.height_mm
+        height = case.track.indenter.height_mm
         scales += [one.touch.depth_seen_mm / height] if height else []
         beside = mean_distance_mm(distance)
         before = case.use & (case.drive < one.touch.onset.at)
-        single = press_rise(case.watch, case.drive, before, distance_mm=beside)
+        single = press_pile_up(case.track, case.drive, before, distance_mm=beside)
         if single is not None:
             found.setdefault(distance, []).append(single)
-            errors.append(map_error(case.watch, case.drive, distance_mm=beside))
+            errors.append(map_error(case.track, case.drive, distance_mm=beside))
     scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else 0.25
     known = [error for error in errors if np.isfinite(error)]
     map_std = float(np.median(known)) if known else 0.0
     rises, gel = {}, chain.recording.sensor.gel
     for name, one in timed.items():
-        distance, indenter = one.touched.distance_mm, one.touched.case.watch.indenter
+        distance, indenter = one.touched.distance_mm, one.touched.case.track.indenter
         if distance is None or not indenter.height_mm:
-            rises[name] = unknown_rise()
+            rises[name] = unknown_pile_up()
             continue
         beside = mean_distance_mm(distance)
         computed = computed_ratio(gel, indenter, distance_mm=beside)
@@ -109,9 +109,11 @@ def _rises(chain: Chain, timed: Mapping[str, Timed]) -> dict[str, Rise]:
     return rises
 
 
-def _said(chain: Chain, looks: Mapping[str, Look]) -> dict[str, tuple[Finding, ...]]:
-    usual = usual_of(looks)
-    return {name: _astray(chain, name) + findings(look, usual, chain.forces) for name, look in looks.items()}
+def _said(chain: Chain, looks: Mapping[str, PressEvidence]) -> dict[str, tuple[Finding, ...]]:
+    usual = recording_statistics(looks)
+    return {
+        name: _astray(chain, name) + rejection_reasons(look, usual, chain.forces) for name, look in looks.items()
+    }
 
 
 def _astray(chain: Chain, name: str) -> tuple[Finding, ...]:
@@ -124,27 +126,29 @@ def _astray(chain: Chain, name: str) -> tuple[Finding, ...]:
     return (Finding("dropped_frames", text),)
 
 
-def _looks(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> dict[str, Look]:
-    return {name: _look(chain, watch, timed.get(name), rises.get(name))
-            for name, watch in chain.watches.items() if watch is not None}  # fmt: skip
+def _looks(
+    chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp]
+) -> dict[str, PressEvidence]:
+    return {name: _look(chain, track, timed.get(name), rises.get(name))
+            for name, track in chain.tracks.items() if track is not None}  # fmt: skip
 
 
-def _look(chain: Chain, watch: Watch, timed: Timed | None, rise: Rise | None) -> Look:
-    name, window = watch.press.press, chain.windows[watch.press.press]
+def _look(chain: Chain, track: PressTrack, timed: ContactTimes | None, rise: PileUp | None) -> PressEvidence:
+    name, window = track.press.press, chain.windows[track.press.press]
     touch, event = (timed.touch, timed.event) if timed else (None, None)
-    expected = (watch.indenter.height_mm or float("nan")) / (1 + (rise.ratio if rise else 0.0))
+    expected = (track.indenter.height_mm or float("nan")) / (1 + (rise.ratio if rise else 0.0))
     event_s = float("nan")
     if touch is not None and touch.onset.gain > SURE:
         event_s = touch.time_s
     elif timed is not None and window is not None and np.isfinite(expected):
-        due = crossing(window, float(timed.touched.law.force(expected)), 0.0)
+        due = force_crossing(window, float(timed.touched.law.force(expected)), 0.0)
         event_s = due.time_s - chain.offset_s if due is not None else float("nan")
-    return Look(watch=watch, force=window, touch=touch, event=event, event_s=event_s, depth_mm=expected,
-                distance_mm=timed.touched.distance_mm if timed else watch.indenter.bevel_distance_mm,
+    return PressEvidence(track=track, force=window, touch=touch, event=event, event_s=event_s, depth_mm=expected,
+                distance_mm=timed.touched.distance_mm if timed else track.indenter.bevel_distance_mm,
                 rest_s=chain.rest_s[name], offset_s=chain.offset_s)  # fmt: skip
 
 
-def _shared_touch(timed: Timed) -> float:
+def _shared_touch(timed: ContactTimes) -> float:
     """What all depths are off by alike: the ruler's zero, or the shape of the growing dent; a stop is its own."""
     assert timed.touch is not None
     assert timed.event is not None
@@ -154,12 +158,18 @@ def _shared_touch(timed: Timed) -> float:
 
 
 def _point(
-    chain: Chain, press: Press, timed: Timed | None, rise: Rise | None, look: Look | None, *, leans_rad: float
+    chain: Chain,
+    press: Press,
+    timed: ContactTimes | None,
+    rise: PileUp | None,
+    look: PressEvidence | None,
+    *,
+    leans_rad: float,
 ) -> CertifiedPoint:
     """The point of one press before its verdict; `leans_rad`: what faces lean by from press to press."""
     indenter = chain.recording.indenters[press.indenter]
     height = indenter.height_mm if indenter.height_mm is not None else float("nan")
-    rise = rise or unknown_rise()
+    rise = rise or unknown_pile_up()
     depth = height / (1 + rise.ratio)
     distance = look.distance_mm if look is not None else None
     lean_std = leans_rad * (distance or 0.0) / (1 + rise.ratio)
@@ -175,8 +185,8 @@ def _point(
             std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, ruler_std=ratio)
             extra |= {"ruler_std": ratio, "touches_late_mm": timed.ruler.late_mm,
                       "touches_late_std_mm": timed.ruler.late_std_mm}  # fmt: skip
-    if look is not None and look.watch.footprint is not None:
-        face = look.watch.footprint
+    if look is not None and look.track.footprint is not None:
+        face = look.track.footprint
         extra |= {"centre_x_mm": face.centre_mm[0], "centre_y_mm": face.centre_mm[1], "face_radius_mm":
         face.radius_mm,
                   "tilt_x": face.tilt[0], "tilt_y": face.tilt[1]}  # fmt: skip
@@ -188,14 +198,16 @@ def _point(
     )  # fmt: skip
 
 
-def _force_std(window: ForceWindow | None, timed: Timed, event: EventForce, crossed: Crossing) -> float:
+def _force_std(
+    window: ForceWindow | None, timed: ContactTimes, event: EventForce, crossed: ForceCrossing
+) -> float:
     """Of fz at the touch: its readings, the force's zero, and when it was."""
     tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
     from_time = timed.stop_std_N if event.dwell else event.rate_N_s * crossed.std_s
     return float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
 
 
-def _felt(chain: Chain, timed: Timed, touch: Touch, event: EventForce) -> dict[str, object]:
+def _felt(chain: Chain, timed: ContactTimes, touch: ContactEvent, event: EventForce) -> dict[str, object]:
     """What is kept of a touch beside its depth and force."""
     return {
         "touch_std_s": touch.std_s,
@@ -205,29 +217,29 @@ def _felt(chain: Chain, timed: Timed, touch: Touch, event: EventForce) -> dict[s
         "force_readings": event.readings,
         "force_dwell": int(event.dwell),
         "reconstructed_depth_mm": touch.depth_seen_mm,
-        "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.watch),
+        "reconstructed_std_mm": touch.depth_seen_mm * _shared_std(chain, timed.touched.case.track),
         **_beside(chain, timed, touch),
     }
 
 
-def _beside(chain: Chain, timed: Timed, touch: Touch) -> dict[str, float]:
+def _beside(chain: Chain, timed: ContactTimes, touch: ContactEvent) -> dict[str, float]:
     """The falls of the gel beside the face, what a quarter's slopes may be off by (relative), and the steepest
     slope that the light was made from; nothing where none is seen.
     """
-    watch = timed.touched.case.watch
-    falls = falls_beside(watch, touch, bevel_distance_mm=timed.touched.distance_mm)
+    track = timed.touched.case.track
+    falls = edge_profile(track, touch, bevel_distance_mm=timed.touched.distance_mm)
     method = getattr(chain.reconstructor, "method", None)
     steepest = float(getattr(method, "card", {}).get("steepest_slope", _GENTLE))
     return {**falls, "slope_gain_std": ring_gain_std(method), "ball_slope": steepest} if falls else {}
 
 
-def _shared_std(chain: Chain, watch: Watch) -> float:
+def _shared_std(chain: Chain, track: PressTrack) -> float:
     """How far off a face's reconstructed depth may be in all presses alike, relative; NaN where no map says.
 
     The height map's std counts the scale of a single ball as unsure; what all presses share is the scale's mean
     over the balls that it was made from.
     """
-    face, seen = watch.footprint, watch.face_map
+    face, seen = track.footprint, track.face_map
     if face is None or seen.std_mm is None:
         return float("nan")
     inside = face.mask & seen.valid & (seen.depth_mm > 0)
@@ -250,11 +262,11 @@ def _judged(point: CertifiedPoint, said: tuple[Finding, ...]) -> CertifiedPoint:
     return replace(point, accepted=False, reason=said[0].reason, extra={**point.extra, **every})
 
 
-def _warnings(chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise]) -> Iterator[str]:
+def _warnings(chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp]) -> Iterator[str]:
     yield from chain.notes
     if chain.offset.value is None:
         yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
-    torn = [bad.name for watch in chain.watches.values() if watch is not None for bad in watch.missing]
+    torn = [bad.name for track in chain.tracks.values() if track is not None for bad in track.missing]
     if torn:
         yield f"Frames that cannot be read were passed over: {some(torn)}."
     untared = [name for name, window in chain.windows.items() if window is not None and not window.tare.known]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from tactilevision.certificate.depth.depth_scale import Gauge
-from tactilevision.certificate.depth.pile_up import Rise
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.certificate.depth.pile_up import PileUp
 from tactilevision.contact.bevel_onset import Onset
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, HeightMap, Pair
 
@@ -20,7 +20,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class ContactEvent:
     """First touch of the bevel: camera time and std, the depth that the camera read then, channel, onset."""
 
     time_s: float
@@ -50,7 +50,7 @@ class Evidence:
     time_s: Floats
     depth_mm: Floats
     signal_mm: Floats | None
-    touch: Touch | None
+    touch: ContactEvent | None
     event_s: float
     force_time_s: Floats
     force_N: Floats
@@ -70,7 +70,7 @@ class Certificate:
     curves: tuple[Curve, ...]
     clock_offset: Estimate
     evidence: Mapping[str, Evidence]
-    rise: Rise | None = None
+    rise: PileUp | None = None
     bevel_distance_mm: float | None = None
-    gauge: Gauge | None = None
+    gauge: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())

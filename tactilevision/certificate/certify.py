@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from tactilevision.certificate.assemble import conclude
+from tactilevision.certificate.assemble import assemble_certificate
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.clock.alignment import (
     Seen,
@@ -26,7 +26,7 @@ from tactilevision.certificate.rejection import rests
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
 from tactilevision.certificate.touch.bevel_search import Touched, find_all
 from tactilevision.certificate.touch.contact_times import Chain
-from tactilevision.certificate.touch.press_track import Reconstructs, Watch, watch
+from tactilevision.certificate.touch.press_track import PressTrack, Reconstructs, track
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
 from tactilevision.mechanics.kappa import fast_kappa
@@ -49,26 +49,28 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     """
     require_all(recording)
     alike: list[float] = []
-    watches = _watch_all(recording, reconstructor, progress or (lambda done, of: None), alike)
+    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), alike)
     forces = recording.forces
     assert forces is not None
-    offset = _first_offset(recording, forces, watches)
-    windows = _windows(recording, forces, watches, offset.value or 0.0)
-    touches = find_all(watches, windows, offset.value or 0.0)
+    offset = _first_offset(recording, forces, tracks)
+    windows = _windows(recording, forces, tracks, offset.value or 0.0)
+    touches = find_all(tracks, windows, offset.value or 0.0)
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
         level = levelled(forces, (window.tare for window in windows.values() if window is not None))
-        seen = _seen(watches, windows, touches, recording.sensor.gel)
+        seen = _seen(tracks, windows, touches, recording.sensor.gel)
         offset = estimate_offset(list(seen.values()), level, start_s=offset.value)
-        windows = _windows(recording, forces, watches, offset.value or 0.0)
-        touches = find_all(watches, windows, offset.value or 0.0, before=touches)
+        windows = _windows(recording, forces, tracks, offset.value or 0.0)
+        touches = find_all(tracks, windows, offset.value or 0.0, before=touches)
     offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
     strays = {}
     if offset.value is not None:
-        strays = jumps(_seen(watches, windows, touches, recording.sensor.gel), forces, offset.value)
+        strays = jumps(_seen(tracks, windows, touches, recording.sensor.gel), forces, offset.value)
         notes = (*notes, *said_of_jumps(strays))
-    rest_s = dict(zip(watches, rests(recording.presses), strict=True))
-    return conclude(Chain(recording, reconstructor, watches, windows, offset, touches, rest_s, notes, strays))
+    rest_s = dict(zip(tracks, rests(recording.presses), strict=True))
+    return assemble_certificate(
+        Chain(recording, reconstructor, tracks, windows, offset, touches, rest_s, notes, strays)
+    )
 
 
 def require_all(recording: Recording) -> None:
@@ -76,11 +78,11 @@ def require_all(recording: Recording) -> None:
     require(recording, "frames", "frame_times", "forces", "presses", "indenters", step="certifying the presses")
 
 
-def _watch_all(
+def _track_all(
     recording: Recording, reconstructor: Reconstructs, progress: Progress, alike: list[float]
-) -> dict[str, Watch | None]:
+) -> dict[str, PressTrack | None]:
     """Every press as the camera saw it; of a video, `alike` takes what its frames have in common."""
-    found: dict[str, Watch | None] = {}
+    found: dict[str, PressTrack | None] = {}
     labels = [press.press for press in recording.presses]
     for label in labels:
         if labels.count(label) > 1:
@@ -101,7 +103,7 @@ def _watch_all(
         frames = iter_frames(recording, first, last)
         if recording.frames_path is not None and recording.frames_path.is_file():
             frames = noting(frames, alike)
-        found[press.press] = watch(frames, reconstructor, press=press, indenter=indenter, near=near)
+        found[press.press] = track(frames, reconstructor, press=press, indenter=indenter, near=near)
         progress(k + 1, len(recording.presses))
     return found
 
@@ -131,11 +133,11 @@ def free_span(presses: Sequence[Press], k: int) -> tuple[float, float]:
     return max(before, default=-np.inf), min(after, default=np.inf)
 
 
-def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[str, Watch | None]) -> Estimate:
+def _first_offset(recording: Recording, forces: ForceSeries, tracks: Mapping[str, PressTrack | None]) -> Estimate:
     if recording.clock_offset_s is not None:
         known = recording.clock_offset_s
         return Estimate(known, 0.0, (known, known), "s")
-    seen = list(_seen(watches, {}, {}, recording.sensor.gel).values())
+    seen = list(_seen(tracks, {}, {}, recording.sensor.gel).values())
     if not seen:
         return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
     start, sure = coarse_offset(seen, forces)
@@ -144,13 +146,13 @@ def _first_offset(recording: Recording, forces: ForceSeries, watches: Mapping[st
     return estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
 
 
-def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow | None],
+def _seen(tracks: Mapping[str, PressTrack | None], windows: Mapping[str, ForceWindow | None],
           touches: Mapping[str, Touched], gel: Gel | None) -> dict[str, Seen]:  # fmt: skip
     """The presses for the clocks, by label; the depth that the camera read at the touch is where the force passed
     through it.
     """
     found = {}
-    for name, seen in watches.items():
+    for name, seen in tracks.items():
         if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
             continue
         touched, window = touches.get(name), windows.get(name)
@@ -166,10 +168,10 @@ def _seen(watches: Mapping[str, Watch | None], windows: Mapping[str, ForceWindow
     return found
 
 
-def _windows(recording: Recording, forces: ForceSeries, watches: Mapping[str, Watch | None],
+def _windows(recording: Recording, forces: ForceSeries, tracks: Mapping[str, PressTrack | None],
              offset_s: float) -> dict[str, ForceWindow | None]:  # fmt: skip
     found: dict[str, ForceWindow | None] = {}
-    for k, (name, seen) in enumerate(watches.items()):
+    for k, (name, seen) in enumerate(tracks.items()):
         first, last = free_span(recording.presses, k)
         here = recording.presses[k]
         span = (max(first, here.start_s - 2.0), min(last, here.end_s + 2.0))

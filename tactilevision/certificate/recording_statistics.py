@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tactilevision.certificate.rejection import Look, Usual, face_tilt, interval_at
+from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, face_tilt, interval_at
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Floats
@@ -16,24 +16,24 @@ _REPEATS = 2  # from which their scatter is taken
 _DOUBTFUL = 0.1  # a common radius error beyond this is no habit of the footprint: then the stated radius counts
 
 
-def usual_of(looks: Mapping[str, Look]) -> Usual:
+def recording_statistics(looks: Mapping[str, PressEvidence]) -> RecordingStatistics:
     """Medians over the presses, and the scatter of their tilts."""
-    seen = [look for look in looks.values() if look.watch.footprint is not None]
-    tilts = np.array([face_tilt(look.watch) for look in seen]).reshape(-1, 2)
+    seen = [look for look in looks.values() if look.track.footprint is not None]
+    tilts = np.array([face_tilt(look.track) for look in seen]).reshape(-1, 2)
     tilts = tilts[np.isfinite(tilts).all(axis=1)]
     tilt, scatter = np.zeros(2), _UNTRIED
     if len(tilts) >= 3:
         tilt = np.median(tilts, axis=0)
         scatter = 1.4826 * float(np.median(np.hypot(*(tilts - tilt).T))) / np.sqrt(2)
     intervals = [
-        interval_at(look.watch.time_s, look.event_s) for look in looks.values() if np.isfinite(look.event_s)
+        interval_at(look.track.time_s, look.event_s) for look in looks.values() if np.isfinite(look.event_s)
     ]
     finite = [gap for gap in intervals if np.isfinite(gap)]
-    faces = [(look.watch, face) for look in seen if (face := look.watch.footprint) is not None]
-    uneven = [unevenness_mm(watch.face_map, face, away_from=SIDES[watch.side]) for watch, face in faces]
-    relief = [relief_mm(watch.face_map, face) for watch, face in faces]
+    faces = [(look.track, face) for look in seen if (face := look.track.footprint) is not None]
+    uneven = [unevenness_mm(track.face_map, face, away_from=SIDES[track.side]) for track, face in faces]
+    relief = [relief_mm(track.face_map, face) for track, face in faces]
     rest = [look.rest_s for look in looks.values() if np.isfinite(look.rest_s)]
-    return Usual(
+    return RecordingStatistics(
         radius=_radius_ratios(seen), tilt=np.asarray(tilt), tilt_scatter=scatter,
         interval_s=float(np.median(finite)) if finite else float("inf"),
         rest_s=float(np.median(rest)) if rest else 0.0, equal=_equal(looks),
@@ -47,11 +47,11 @@ def _median(values: Sequence[float]) -> float:
     return float(np.median(known)) if len(known) >= 3 else 0.0
 
 
-def _radius_ratios(seen: list[Look]) -> dict[str, float]:
+def _radius_ratios(seen: list[PressEvidence]) -> dict[str, float]:
     """Radius over nominal, by indenter where it has three presses, else of all."""
     by_name: dict[str, list[float]] = {}
     for look in seen:
-        face, indenter = look.watch.footprint, look.watch.indenter
+        face, indenter = look.track.footprint, look.track.indenter
         if face is not None and np.isfinite(indenter.radius_mm):
             by_name.setdefault(indenter.name, []).append(face.radius_mm / indenter.radius_mm)
     everything = [ratio for ratios in by_name.values() for ratio in ratios]
@@ -60,7 +60,7 @@ def _radius_ratios(seen: list[Look]) -> dict[str, float]:
     return {name: ratio if abs(ratio - 1) < _DOUBTFUL else 1.0 for name, ratio in usual.items()}
 
 
-def _equal(looks: Mapping[str, Look]) -> float:
+def _equal(looks: Mapping[str, PressEvidence]) -> float:
     """Chance that two readings of the free gel, one after the other, are the same number."""
     shares: list[float] = []
     for look in looks.values():
@@ -74,16 +74,16 @@ def _equal(looks: Mapping[str, Look]) -> float:
     return float(np.clip(np.median(shares), 0.05, 0.9)) if shares else 0.6
 
 
-def lean_scatter(looks: Sequence[Look], usual: Usual) -> float:
+def lean_scatter(looks: Sequence[PressEvidence], usual: RecordingStatistics) -> float:
     """What faces lean by towards the bevel from press to press, rad, by the repeats of each indenter.
 
     Against all presses where none is repeated: a height map that misreads walls leans by what the depth is.
     """
     leans: dict[str, list[float]] = {}
     for look in looks:
-        lean = float(face_tilt(look.watch) @ np.array(SIDES[look.watch.side]))
-        if look.watch.footprint is not None and np.isfinite(lean):
-            leans.setdefault(look.watch.indenter.name, []).append(lean)
+        lean = float(face_tilt(look.track) @ np.array(SIDES[look.track.side]))
+        if look.track.footprint is not None and np.isfinite(lean):
+            leans.setdefault(look.track.indenter.name, []).append(lean)
     freedom = sum(len(group) - 1 for group in leans.values())
     if freedom < _REPEATS:
         return usual.tilt_scatter

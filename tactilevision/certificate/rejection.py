@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.certificate.certificate import Finding, Touch
+from tactilevision.certificate.certificate import ContactEvent, Finding
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
@@ -35,14 +35,14 @@ _REST = 0.5  # of the usual rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class PressEvidence:
     """One press with all that was read of it. `event_s` (camera): its touch, or where the touch was to be
     expected.
     """
 
-    watch: Watch
+    track: PressTrack
     force: ForceWindow | None
-    touch: Touch | None
+    touch: ContactEvent | None
     event: EventForce | None
     event_s: float
     depth_mm: float
@@ -52,7 +52,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Usual:
+class RecordingStatistics:
     """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
     uneven the gel is beside the face, and how far the face is from flat."""
@@ -67,14 +67,14 @@ class Usual:
     relief_mm: float
 
 
-def findings(look: Look, usual: Usual, forces: ForceSeries) -> tuple[Finding, ...]:
+def rejection_reasons(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> tuple[Finding, ...]:
     """All that speaks against a press, the main reason first."""
     said = [check(look, usual, forces) for check in ORDER]
     return tuple(finding for finding in said if finding is not None)
 
 
-def _border(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
-    face, map_ = look.watch.footprint, look.watch.face_map
+def _border(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, map_ = look.track.footprint, look.track.face_map
     if face is None:
         return None
     half = [0.5 * n * s for n, s in zip(map_.depth_mm.shape[::-1], map_.mm_per_px, strict=True)]
@@ -82,50 +82,50 @@ def _border(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     if room < 2 * max(map_.mm_per_px):
         return Finding("border", f"the face comes within {room:.2f} mm of the view's border")
     if look.distance_mm is not None:
-        edge = [c + look.distance_mm * e for c, e in zip(face.centre_mm, SIDES[look.watch.side], strict=True)]
+        edge = [c + look.distance_mm * e for c, e in zip(face.centre_mm, SIDES[look.track.side], strict=True)]
         out = max(abs(place) - h for place, h in zip(edge, half, strict=True))
         if out > 0:
             return Finding("border", f"the bevel's edge lies {out:.2f} mm outside the view")
     return None
 
 
-def _footprint(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
-    face, nominal = look.watch.footprint, look.watch.indenter.radius_mm
+def _footprint(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, nominal = look.track.footprint, look.track.indenter.radius_mm
     if face is None:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
-    uneven = unevenness_mm(look.watch.face_map, face, away_from=SIDES[look.watch.side])
+    uneven = unevenness_mm(look.track.face_map, face, away_from=SIDES[look.track.side])
     if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.uneven_mm):
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
         )
-    relief = relief_mm(look.watch.face_map, face) if look.watch.indenter.shape == "flat_cylinder" else 0.0
+    relief = relief_mm(look.track.face_map, face) if look.track.indenter.shape == "flat_cylinder" else 0.0
     if relief > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.relief_mm):
         return Finding(
             "footprint", f"the face is not flat: {1e3 * relief:.0f} µm rms beside a plane; is it chipped?"
         )
     if not np.isfinite(nominal):
         return None
-    ratio = face.radius_mm / nominal / usual.radius.get(look.watch.indenter.name, 1.0)
-    limit = max(RADIUS_SHARE, 3 * face.radius_std_mm / nominal, 3 * look.watch.indenter.radius_std_mm / nominal)
+    ratio = face.radius_mm / nominal / usual.radius.get(look.track.indenter.name, 1.0)
+    limit = max(RADIUS_SHARE, 3 * face.radius_std_mm / nominal, 3 * look.track.indenter.radius_std_mm / nominal)
     if abs(ratio - 1) > limit:
         text = f"the face has a radius of {face.radius_mm:.2f} mm, the indenter {nominal:.2f} mm"
         return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % against the other presses)")
     return None
 
 
-def face_tilt(watch: Watch) -> Floats:
+def face_tilt(track: PressTrack) -> Floats:
     """Tilt (2,) of the face while it is deep, the mean over those frames."""
-    deep = watch.depth_mm > 0.6 * np.nanmax(watch.depth_mm)
-    return np.asarray(np.nanmedian(watch.tilts[deep], axis=0), dtype=np.float64)
+    deep = track.depth_mm > 0.6 * np.nanmax(track.depth_mm)
+    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
 
 
-def _tilt(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
-    if look.watch.footprint is None or not np.nanmax(look.watch.depth_mm) > 0:
+def _tilt(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.track.footprint is None or not np.nanmax(look.track.depth_mm) > 0:
         return None
-    tilt = float(np.hypot(*(face_tilt(look.watch) - usual.tilt)))
-    lever = look.distance_mm or 2 * look.watch.footprint.radius_mm
+    tilt = float(np.hypot(*(face_tilt(look.track) - usual.tilt)))
+    lever = look.distance_mm or 2 * look.track.footprint.radius_mm
     limit = max(TILT_SHARE * look.depth_mm / lever, 5 * usual.tilt_scatter, TILT_READ)
     if tilt > limit:
         return Finding(
@@ -134,7 +134,7 @@ def _tilt(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     return None
 
 
-def _tangential(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
+def _tangential(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
     if look.event is not None:
         force, std = look.event.force_N, look.event.std_N
     elif look.force is not None and look.force.phases is not None:
@@ -149,7 +149,7 @@ def _tangential(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None
     return None
 
 
-def _saturated(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
+def _saturated(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
     if look.force is None:
         return None
     raw = look.force.force_N + look.force.tare.at(look.force.time_s)
@@ -164,14 +164,14 @@ def _saturated(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     return _stalled(look, look.force)
 
 
-def _stalled(look: Look, force: ForceWindow) -> Finding | None:
+def _stalled(look: PressEvidence, force: ForceWindow) -> Finding | None:
     """The force has stopped growing while the camera still sees the face go deeper."""
-    seen = find_phases(look.watch.depth_mm)
+    seen = find_phases(look.track.depth_mm)
     if force.phases is None or seen is None or seen.hold == 0:
         return None
     still_s = float(force.time_s[force.phases.hold]) - look.offset_s
-    depth = look.watch.depth_mm
-    after = int(np.searchsorted(look.watch.time_s, still_s))  # a frame taken since: none is made up in a gap
+    depth = look.track.depth_mm
+    after = int(np.searchsorted(look.track.time_s, still_s))  # a frame taken since: none is made up in a gap
     if after >= depth.size:
         return None
     there, deepest = float(depth[after]), float(np.nanmax(depth[after:]))
@@ -195,12 +195,12 @@ def interval_at(time_s: Floats, event_s: float) -> float:
     return float(time_s[after] - time_s[after - 1])
 
 
-def _dropped(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
+def _dropped(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
     if look.force is None:
         return Finding("dropped_frames", "there are no force readings to go with the frames of this press")
     if not np.isfinite(look.event_s):
         return None
-    gap = interval_at(look.watch.time_s, look.event_s)
+    gap = interval_at(look.track.time_s, look.event_s)
     moved = min(gap, _moving_s(look, look.force))
     if moved <= _GAPS * usual.interval_s:
         return None
@@ -212,18 +212,18 @@ def _dropped(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
     return Finding("dropped_frames", text)
 
 
-def _moving_s(look: Look, force: ForceWindow) -> float:
+def _moving_s(look: PressEvidence, force: ForceWindow) -> float:
     """How long the rig needs for what it moved between the frames about the event: a dwell is no gap."""
-    after = int(np.searchsorted(look.watch.time_s, look.event_s))
-    if not 0 < after < look.watch.time_s.size or not force.ramp_N_s > 0:
+    after = int(np.searchsorted(look.track.time_s, look.event_s))
+    if not 0 < after < look.track.time_s.size or not force.ramp_N_s > 0:
         return float("inf")
-    there = force.at(look.watch.time_s[after - 1 : after + 1] + look.offset_s)
+    there = force.at(look.track.time_s[after - 1 : after + 1] + look.offset_s)
     grown = abs(float(there[1] - there[0]))
     return grown / force.ramp_N_s if np.isfinite(grown) else float("inf")
 
 
-def _not_touched(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
-    indenter = look.watch.indenter
+def _not_touched(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    indenter = look.track.indenter
     if indenter.height_mm is None or indenter.bevel is None:
         return Finding("bevel_not_touched", f"indenter {indenter.name} has no bevel of known height")
     if look.touch is None:
@@ -236,7 +236,7 @@ def _not_touched(look: Look, usual: Usual, forces: ForceSeries) -> Finding | Non
     return None
 
 
-def _short_rest(look: Look, usual: Usual, forces: ForceSeries) -> Finding | None:
+def _short_rest(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
     if look.rest_s < _REST * usual.rest_s:
         return Finding("short_rest", f"the gel had rested {look.rest_s:.1f} s, {usual.rest_s:.1f} s are usual")
     return None
@@ -252,6 +252,6 @@ def rests(presses: Sequence[Press]) -> list[float]:
     return found
 
 
-ORDER: tuple[Callable[[Look, Usual, ForceSeries], Finding | None], ...] = (
+ORDER: tuple[Callable[[PressEvidence, RecordingStatistics, ForceSeries], Finding | None], ...] = (
     _border, _footprint, _saturated, _tilt, _tangential, _dropped, _not_touched, _short_rest,
 )  # fmt: skip

@@ -18,7 +18,7 @@ from tactilevision.records.flags import MEANING
 if TYPE_CHECKING:
     from tactilevision.batch.folder import FrameResult
     from tactilevision.batch.tree import Branch
-    from tactilevision.certificate.depth.face_depth import FaceAnchor
+    from tactilevision.certificate.depth.face_depth import FaceDepthCorrection
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
@@ -71,7 +71,7 @@ def depth(
         recording = source.open_source(path, sensor, reference)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
-            anchor = source.open_anchor(recording, reconstructor, calibration)
+            anchor = source.open_face_correction(recording, reconstructor, calibration)
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
                 recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor,
@@ -139,7 +139,7 @@ def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
 
 
 def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameResult, ...], folder: Path, *,
-          most: int, anchor: FaceAnchor) -> None:  # fmt: skip
+          most: int, anchor: FaceDepthCorrection) -> None:  # fmt: skip
     """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
     from tactilevision.cli import moments
     from tactilevision.plots import style

@@ -53,7 +53,7 @@ def force(
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    anchor = source.open_anchor(recording, reconstructor, calibration)
+    anchor = source.open_face_correction(recording, reconstructor, calibration)
     job = replace(force_job(recording, reconstructor, material, out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)

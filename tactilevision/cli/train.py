@@ -58,15 +58,13 @@ def train(
 
 def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
     """What the recording's own certified presses say of the method, for its card; doubts of the scale are told."""
-    from tactilevision.certificate.depth.depth_scale import doubt_of_scale
+    from tactilevision.certificate.depth.depth_scale import scale_warning
     from tactilevision.certificate.step_validation import flat_steps
     from tactilevision.uncertainty.ball_validation import told
 
     with console.progress_bar("certifying flat steps"):
         steps, why = flat_steps(source, made)
-    doubt = doubt_of_scale(
-        [(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls]
-    )
+    doubt = scale_warning([(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls])
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
     return {**known, "doubt_of_scale": doubt} if doubt else dict(known)

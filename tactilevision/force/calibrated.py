@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
 
-MOST_POISSON = 0.4999
+MAX_POISSON = 0.4999
 SAME_GEL = 0.01
 
 
@@ -63,8 +63,8 @@ def read_material(path: Path | str) -> Material:
     covariance = _covariance(content)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
-    incompressible = MOST_POISSON < poisson <= 0.5
-    return Material(modulus, MOST_POISSON if incompressible else poisson, covariance)
+    incompressible = MAX_POISSON < poisson <= 0.5
+    return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
 
 
 def material_sensitivity(field: ForceField, found: TractionMap, height: HeightMap,
@@ -81,7 +81,7 @@ def material_sensitivity(field: ForceField, found: TractionMap, height: HeightMa
                          remedy="Take it from calibration.json, or give Material a covariance.")  # fmt: skip
     half = 1.96 * np.sqrt(np.diag(material.covariance))
     moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], 1e-9) for s in (-1, 1))
-    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MOST_POISSON)) for s in (-1, 1))
+    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MAX_POISSON)) for s in (-1, 1))
 
     def at(poisson_ratio: float) -> tuple[float, float, float]:
         changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # its deviation is not asked for

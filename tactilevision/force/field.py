@@ -43,7 +43,7 @@ MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
-MOST_OF_VIEW = 0.9
+MAX_OF_VIEW = 0.9
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -112,7 +112,7 @@ class ForceField:
         grid = compliance.grid
         seen = observe(grid, height, shear, noise=self._noise, inside=compliance.inside)
         flags = list(seen.flags)
-        flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
+        flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
         cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)
         found = self._solve(compliance, seen, cells) if len(cells) else None
         if found is not None and len(found.cells):

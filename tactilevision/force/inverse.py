@@ -35,7 +35,7 @@ from tactilevision.records import Floats
 
 SUBCELL = 0.42
 SUBCELL_STEP = 0.10
-ROUNDS = 40
+MAX_ITERATIONS = 40
 Cells = npt.NDArray[np.intp]
 
 
@@ -130,7 +130,7 @@ def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floa
     unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
         drop = np.zeros(len(active), dtype=bool) if adhesive else pulling(x[-1])
         rms = _rms(x, std_mm / unit)
@@ -139,7 +139,7 @@ def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floa
         active = active[~drop]
         if len(active) == 0:
             return Solution(cells[:0], x[:, :0], factor[:0, :0], SUBCELL * unit)
-    raise ConvergenceError(f"the contact did not settle in {ROUNDS} rounds")
+    raise ConvergenceError(f"the contact did not settle in {MAX_ITERATIONS} rounds")
 
 
 def _solved(whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float,

@@ -18,7 +18,7 @@ from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records import Bools, Floats, HeightMap, ShearMap
 
 MAD_TO_STD = 1.4826
-FEWEST_FAR = 50
+MIN_FAR = 50
 SAME_SCALE = 1e-3
 TINY = 1e-12
 
@@ -107,13 +107,13 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     """Robust size of the depths `away_mm` and more from whatever is half as deep as the deepest cell.
 
     There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
-    Where fewer than FEWEST_FAR cells are so far, the quarter that is farthest stands in.
+    Where fewer than MIN_FAR cells are so far, the quarter that is farthest stands in.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None:
         return 0.0
     far = depth[known][distance > away_mm]
-    if far.size < FEWEST_FAR:
+    if far.size < MIN_FAR:
         far = depth[known][distance >= np.quantile(distance, 0.75)]
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
@@ -122,10 +122,10 @@ def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, awa
     """By what factor, at least 1, the gel that lies still is farther from flat than the map's `std_mm` says.
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
-    FEWEST_FAR the map stands for itself.
+    MIN_FAR the map stands for itself.
     """
     distance = _from_deep(grid, depth, known)
-    if distance is None or np.count_nonzero(distance > away_mm) < FEWEST_FAR:
+    if distance is None or np.count_nonzero(distance > away_mm) < MIN_FAR:
         return 1.0
     pull = np.abs(depth[known]) / np.maximum(std_mm[known], TINY)
     return max(1.0, float(MAD_TO_STD * np.median(pull[distance > away_mm])))

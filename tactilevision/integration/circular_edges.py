@@ -12,15 +12,15 @@ import numpy.typing as npt
 from tactilevision.records import Floats, Pair, SlopeMap
 from tactilevision.robust import median
 
-LEAST_STEEP = 12  # pixels; fewer are noise
+MIN_STEEP = 12  # pixels; fewer are noise
 ENOUGH = 200  # pixels that tell a circle to look for a rim on
-LEAST_RADIUS_PX = 6.0
-LEAST_ROUND = 1 / 3  # of the rim in the picture
+MIN_RADIUS_PX = 6.0
+MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
 BIN_PX = 0.5
 ACROSS = 4  # directions to a sector
-SETTLED = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
+CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 INNER_PX, OUTER = 12.0, 0.4  # the profile reaches this far inside the rim, and this part of the radius outside
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
@@ -31,7 +31,7 @@ Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
-class Rim:
+class CircularEdge:
     """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma;
     `uneven_mm` rms distance of the flank from a circle.
 
@@ -50,19 +50,19 @@ class Rim:
     std: Floats
 
 
-def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
     """Sharp round rims about regions that are anywhere steeper than `limit`."""
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
     squared = cv2.add(cv2.multiply(p, p, dst=p), cv2.multiply(q, q, dst=q), dst=p)
     beyond = cv2.compare(squared, limit**2, cv2.CMP_GT)
-    if 4 * cv2.countNonZero(beyond) < LEAST_STEEP:
+    if 4 * cv2.countNonZero(beyond) < MIN_STEEP:
         return []
     gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)
     _, labels = cv2.connectedComponents(cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
     steep = 4 * np.bincount(labels[beyond > 0])
     found = []
-    for label in np.flatnonzero(steep >= LEAST_STEEP)[:8]:
+    for label in np.flatnonzero(steep >= MIN_STEEP)[:8]:
         at = np.flatnonzero(labels == label)
         at = at[:: max(1, len(at) // ENOUGH)]
         rows, columns = np.divmod(at, labels.shape[1])
@@ -73,22 +73,22 @@ def find_rims(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Rim]:
     return found
 
 
-def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> Rim | None:
+def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
     """The rim near a circle, None where it is not round and sharp.
 
     Twice: first about the edge alone, by a circle that what lies outside makes too large.
     """
     px = min(mm_per_px)
     x, y, radius = circle
-    if not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+    if not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
     places, values = _profiles(slopes, mm_per_px, circle, _bounds(radius, px, radius + NEAR_PX * px))
     flank = _flanks(places, values, 0.5)
     good = np.isfinite(flank)
-    if np.count_nonzero(good) < LEAST_ROUND * len(good):
+    if np.count_nonzero(good) < MIN_ROUND * len(good):
         return None
     (radius, shift_x, shift_y), spread, uneven = _harmonics(flank, good)
-    if spread > OFF_ROUND_PX * px or not LEAST_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+    if spread > OFF_ROUND_PX * px or not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
     centre = x + shift_x, y + shift_y
     bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
@@ -99,7 +99,7 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
     if not blur < SHARP * radius:  # nor where it is not known
         return None
     std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
-    return Rim(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
+    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
 
 
 def _bounds(radius: float, px: float, outer: float) -> Pair:
@@ -211,7 +211,7 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
         before, solution = solution, _solved(terms, places, _trust(off, scale))
         off = places - solution @ terms
         scale = _scale(off)
-        if np.abs(solution - before).max() < SETTLED * scale:
+        if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:
             break
     return solution, scale, float(np.sqrt(np.mean(off**2)))
 

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.floating[Any]]
 LEVEL = 0.05  # of the depth that comes out: what the border may rise or fall by
 
 
-def integrate_flat_border(slopes: SlopeMap, mm_per_px: Pair) -> Array:
+def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     """Depth (H, W) in mm, float64, 0 on the outermost pixels.
 
     Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.integration.dct_poisson import transform_solver
-from tactilevision.integration.dirichlet_poisson import integrate_flat_border
+from tactilevision.integration.dirichlet_poisson import integrate_dirichlet
 from tactilevision.records import Pair, SlopeMap
 
 Array = npt.NDArray[np.floating[Any]]
@@ -42,7 +42,7 @@ def integrate(
     """
     dz_dx, dz_dy = _checked(slopes)
     if border == "flat":
-        return integrate_flat_border(slopes, mm_per_px)
+        return integrate_dirichlet(slopes, mm_per_px)
     known = None if slopes.valid is None and weights is None else _known(slopes)
     if known is None and weights is None:
         solver = transform_solver(dz_dx.shape, mm_per_px, dz_dx.dtype.char)

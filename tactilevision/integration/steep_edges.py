@@ -26,23 +26,25 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tactilevision.integration.circular_edges import Rim, find_rims, solved, window_of
+from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, solved, window_of
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
 CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)
 SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
-LEAST_READ = 8  # bins
-LEAST_FACE = 50  # pixels
+MIN_READ = 8  # bins
+MIN_FACE = 50  # pixels
 FINE = 0.25  # px: grid of the law
-ROUNDS, DAMPING = 8, 1e-3
+MAX_ITERATIONS, DAMPING = 8, 1e-3
 EACH = np.arange(6)
-SETTLED = 0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
+CONVERGENCE_TOL = (
+    0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Wall:
+class PunchEdge:
     """The wall round one flat face.
 
     `centre_mm` from the middle of the picture's top left pixel; `radius_mm` of the edge; `reach_mm` from the edge
@@ -61,13 +63,13 @@ class Wall:
     std_mm: float
 
 
-def find_walls(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[Wall]:
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
     """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
-    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_rims(slopes, mm_per_px, limit)]
+    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit)]
     return [wall for wall in walls if wall is not None]
 
 
-def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
+def restore(slopes: SlopeMap, walls: list[PunchEdge], mm_per_px: Pair) -> None:
     """Put the law's slopes in place of those that the walls hide, in place.
 
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
@@ -80,7 +82,7 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
-        known = cv2.countNonZero(face) >= LEAST_FACE
+        known = cv2.countNonZero(face) >= MIN_FACE
         tilt = (cv2.mean(p, face)[0], cv2.mean(q, face)[0]) if known else (0.0, 0.0)
         band = (square >= inner * inner) & (square < outer * outer)
         rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
@@ -91,7 +93,7 @@ def restore(slopes: SlopeMap, walls: list[Wall], mm_per_px: Pair) -> None:
         q[band] = steep * y + tilt[1] * left
 
 
-def _looked_up(wall: Wall, r: Floats, half: float) -> tuple[Floats, Floats]:
+def _looked_up(wall: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
     """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
     below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
     steep, left = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm
@@ -105,26 +107,26 @@ def _looked_up(wall: Wall, r: Floats, half: float) -> tuple[Floats, Floats]:
 
 def restore_windows(
     fine: Sequence[Planes], windows: Sequence[Window], valid: Bools, mm_per_px: Pair, limit: float
-) -> list[Wall]:
+) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     found = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        walls = find_walls(slopes, mm_per_px, limit)
+        walls = find_punch_edges(slopes, mm_per_px, limit)
         restore(slopes, walls, mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         found += [replace(wall, centre_mm=(wall.centre_mm[0] + left, wall.centre_mm[1] + top)) for wall in walls]
     return found
 
 
-def _through(rim: Rim, limit: float, px: float) -> Wall | None:
+def _through(rim: CircularEdge, limit: float, px: float) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = rim.slopes, rim.places_mm - rim.radius_mm
     far = max(FAR * rim.radius_mm, 8 * px)
     known = np.isfinite(mean)
     steep = known & ~(rim.highest < limit)
     use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
-    if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < LEAST_READ:
+    if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + rim.std**2)[use]
     law = _Law(rim.radius_mm, px, far)
@@ -136,7 +138,7 @@ def _through(rim: Rim, limit: float, px: float) -> Wall | None:
     bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
     read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
-    return Wall(rim.centre_mm, rim.radius_mm + shift, reach - shift, law.edges[table], falls[table],
+    return PunchEdge(rim.centre_mm, rim.radius_mm + shift, reach - shift, law.edges[table], falls[table],
                 fall + beyond, fall - read,
                 float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
 
@@ -178,8 +180,8 @@ class _Law:
 
         unknown, damping = usual, DAMPING
         squares, uphill, normal = left(unknown)
-        for _ in range(ROUNDS):
-            if uphill @ solved(normal, uphill) < SETTLED:
+        for _ in range(MAX_ITERATIONS):
+            if uphill @ solved(normal, uphill) < CONVERGENCE_TOL:
                 break
             for _ in range(5):
                 trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)

@@ -31,7 +31,7 @@ Picture = npt.NDArray[np.float32]
 Ends = tuple[bool, bool]  # whether the first and the last of a line are free (no flow) or fixed (0 a step beyond)
 
 
-class TwoGrids:
+class TwoGridPoisson:
     """Integrates for one size (H, W) of picture, means of `px` by `px` pixels and scale.
 
     `coarse_mm` (x, y) is the step of the coarse grid (H // px, W // px).

@@ -33,10 +33,10 @@ USUAL_THICKNESS_MM, THICKNESS_STD = 3.0, 0.3  # relative, where nobody has told 
 FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
 NONE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
-BLOCKS, LEAST_BLOCKS = 600, 12
+BLOCKS, MIN_BLOCKS = 600, 12
 LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
-ROUNDS = 4
-SETTLED = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
+MAX_ITERATIONS = 4
+CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)
 SAMPLED = 8  # places along each side of a block that stand for it
 
@@ -68,7 +68,7 @@ def find_zero_plane(
     outside = _outside(untouched, blocks)
     free = outside.ravel()
     count = np.count_nonzero(free)
-    if count < LEAST_BLOCKS:
+    if count < MIN_BLOCKS:
         return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
     terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
     tilts = [1, 2]
@@ -185,7 +185,7 @@ def _robust(
     correlated, held = min(CORRELATED, count), FIRST * count if rises else 0.0
     rows, heavy = np.concatenate([terms, depth[None]]), terms * free
     solution: Floats = np.zeros(len(terms))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         sums = heavy @ rows.T
         normal = sums[:, :-1] * STIFFENING[: len(terms), : len(terms)]
         normal[-1, -1] += held
@@ -195,7 +195,10 @@ def _robust(
         square *= square
         square[touched] = np.inf
         scale = 1.4826 * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
-        if max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True)) < SETTLED * scale:
+        if (
+            max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
+            < CONVERGENCE_TOL * scale
+        ):
             break
         if rises:
             held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2

@@ -36,7 +36,7 @@ from tactilevision.mechanics.punch_equation import (
 from tactilevision.records import Floats
 
 SHARP_MM = 1e-5  # a smaller rounding is none
-LEAST_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
+MIN_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
 STEPS = 33  # of the contact's radius, from which its growth is read
 OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), in which nu = .5 is nothing special
 RATIOS = (0.05, 5.0)  # r/h
@@ -60,7 +60,7 @@ def rounded_contact(
 
     if edge_mm < SHARP_MM:
         return np.full(depth_mm.shape, outer_mm), np.ones(depth_mm.shape)
-    b = outer_mm - min(edge_mm, (1 - LEAST_FLAT) * outer_mm)
+    b = outer_mm - min(edge_mm, (1 - MIN_FLAT) * outer_mm)
     grid = np.linspace(0, 1, STEPS)  # root of how far the contact has grown: w goes with its cube
     r = b + (outer_mm - b) * grid**2
     need, lost = _half_space(r, b, edge_mm) * _of_layer(poisson_ratio, r / thickness_mm, b / r) ** (1 - sticking)

@@ -46,14 +46,14 @@ from tactilevision.records import Estimate, Floats
 START = 0.45
 AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
 PINNED = 1e-6  # standard deviation of what is taken as known
-FEWEST_CLUSTERS = 4
+MIN_CLUSTERS = 4
 SECTORS = 8  # of directions from the punch
 SAME_DEPTH = 0.1
 NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
 
 
 @dataclass(frozen=True, slots=True)
-class BulgeSettings:
+class SurfaceFitSettings:
     """How the maps are read. Lengths in mm.
 
     `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach` thicknesses beyond
@@ -72,7 +72,7 @@ class BulgeSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class BulgeFit:
+class SurfaceFit:
     """nu from the picture, with what was fitted beside it.
 
     `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated
@@ -118,8 +118,8 @@ def fit_poisson_ratio(
     thickness_mm: float,
     thickness_std_mm: float = 0.0,
     model: ProfileModel | None = None,
-    settings: BulgeSettings | None = None,
-) -> BulgeFit:
+    settings: SurfaceFitSettings | None = None,
+) -> SurfaceFit:
     """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
 
     Where no model is given, finite elements' table is taken for gels that it holds, else linear theory. Views that
@@ -127,7 +127,7 @@ def fit_poisson_ratio(
     Raises InputError where no view is left that shows both the face and the gel beside it, or a length is not
     above 0.
     """
-    settings = settings or BulgeSettings()
+    settings = settings or SurfaceFitSettings()
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
         raise InputError("the gel's thickness lies above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
     if settings.guard_mm < 3 * settings.blur_mm:
@@ -145,8 +145,8 @@ def fit_poisson_ratio(
 
 
 def _fit(
-    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
-) -> BulgeFit:
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
+) -> SurfaceFit:
     task = _task(views, thickness, model, settings)
     rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
     task = replace(task, presses=_presses(_centred(task, rough), thickness[0], model, settings))
@@ -160,7 +160,7 @@ def _fit(
 
 
 def _presses(
-    views: Sequence[SurfaceView], thickness_mm: float, model: ProfileModel, settings: BulgeSettings
+    views: Sequence[SurfaceView], thickness_mm: float, model: ProfileModel, settings: SurfaceFitSettings
 ) -> tuple[Press, ...]:
     found = []
     for view in views:
@@ -187,7 +187,7 @@ def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
 
 
 def _task(
-    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: BulgeSettings
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
 ) -> _Task:
     presses = _presses(views, thickness[0], model, settings)
     if not presses:
@@ -229,7 +229,7 @@ def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
     return np.asarray(found.x)
 
 
-def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel) -> BulgeFit:
+def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel) -> SurfaceFit:
     now = _residuals(task, theta, white)
     slopes = _slopes(task, theta, white)
     information = np.diag(task.prior_std**-2.0)
@@ -242,12 +242,12 @@ def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: Nois
     depths = _by_depth(white, scores)
     groups = (scores, _by_direction(white, slopes, now), depths)
     shown = max(_clustered(covariance, information, part) for part in groups)
-    if len(depths) < FEWEST_CLUSTERS:  # no scatter tells what the model has wrong at these depths
+    if len(depths) < MIN_CLUSTERS:  # no scatter tells what the model has wrong at these depths
         systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
     own_nu = np.array([part[0, 0] for part in own])
     alone = theta[0] - scores[:, 0] / own_nu
     systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
-    return BulgeFit(
+    return SurfaceFit(
         poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
         names=NAMES,
         values=theta,
@@ -297,7 +297,7 @@ def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> floa
 
     depth = np.array([true_depth(press, 1.0) for press in presses])
     reach = float(np.ptp(depth))
-    if len(depth) < FEWEST_CLUSTERS or reach < SAME_DEPTH * depth.max():
+    if len(depth) < MIN_CLUSTERS or reach < SAME_DEPTH * depth.max():
         return 0.0
     away = depth - np.average(depth, weights=weights)
     power = float(weights @ away**2)
@@ -323,7 +323,7 @@ def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float
     from scipy.stats import t
 
     count = len(scores)
-    if count < FEWEST_CLUSTERS:
+    if count < MIN_CLUSTERS:
         return 0.0
     meat = scores.T @ scores * count / (count - 1) + information * np.isfinite(information)
     spread = covariance @ meat @ covariance

@@ -20,7 +20,7 @@ from tactilevision.records import Floats
 FACE_TILT_STD = 0.02
 PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
 FREE_DEPTH_STD = 10.0
-FEWEST_BLOCKS = 12
+MIN_BLOCKS = 12
 UNKNOWNS = 12
 DEPTH_STEP = 0.001  # of w/h
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
@@ -53,7 +53,7 @@ class Press:
 def prepare(blocks: Blocks, *, blur_mm: float, step_std: float, bowl_std_per_mm: float) -> Press | None:
     """None where the view shows too little of the gel beside the punch, or neither the face nor a known depth."""
     beside = ~blocks.face
-    if beside.sum() < FEWEST_BLOCKS:
+    if beside.sum() < MIN_BLOCKS:
         return None
     step_std, bowl_std_per_mm = max(step_std, 1e-6), max(bowl_std_per_mm, 1e-7)
     if not blocks.face.any():

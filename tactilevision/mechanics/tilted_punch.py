@@ -5,7 +5,7 @@
 The gel may press on the face but not pull (Signorini): over squares of the face, pressure p >= 0 and
 A p >= w - theta x with equality where p > 0, A the half-space under squares (Love) plus what the bonded layer
 adds. f is 0 for x <= -1 and x from 2 on, where the whole face lies on. The thinner the gel, the later it stiffens.
-`solve` does it for one a/h; `upright` reads the table askew.csv that `make_table` wrote with it: a/h 0 (the
+`solve` does it for one a/h; `upright` reads the table tilted_punch.csv that `make_table` wrote with it: a/h 0 (the
 half-space) to 2, nu = .48, 65 squares across (33 differ by at most .002, 129 by .0013). Force only; the table
 hardly knows nu.
 Sources: Love, Phil. Trans. R. Soc. A 228 (1929) 377; Polonsky, Keer, Wear 231 (1999) 206 (the iteration).
@@ -28,10 +28,10 @@ from tactilevision.records import Bools, Floats
 if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline
 
-TABLE = Path(__file__).with_name("askew.csv")
+TABLE = Path(__file__).with_name("tilted_punch.csv")
 RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
 PLACES = np.linspace(-1, 2, 31)
-SQUARES, NU, TURNS, SETTLED = 65, 0.48, 4000, 1e-9
+SQUARES, NU, TURNS, CONVERGENCE_TOL = 65, 0.48, 4000, 1e-9
 
 
 def upright(x: Floats, a_over_h: float) -> Floats:
@@ -53,11 +53,11 @@ def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
 
 
 def make_table(path: Path = TABLE) -> None:
-    """Solve anew and write askew.csv."""
+    """Solve anew and write tilted_punch.csv."""
     rows = [f"{ratio:g},{x:.3f},{f:.5f}" for ratio in RATIOS
             for x, f in zip(PLACES, solve(PLACES, ratio), strict=True)]  # fmt: skip
     head = (
-        "# A flat punch askew by theta: upright depth over a theta; made by mechanics.askew.make_table,\n"
+        "# A flat punch askew by theta: upright depth over a theta; made by mechanics.tilted_punch.make_table,\n"
         f"# {SQUARES} squares across the face, nu = {NU}, 2026-11-21. a_over_h 0 is the half-space.\n"
     )
     write_text(path, head + "a_over_h,x,upright\n" + "\n".join(rows) + "\n")
@@ -122,6 +122,6 @@ def _pressed(wave: npt.NDArray[np.complex128], face: Bools, gap: Floats) -> floa
         joins = face & (p == 0) & (rest < 0)
         p = np.where(joins, p - step * rest, p)
         go_on = 0.0 if joins.any() else 1.0
-        if np.sum(np.abs(p - old)) < SETTLED * max(float(p.sum()), 1e-30):
+        if np.sum(np.abs(p - old)) < CONVERGENCE_TOL * max(float(p.sum()), 1e-30):
             break
     return float(p.sum())

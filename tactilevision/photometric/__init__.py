@@ -8,7 +8,7 @@ from __future__ import annotations
 from tactilevision.photometric.ball.cross_validation import Fitter
 from tactilevision.photometric.calibrate import BallPicture, Calibration, calibrate_from_balls
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
-from tactilevision.photometric.methods.inverse_shading import EitherWay
+from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.lookup import fit_lookup
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.reference import Reference, make_reference
@@ -17,7 +17,7 @@ from tactilevision.photometric.training.network_training import NetworkFitter
 
 PHOTOMETRIC: dict[str, Fitter] = {
     "polynomial": fit_polynomial,
-    "either": EitherWay(),
+    "either": AutoMethod(),
     "lookup": fit_lookup,
     "network": NetworkFitter(),
 }

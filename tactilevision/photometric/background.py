@@ -34,7 +34,7 @@ LOUD = 0.1  # slope noise at which a pixel tells no more than expecting a flat g
 
 
 @dataclass(frozen=True, slots=True)
-class Quiet:
+class SlopeBackground:
     """`bias_x`, `bias_y`, `noise` (h, w) float32 in blocks of BLOCK pixels: slopes found where there are none."""
 
     bias_x: Picture
@@ -50,7 +50,7 @@ class Quiet:
         return maps[0], maps[1], maps[2]
 
 
-class QuietSums:
+class BackgroundSums:
     """Gathers untouched slopes, picture by picture, block by block."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -65,7 +65,7 @@ class QuietSums:
         self.sum_y += self._blocks(slope_y * here)
         self.squares += self._blocks((slope_x**2 + slope_y**2) * here)
 
-    def result(self, expected: Picture) -> Quiet:
+    def result(self, expected: Picture) -> SlopeBackground:
         """Bias and noise; where the gel was never untouched, no bias and the `expected` noise (H, W)."""
         seen = self.count > 0.5
         count = np.where(seen, self.count, 1.0)
@@ -74,9 +74,9 @@ class QuietSums:
         real = np.maximum(0.0, 1.0 - GENTLE / np.maximum(size, 1e-9))
         variance = 0.5 * np.maximum(self.squares / count - bias_x**2 - bias_y**2, 0.0)
         noise = np.where(seen, np.sqrt(variance), self._blocks(expected))
-        return Quiet(_single(real * bias_x), _single(real * bias_y), _single(noise))
+        return SlopeBackground(_single(real * bias_x), _single(real * bias_y), _single(noise))
 
-    def added_to(self, quiet: Quiet, calm: Picture) -> Quiet:
+    def added_to(self, quiet: SlopeBackground, calm: Picture) -> SlopeBackground:
         """`quiet` with the mean slopes gathered here, as they came out damped by `calm` (H, W), added to its bias.
 
         Smooth over three blocks, over which a law's bias hardly changes and noise averages out.
@@ -84,7 +84,7 @@ class QuietSums:
         seen = np.where(self.count > 0.5, self.count, np.inf)
         damped = np.maximum(self._blocks(calm), 0.5)
         extra = [cv2.GaussianBlur(total / seen / damped, (0, 0), 1.5) for total in (self.sum_x, self.sum_y)]
-        return Quiet(_single(quiet.bias_x + extra[0]), _single(quiet.bias_y + extra[1]), quiet.noise)
+        return SlopeBackground(_single(quiet.bias_x + extra[0]), _single(quiet.bias_y + extra[1]), quiet.noise)
 
     def noise_over(self, noise: Picture) -> float:
         """Median ratio of the noise gathered here to `noise` (H, W), which often is that of means of pictures."""
@@ -113,7 +113,7 @@ def darkness(levels: Picture) -> Picture:
     return _single(DARK**2 / (DARK**2 + levels**2))
 
 
-def rest_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Picture) -> tuple[Picture, Picture]:
+def noise_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Picture) -> tuple[Picture, Picture]:
     """Mean slopes (H, W) that a law finds in nothing but noise: its even part makes a slope of the noise's square.
 
     `noise` (3, H, W) is the standard deviation of the changes. Drawn in pairs of opposite sign, in which the odd

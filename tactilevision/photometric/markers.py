@@ -21,10 +21,10 @@ import numpy.typing as npt
 
 from tactilevision.records import Bytes, Floats
 
-FEWEST = 12
+MIN_COUNT = 12
 DARK_GREY = 20  # below which a colour says nothing of marks
 SOFTENING_GREY = 20
-LEAST_AREA_PX = 4
+MIN_AREA_PX = 4
 LARGEST = 2.5  # usual areas
 FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
@@ -50,8 +50,8 @@ def find_marks(rgb: Bytes) -> Marks | None:
         return None
     _, _, stats, centres = cv2.connectedComponentsWithStats(spots)
     area, places = stats[1:, cv2.CC_STAT_AREA].astype(float), np.asarray(centres[1:], np.float64)
-    seen = area >= LEAST_AREA_PX
-    if np.count_nonzero(seen) < FEWEST:
+    seen = area >= MIN_AREA_PX
+    if np.count_nonzero(seen) < MIN_COUNT:
         return None
     usual = float(np.median(area[seen]))
     alike = seen & (area > usual / LARGEST) & (area < usual * LARGEST)
@@ -66,7 +66,7 @@ def evenly_spaced(places_px: Floats) -> bool:
     the next below a third (spots strewn at random have a half)."""
     from scipy.spatial import KDTree
 
-    if len(places_px) < FEWEST:
+    if len(places_px) < MIN_COUNT:
         return False
     nearest = np.asarray(KDTree(places_px).query(places_px, 2)[0])[:, 1]
     return bool(np.std(nearest) < np.mean(nearest) / 3)
@@ -77,7 +77,7 @@ def marked(rgb: Bytes, marks: Marks) -> Bytes:
     _, spots = cv2.threshold(_darkness(rgb), marks.level, 1, cv2.THRESH_BINARY)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(spots)
     area = stats[:, cv2.CC_STAT_AREA]
-    kept = ((area >= LEAST_AREA_PX) & (area <= LARGEST * marks.area_px)).astype(np.uint8)
+    kept = ((area >= MIN_AREA_PX) & (area <= LARGEST * marks.area_px)).astype(np.uint8)
     kept[0] = 0
     return np.asarray(cv2.dilate(kept[labels], np.ones((3, 3), np.uint8)))
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.background import rest_bias
+from tactilevision.photometric.background import noise_bias
 from tactilevision.photometric.illumination.block_means import means, usual_pixels
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.illumination.drift import Drift
@@ -53,7 +53,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class TiledSlopes:
     """What one frame says, calm gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and `fine`
     (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
 
@@ -65,7 +65,7 @@ class Look:
     steepest: float
 
 
-def calm_pixels(method: CalibratedMethod) -> int:
+def smooth_pixels(method: CalibratedMethod) -> int:
     """Pixels along each side of the means in which calm gel is read; 1 where it is to be read pixel by pixel."""
     side = min(method.reference.shape)
     if method.reference.marks is not None or side < LEAST:
@@ -73,7 +73,7 @@ def calm_pixels(method: CalibratedMethod) -> int:
     return usual_pixels(method.reference)
 
 
-class CalmReader:
+class TiledEvaluator:
     """Reads frames for one method in means of `px` by `px`; what depends on the method alone is made once."""
 
     def __init__(self, method: CalibratedMethod, px: int) -> None:
@@ -89,7 +89,7 @@ class CalmReader:
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
         self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
         self.calm = self._over(method.calm[None])[0]
-        rest = np.stack(rest_bias(self.evaluate, noise / np.float32(px))) - self._over(np.stack(method.rest))
+        rest = np.stack(noise_bias(self.evaluate, noise / np.float32(px))) - self._over(np.stack(method.rest))
         self.bias = self._over(method.bias) + rest * self.calm
         noise = self._over(method.noise[None])[0]
         self.loud = LOUD * noise
@@ -110,7 +110,7 @@ class CalmReader:
         look = self.look(rgb)
         return Reading(self.whole(look), look.drift, look.steepest)
 
-    def look(self, rgb: Bytes) -> Look:
+    def look(self, rgb: Bytes) -> TiledSlopes:
         """What a frame says; less work than `read`. Raises as the method does."""
         drift, valid = self.method.change.take(rgb)
         self.maps.light(drift.gains)
@@ -121,9 +121,9 @@ class CalmReader:
             slopes, steep = self.method.read_window(window)
             steepest = max(steepest, steep)
             fine.append(slopes)
-        return Look(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
+        return TiledSlopes(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
 
-    def whole(self, look: Look) -> SlopeMap:
+    def whole(self, look: TiledSlopes) -> SlopeMap:
         """The slopes of a look pixel by pixel."""
         down, across = (side.stop for side in self.even)
         slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
-from tactilevision.photometric.background import Quiet
+from tactilevision.photometric.background import SlopeBackground
 from tactilevision.photometric.illumination.light_match import light_of
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
@@ -73,7 +73,7 @@ def load_method(path: Path | str) -> CalibratedMethod:
     red, green, blue = (float(value) for value in held["noise_grey"])
     marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
     reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
-    quiet = Quiet(*held["quiet"]) if "quiet" in held else None
+    quiet = SlopeBackground(*held["quiet"]) if "quiet" in held else None
     law = _law(card, held, target)
     return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
 

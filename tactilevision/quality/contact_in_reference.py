@@ -23,10 +23,10 @@ from tactilevision.records import Bytes, Pair
 if TYPE_CHECKING:
     from tactilevision.reconstruct import Reconstructor
 
-LEAST_FRAMES, MOST_FRAMES = 3, 9
-LEAST_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
+MIN_FRAMES, MAX_FRAMES = 3, 9
+MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
-LEAST_MM = 0.03
+MIN_MM = 0.03
 OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
 BORDER = 2  # blocks
 
@@ -49,14 +49,14 @@ def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple
 def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pair | None:
     """Where (x, y in px) the reference of `reader` shows a contact, by rectified `pictures` (H, W, 3) of its run.
 
-    None where it shows none, and where fewer than LEAST_FRAMES can be read; MOST_FRAMES, spread evenly, are read.
+    None where it shows none, and where fewer than MIN_FRAMES can be read; MAX_FRAMES, spread evenly, are read.
     A contact that most frames press again, deeper, cannot be seen.
     """
     method = reader.method
     if not isinstance(method, CalibratedMethod) or reader.error is None:
         return None
     tracker, maps = method.change.tracker, []
-    for k in np.unique(np.linspace(0, len(pictures) - 1, min(MOST_FRAMES, len(pictures))).astype(int)):
+    for k in np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int)):
         with suppress(InputError):
             found = reader.rectified_map(pictures[k])
             if found.std_mm is not None:
@@ -64,11 +64,11 @@ def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pa
                               for a in (found.depth_mm, found.std_mm))  # fmt: skip
                 strange = ~tracker.measure(pictures[k]).untouched
                 maps.append((depth, std, strange & tracker.usable.reshape(strange.shape)))
-    if len(maps) < LEAST_FRAMES:
+    if len(maps) < MIN_FRAMES:
         return None
     depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
     often = np.mean([strange for _, _, strange in maps], axis=0) > 0.5
-    least = max(LEAST_MM, CLEAR * float(np.median(std)))
+    least = max(MIN_MM, CLEAR * float(np.median(std)))
     block = method.reference.shape[1] / tracker.size[0]
     count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))
     for number in range(1, count):
@@ -76,6 +76,6 @@ def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pa
         top = np.unravel_index(np.argmin(np.where(patch, depth, np.inf)), depth.shape)
         high, dent = -float(depth[top]), float(depth[patch].max())
         inside = all(BORDER <= at < size - BORDER for at, size in zip(top, depth.shape, strict=True))
-        if inside and patch.sum() >= LEAST_BLOCKS and high > max(least, OVER_DENT * dent):
+        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, OVER_DENT * dent):
             return block * (float(top[1]) + 0.5), block * (float(top[0]) + 0.5)
     return None

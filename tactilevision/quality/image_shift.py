@@ -29,9 +29,9 @@ BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
 REACH_PX = 16
 CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
 ABOVE = 1.5  # times the correlation of a picture that has not moved
-LEAST_PX = 1.5  # gel that is pressed sideways moves by as much
+MIN_PX = 1.5  # gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5
-MOST_FRAMES = 8
+MAX_FRAMES = 8
 
 Single = npt.NDArray[np.float32]
 
@@ -39,9 +39,9 @@ Single = npt.NDArray[np.float32]
 def moved_by(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
     """By how many pixels (right, down) most of the `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
 
-    None where they do not, or where it cannot be seen. At most MOST_FRAMES of them are looked at, spread evenly.
+    None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
     """
-    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MOST_FRAMES, len(pictures))).astype(int))
+    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int))
     spectrum = _spectrum(reference)
     found = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
     if not found:
@@ -64,7 +64,7 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
     peak, still = near[y + 1, x + 1], near[reach + 1, reach + 1]
     at: Floats = np.array([x + _top(near[y + 1, x : x + 3]), y + _top(near[y : y + 3, x + 1])]) - reach
-    if peak < max(CLEAR, ABOVE * still) or np.hypot(*at) < LEAST_PX:
+    if peak < max(CLEAR, ABOVE * still) or np.hypot(*at) < MIN_PX:
         return None
     return at
 

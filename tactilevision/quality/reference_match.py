@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 MUCH = 3.0  # times the usual misfit, or
 WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
-LEAST_MISFIT, LEAST_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
+MIN_MISFIT, MIN_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
 UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
 LOOKED_AT = 5  # frames of a recording
 
 
-class Likeness:
+class ReferenceMatch:
     """Flags the pictures of one method that are unlike its reference.
 
     `elsewhere`: the method was made in another light than its reference. `moved` (right, down) by so many pixels;
@@ -53,7 +53,7 @@ class Likeness:
     def __init__(self, method: CalibratedMethod, *, usual: Mapping[str, float] | None = None) -> None:
         self.method = method
         told: Mapping[str, float] = method.card.get("usual", UNTOLD) if usual is None else usual
-        self.usual = max(LEAST_MISFIT, float(told["misfit"])), max(LEAST_STD_MM, float(told["zero_std_mm"]))
+        self.usual = max(MIN_MISFIT, float(told["misfit"])), max(MIN_STD_MM, float(told["zero_std_mm"]))
         self.elsewhere = False
         self.moved: Pair | None = None
         self.touched: Pair | None = method.card.get("contact_in_reference_px")
@@ -90,7 +90,7 @@ class Likeness:
         return (*lasting, LIGHT) if strange else tuple(lasting)
 
 
-def usual_of(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:
+def baseline(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:
     """The median misfit, and deviation of the zero plane in mm, of rectified `pictures`, presses among them.
 
     Those that cannot be read do not count.

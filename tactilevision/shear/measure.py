@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.markers import FEWEST, evenly_spaced
+from tactilevision.photometric.markers import MIN_COUNT, evenly_spaced
 from tactilevision.records import Bytes, Floats, Pair, ShearMap
 from tactilevision.shear.markers import (
     MarkerMotion,
@@ -19,7 +19,7 @@ from tactilevision.shear.markers import (
     hull,
     spread_motion,
 )
-from tactilevision.shear.texture import LEAST_KNOWN, Texture, follow_texture, read_texture
+from tactilevision.shear.texture import MIN_KNOWN, Texture, follow_texture, read_texture
 
 STEP_PX = 4
 LOST = "markers lost"
@@ -79,13 +79,13 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
         raise InputError("a frame is (H, W, 3)", where="read_untouched", value=reference.shape)
     shape = (reference.shape[0], reference.shape[1])
     places = find_markers(reference) if markers is not False else np.zeros((0, 2))
-    if markers and len(places) < FEWEST:
+    if markers and len(places) < MIN_COUNT:
         raise InputError("too few markers in the reference frame to follow the gel", where="read_untouched",
                          value=len(places), remedy="Say markers=False to follow the ink's texture.")  # fmt: skip
     if markers or (markers is None and evenly_spaced(places)):
         return Untouched(shape, mm_per_px, markers=places)
     texture = read_texture(reference)
-    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= LEAST_KNOWN else None)
+    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= MIN_KNOWN else None)
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
@@ -103,7 +103,7 @@ def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
     shape = (frame.shape[0], frame.shape[1])
     found = int(motion.found.sum())
     flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
-    if found < FEWEST:
+    if found < MIN_COUNT:
         return _nothing(shape, mm_per_px, flags)
     dense, std_px = spread_motion(motion, shape, STEP_PX)
     spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))

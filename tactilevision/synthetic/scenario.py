@@ -12,7 +12,7 @@ from tactilevision.synthetic.rig import ForceSensor, GelLaw
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class Scenario:
     """Everything that happens in a recording before anybody looks: presses, clocks, the force sensor."""
 
     options: SimulationOptions
@@ -23,7 +23,7 @@ class Story:
     sensor: ForceSensor
 
 
-def tell(options: SimulationOptions, seed: int) -> Story:
+def draw_scenario(options: SimulationOptions, seed: int) -> Scenario:
     """Draw everything but the pictures' and the forces' noise."""
     rng = stream(seed, 0)
     law = gel_law(options)
@@ -37,7 +37,7 @@ def tell(options: SimulationOptions, seed: int) -> Story:
         drift_N_s=(float(drift[0]), float(drift[1]), float(drift[2])),
         range_N=round(1.4 * largest + 0.5, 1),
     )
-    return Story(options, seed, law, presses, drawn if offset is None else offset, sensor)
+    return Scenario(options, seed, law, presses, drawn if offset is None else offset, sensor)
 
 
 def stream(seed: int, number: int) -> np.random.Generator:

@@ -17,7 +17,7 @@ from tactilevision.synthetic.gel import Singles
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class SlopeResponse:
     """`gain` and `drift` as shares of every slope; `steepest` S; `end_s` T on the camera's clock."""
 
     gain: float = 0.0
@@ -38,4 +38,4 @@ class Sight:
         return p * share, q * share
 
 
-SOUND = Sight()
+SOUND = SlopeResponse()

@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from tactilevision.integration.circular_edges import window_of
 from tactilevision.integration.poisson import integrate
-from tactilevision.integration.steep_edges import Wall
+from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
@@ -40,7 +40,7 @@ from tactilevision.uncertainty.illumination import DriftError
 Picture = npt.NDArray[np.float32]
 DRAWS = 6
 STEEP = 0.95  # of the steepest slope that was calibrated
-LEAST_STEEP = 12  # pixels; fewer are noise
+MIN_STEEP = 12  # pixels; fewer are noise
 GRID_MM = 0.18  # on which it is worked out, about; it is smooth but for walls, where a pixel does not matter
 COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
 ROOM = 16  # px: grid on which the depth of untouched gel is kept
@@ -72,7 +72,7 @@ class DepthError:
         zero: ZeroPlane,
         *,
         slopes: SlopeMap | None = None,
-        walls: Sequence[Wall] = (),
+        walls: Sequence[PunchEdge] = (),
         drift: Drift | None = None,
     ) -> Picture:
         """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
@@ -120,7 +120,7 @@ class DepthError:
         """What may be missing of the depth behind walls steeper than the calibration knows; a wall is long."""
         p, q = slopes.dz_dx[:: self.every, :: self.every], slopes.dz_dy[:: self.every, :: self.every]
         steep = self.every**2 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
-        if steep < LEAST_STEEP:
+        if steep < MIN_STEEP:
             return 0.0
         area = max(float(self.every**2) * np.count_nonzero(few > 0.5 * few.max()), 1.0)
         width_px = steep / np.sqrt(4.0 * np.pi * area)

@@ -31,7 +31,7 @@ RIM = 1.15  # contact radii: beyond it the gel is free
 MOST = 8  # balls; more tell no more
 
 
-def spread_beside(
+def leakage_std(
     maps: Sequence[Reader],
     pictures: Sequence[BallPicture],
     *,

@@ -194,8 +194,8 @@ def test_the_skin_weight_runs_from_nothing_to_all() -> None:
     assert weight(np.array([1e6]))[0] == pytest.approx(1, abs=1e-5)
     x = 0.3  # by hand at nu = .3: eq. 28 with its logarithm
     log = (1 - 0.6) * x * np.log((1 + x**2) / x**2)
-    by_hand = 2 / np.pi * np.arctan(x) + (log - x / (1 + x**2)) / (2 * np.pi * 0.7)
-    assert weight(np.array([x]), 0.3)[0] == pytest.approx(by_hand)
+    manual_checks = 2 / np.pi * np.arctan(x) + (log - x / (1 + x**2)) / (2 * np.pi * 0.7)
+    assert weight(np.array([x]), 0.3)[0] == pytest.approx(manual_checks)
 
 
 @pytest.mark.parametrize("key", ["viscoelasticity", "recovery"])

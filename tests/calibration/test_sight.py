@@ -9,7 +9,7 @@ import pytest
 from made_presses import indenter, observations
 from test_effects import RICH
 
-from calibration.diagnosis.vision_depth_check import Sighted, fit_sight, sight_of, sighted
+from calibration.diagnosis.vision_depth_check import Sighted, fit_vision_depth, sight_of, sighted
 from calibration.effects.photometric_drift import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
@@ -92,7 +92,7 @@ def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it
 
 
 def test_without_a_picture_there_is_nothing_to_compare() -> None:
-    assert fit_sight(RICH) is None
+    assert fit_vision_depth(RICH) is None
     few = replace(RICH, reconstructed_mm=np.where(np.arange(RICH.size) < 3, RICH.depth_mm, np.nan))
     assert sight_of(few) is None
 

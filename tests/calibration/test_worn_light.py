@@ -17,10 +17,10 @@ from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
-from tactilevision.synthetic.slope_response import SOUND, Sight
+from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 
-def options(sight: Sight) -> SimulationOptions:
+def options(sight: SlopeResponse) -> SimulationOptions:
     """Twelve presses of four depths before a small camera."""
     return SimulationOptions(
         gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, friction=0.25, prior=0.48, prior_std=0.005),
@@ -36,15 +36,15 @@ def options(sight: Sight) -> SimulationOptions:
     ("key", "sight", "amount"),
     [
         ("", SOUND, 0.0),
-        ("photometric_gain", Sight(gain=-0.2), -0.2),
-        ("photometric_drift", Sight(drift=-0.2), -0.2),
-        ("slope_saturation", Sight(steepest=0.5), 1 / 0.5),
-        ("slope_saturation", Sight(steepest=0.3), 1 / 0.3),
+        ("photometric_gain", SlopeResponse(gain=-0.2), -0.2),
+        ("photometric_drift", SlopeResponse(drift=-0.2), -0.2),
+        ("slope_saturation", SlopeResponse(steepest=0.5), 1 / 0.5),
+        ("slope_saturation", SlopeResponse(steepest=0.3), 1 / 0.3),
     ],
     ids=["sound", "gain", "drift", "ceiling", "low ceiling"],
 )
 def test_what_the_light_lost_is_named_from_whole_frames(
-    key: str, sight: Sight, amount: float, tmp_path: Path
+    key: str, sight: SlopeResponse, amount: float, tmp_path: Path
 ) -> None:
     recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(sight)))
     points = certify(recording, build_reconstructor(recording)).points

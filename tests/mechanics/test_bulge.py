@@ -10,7 +10,7 @@ from made_surfaces import PX_MM, RADIUS_MM, SHAPE, THICKNESS_MM, noise, surface,
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.correlated import NoiseModel, estimate_noise
-from tactilevision.mechanics.poisson_from_surface import BulgeSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Floats
@@ -143,4 +143,4 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="alike"):
         fit_poisson_ratio([replace(flat, valid=np.ones((3, 3), bool))], thickness_mm=3.0)
     with pytest.raises(InputError, match="blur"):
-        fit_poisson_ratio([flat], thickness_mm=3.0, settings=BulgeSettings(blur_mm=0.3))
+        fit_poisson_ratio([flat], thickness_mm=3.0, settings=SurfaceFitSettings(blur_mm=0.3))

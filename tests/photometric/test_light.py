@@ -17,7 +17,7 @@ from tactilevision.photometric.illumination.light_match import change_of_light, 
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.reference import Reference
-from tactilevision.quality.reference_match import Likeness
+from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes
@@ -45,7 +45,7 @@ def test_noise_of_single_pixels_hides_no_other_light() -> None:
     method = CalibratedMethod(
         Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card={"held_out_gain_std": 0.05}
     )
-    likeness = Likeness(method)
+    likeness = ReferenceMatch(method)
     assert "another light" in likeness.made_in(light_of(reference(OWN)))[0]
     assert likeness.elsewhere
     assert likeness.made_in(light_of(reference(TURNED))) == ()

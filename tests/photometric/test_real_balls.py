@@ -26,7 +26,7 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.samples import inside_ball
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.methods.inverse_shading import EitherWay
+from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame
@@ -79,7 +79,7 @@ def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, lea
 @pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
 def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
     flat, shots = gelslim(folder)
-    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=EitherWay())
+    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=AutoMethod())
     direct = calibrated(folder, True)
     assert chosen.slope_error < 1.01 * direct.slope_error, "that is what balls choose by"
     assert chosen.direction_error_deg < direct.direction_error_deg + 0.25

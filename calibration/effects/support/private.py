@@ -15,7 +15,7 @@ from calibration.model.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files import write_text
 
-TEMPLATE = Path(__file__).with_name("effects") / "template.txt"
+TEMPLATE = Path(__file__).parents[1] / "template.txt"
 
 
 def load_effect(path: Path | str) -> Effect:

@@ -28,7 +28,7 @@ LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # neo-Hooke, frictionless
 RUBBING = 0.10
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
 STRAINS = 20  # depths at which the bend is taken
-LEAST_STRAIN = 1e-3  # over less there is no bend to speak of
+MIN_STRAIN = 1e-3  # over less there is no bend to speak of
 
 
 def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
@@ -75,7 +75,7 @@ def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepes
     table = shipped_table()
     nu, ratio, depth = table.axes.poisson_ratios, table.axes.a_over_h, table.axes.depths
     place = (float(np.clip(poisson_ratio, nu[0], nu[-1])), float(np.clip(a_over_h, ratio[0], ratio[-1])))
-    strain = np.linspace(1 / STRAINS, 1, STRAINS) * np.clip(deepest, LEAST_STRAIN, float(depth[-1]))
+    strain = np.linspace(1 / STRAINS, 1, STRAINS) * np.clip(deepest, MIN_STRAIN, float(depth[-1]))
     bends = [bend for block in table.blocks
              for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)]  # fmt: skip
     stated = table.card["errors"]
@@ -97,7 +97,7 @@ def _bend(
         secant, known = force_ratio(strain, contact, Material(1.0, place[0]), table=table)
     except InputError:
         return ()
-    if np.count_nonzero(known) < 4 or np.ptp(strain[known]) < LEAST_STRAIN:
+    if np.count_nonzero(known) < 4 or np.ptp(strain[known]) < MIN_STRAIN:
         return ()
     eps, weight = strain[known], strain[known]
     start, _, bend = np.polynomial.polynomial.polyfit(eps, secant[known], 2, w=weight)

@@ -9,23 +9,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactilevision.certificate.depth.depth_scale import Gauge
-from tactilevision.certificate.rejection import Look
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.certificate.rejection import PressEvidence
 from tactilevision.records import CertifiedPoint, Curve
 
 _SMOOTH = 5
 
 
-def press_curve(look: Look, point: CertifiedPoint, gauge: Gauge | None) -> Curve | None:
+def press_curve(look: PressEvidence, point: CertifiedPoint, gauge: DepthScale | None) -> Curve | None:
     """Curve of one press; None without a force. Rows are the frames."""
     if look.force is None:
         return None
-    watch, window = look.watch, look.force
-    time = watch.time_s + look.offset_s
+    track, window = look.track, look.force
+    time = track.time_s + look.offset_s
     covered = (time >= window.time_s[0]) & (time <= window.time_s[-1])
     if covered.sum() < 2:
         return None
-    depth = watch.depth_mm * (gauge.scale(watch.depth_mm) if gauge is not None else 1.0)
+    depth = track.depth_mm * (gauge.scale(track.depth_mm) if gauge is not None else 1.0)
     if look.touch is not None and point.accepted and look.touch.depth_seen_mm > 0:
         seen = look.touch.depth_seen_mm
         read = seen * (float(gauge.scale(seen)) if gauge is not None else 1.0)
@@ -39,4 +39,4 @@ def press_curve(look: Look, point: CertifiedPoint, gauge: Gauge | None) -> Curve
     if window.phases is not None:
         names = window.phases.names(window.time_s.size)
         phase = names[np.clip(np.searchsorted(window.time_s, time[covered]), 0, names.size - 1)]
-    return Curve(point.press, watch.time_s[covered], depth[covered], force, phase)
+    return Curve(point.press, track.time_s[covered], depth[covered], force, phase)

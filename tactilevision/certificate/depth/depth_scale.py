@@ -15,13 +15,13 @@ import numpy as np
 from tactilevision.records import Floats, Pair
 
 GENTLE_MM = 0.4  # up to which walls leave the depth of a face alone
-FEWEST = 3
+MIN_COUNT = 3
 APART = 0.06  # of 1: on five lights medians over gentle faces lie within .02 of it, single faces within .08
 SURE = 3.0  # deviations of the median
 
 
 @dataclass(frozen=True, slots=True)
-class Gauge:
+class DepthScale:
     """True over seen depth, a polynomial in the seen depth (lowest power first), held beyond `limits_mm`;
     scatter.
     """
@@ -35,7 +35,7 @@ class Gauge:
         return np.asarray(np.polynomial.polynomial.polyval(held, self.coefficients), dtype=np.float64)
 
 
-def find_gauge(pairs: Sequence[Pair]) -> Gauge | None:
+def find_depth_scale(pairs: Sequence[Pair]) -> DepthScale | None:
     """Gauge through (seen, true) depths at the events: constant, linear or square as the depths are spread."""
     usable = np.array([p for p in pairs if p[0] > 0 and p[1] > 0]).reshape(-1, 2)
     if not len(usable):
@@ -45,18 +45,18 @@ def find_gauge(pairs: Sequence[Pair]) -> Gauge | None:
     degree = int(np.clip(min(spread, len(usable) // 2) - 1, 0, 2))
     coefficients = np.polynomial.polynomial.polyfit(seen, scale, degree)
     residual = scale - np.polynomial.polynomial.polyval(seen, coefficients)
-    return Gauge(
+    return DepthScale(
         tuple(float(c) for c in coefficients), (float(seen.min()), float(seen.max())), float(residual.std())
     )
 
 
-def doubt_of_scale(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
+def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     """A sentence where gentle faces (seen, certified) contradict the picture's scale; "" where they do not.
 
     `radii_mm` of the balls that made it; none for a method that came ready.
     """
     ratios = np.array([seen / true for seen, true in pairs if 0 < true <= GENTLE_MM and seen > 0])
-    if len(ratios) < FEWEST:
+    if len(ratios) < MIN_COUNT:
         return ""
     off = float(np.median(ratios))
     scatter = 1.4826 * float(np.median(np.abs(ratios - off))) / np.sqrt(len(ratios))

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactilevision.certificate.certificate import Touch
-from tactilevision.certificate.touch.press_track import GRID_MM, Watch
+from tactilevision.certificate.certificate import ContactEvent
+from tactilevision.certificate.touch.press_track import GRID_MM, PressTrack
 from tactilevision.contact.bevel import SIDES
 from tactilevision.records import Floats
 
@@ -22,18 +22,18 @@ NEAREST_MM, NEAREST_PX = 0.4, 4.0  # beside the edge: nearer is the wall, its in
 NEAREST, FARTHEST = 0.16, 0.5  # beside the edge, of the radius
 BEFORE_BEVEL_MM = 0.5
 NEAR, FREE = 0.15, 0.05  # of the touch's depth
-FEWEST_TURNS = 2.0  # the outer edge over the inner one: fewer leave no rings to part
+MIN_TURNS = 2.0  # the outer edge over the inner one: fewer leave no rings to part
 
 
-def falls_beside(watch: Watch, touch: Touch, *, bevel_distance_mm: float | None) -> dict[str, float]:
+def edge_profile(track: PressTrack, touch: ContactEvent, *, bevel_distance_mm: float | None) -> dict[str, float]:
     """Columns fall_AZIMUTH_FROM_TO_mm, azimuth in degrees (0 right, 90 down), places beside the edge in mm."""
-    edges, levels = ring_edges(watch), _levels(watch, touch)
+    edges, levels = ring_edges(track), _levels(track, touch)
     if edges is None or levels is None:
         return {}
-    radius = watch.indenter.radius_mm
-    at_edges = [np.interp(radius + edges, watch.r_mm, level) for level in levels]
+    radius = track.indenter.radius_mm
+    at_edges = [np.interp(radius + edges, track.r_mm, level) for level in levels]
     found = {}
-    for azimuth, towards, level in zip(_azimuths(watch.side), (True, False, False, False), at_edges, strict=True):
+    for azimuth, towards, level in zip(_azimuths(track.side), (True, False, False, False), at_edges, strict=True):
         for k in range(RINGS):
             fall, reach = level[k] - level[k + 1], radius + edges[k + 1] + BEFORE_BEVEL_MM
             if np.isfinite(fall) and not (towards and bevel_distance_mm is not None and reach > bevel_distance_mm):
@@ -41,26 +41,26 @@ def falls_beside(watch: Watch, touch: Touch, *, bevel_distance_mm: float | None)
     return found
 
 
-def ring_edges(watch: Watch) -> Floats | None:
+def ring_edges(track: PressTrack) -> Floats | None:
     """Where rings begin and end beside the face (RINGS + 1,), mm; None where the face is too small to have any."""
-    radius = watch.indenter.radius_mm
-    pixel = max(*watch.face_map.mm_per_px, GRID_MM)
+    radius = track.indenter.radius_mm
+    pixel = max(*track.face_map.mm_per_px, GRID_MM)
     first, last = max(NEAREST_MM, NEAREST_PX * pixel, NEAREST * radius), FARTHEST * radius
-    if last < FEWEST_TURNS * first or watch.r_mm.size < 2 or watch.r_mm[-1] < radius + last:
+    if last < MIN_TURNS * first or track.r_mm.size < 2 or track.r_mm[-1] < radius + last:
         return None
     return np.asarray(np.geomspace(first, last, RINGS + 1))
 
 
-def _levels(watch: Watch, touch: Touch) -> Floats | None:
+def _levels(track: PressTrack, touch: ContactEvent) -> Floats | None:
     """Depth (4, R) at the touch less the free gel's; None where no frame is near it."""
-    seen, depth = touch.depth_seen_mm, watch.depth_mm
-    top = watch.time_s[watch.deepest]
-    near = (np.abs(depth / seen - 1) < NEAR) & (watch.time_s <= top) if seen > 0 else np.zeros(depth.size, bool)
+    seen, depth = touch.depth_seen_mm, track.depth_mm
+    top = track.time_s[track.deepest]
+    near = (np.abs(depth / seen - 1) < NEAR) & (track.time_s <= top) if seen > 0 else np.zeros(depth.size, bool)
     if not near.any():
         return None
-    free = (np.abs(depth) < FREE * seen) & (watch.time_s < touch.time_s)
-    rest = watch.rings[free].mean(axis=0) if free.any() else 0.0
-    carried = (watch.rings[near] - rest) * (seen / depth[near])[:, None, None]
+    free = (np.abs(depth) < FREE * seen) & (track.time_s < touch.time_s)
+    rest = track.rings[free].mean(axis=0) if free.any() else 0.0
+    carried = (track.rings[near] - rest) * (seen / depth[near])[:, None, None]
     return np.asarray(carried.mean(axis=0))
 
 

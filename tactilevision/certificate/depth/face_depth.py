@@ -16,14 +16,14 @@ from typing import Protocol
 
 import numpy as np
 
-from tactilevision.certificate.depth.depth_scale import Gauge, doubt_of_scale, find_gauge
+from tactilevision.certificate.depth.depth_scale import DepthScale, find_depth_scale, scale_warning
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import TactilevisionError
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
 
 POINTS = "points.csv"
-FEWEST = 3  # certified faces that make a gauge
+MIN_COUNT = 3  # certified faces that make a gauge
 
 
 class _Maps(Protocol):
@@ -40,13 +40,13 @@ class Certified:
 
 
 @dataclass(frozen=True, slots=True)
-class FaceAnchor:
+class FaceDepthCorrection:
     """`gauge` of the faces in `spans` (first and last time of a press, its indenter); without them, nothing.
 
     `doubt` is a sentence where they contradict the picture's scale.
     """
 
-    gauge: Gauge | None = None
+    gauge: DepthScale | None = None
     spans: tuple[tuple[float, float, Indenter], ...] = ()
     doubt: str = ""
 
@@ -62,7 +62,7 @@ class FaceAnchor:
         return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
 
 
-UNHELD = FaceAnchor()  # nothing is certified: every map is the picture's own
+UNHELD = FaceDepthCorrection()  # nothing is certified: every map is the picture's own
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
@@ -83,7 +83,9 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
     return tuple(found)
 
 
-def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified]) -> FaceAnchor:
+def face_depth_correction(
+    recording: Recording, maps: _Maps, certified: Sequence[Certified]
+) -> FaceDepthCorrection:
     """The anchor of a recording's own certified presses; UNHELD where fewer than FEWEST of them show a face.
 
     Presses of another recording, told by label and time, are passed over.
@@ -99,11 +101,11 @@ def face_anchor(recording: Recording, maps: _Maps, certified: Sequence[Certified
         if seen > 0:
             pairs.append((seen, one.depth_mm))
             spans.append((press.start_s, press.end_s, indenter))
-    gauge = find_gauge(pairs) if len(pairs) >= FEWEST else None
+    gauge = find_depth_scale(pairs) if len(pairs) >= MIN_COUNT else None
     if gauge is None:
         return UNHELD
-    return FaceAnchor(
-        gauge, tuple(spans), doubt_of_scale(pairs, [ball.ball_radius_mm for ball in recording.balls])
+    return FaceDepthCorrection(
+        gauge, tuple(spans), scale_warning(pairs, [ball.ball_radius_mm for ball in recording.balls])
     )
 
 

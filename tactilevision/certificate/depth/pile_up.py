@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import EDGE_MM
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.mechanics.touch import touch_depth
@@ -33,7 +33,7 @@ _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for
 
 
 @dataclass(frozen=True, slots=True)
-class Rise:
+class PileUp:
     """rho at the bevel's edge and its std, and what it rests on: seen and computed (ratio, std), None if not
     known.
     """
@@ -51,23 +51,23 @@ class Rise:
         return abs(self.seen[0] - self.computed[0]) / float(np.hypot(self.seen[1], self.computed[1]))
 
 
-def unknown_rise() -> Rise:
+def unknown_pile_up() -> PileUp:
     """Nothing is known of the bevel's place: w = H, and how far that may be off."""
-    return Rise(0.0, (_UNKNOWN[1] - _UNKNOWN[0]) / float(np.sqrt(3)))
+    return PileUp(0.0, (_UNKNOWN[1] - _UNKNOWN[0]) / float(np.sqrt(3)))
 
 
-def press_rise(
-    watch: Watch, depth_mm: Floats, before: Bools, *, distance_mm: float
+def press_pile_up(
+    track: PressTrack, depth_mm: Floats, before: Bools, *, distance_mm: float
 ) -> tuple[Floats, Floats] | None:
     """rho (4,) of the quarters of the ring and its std, from one press; `depth_mm` (N,), `before` the touch
     (N,).
     """
-    ring = np.abs(watch.r_mm - distance_mm) <= _HALF_RING_MM
+    ring = np.abs(track.r_mm - distance_mm) <= _HALF_RING_MM
     use = before & np.isfinite(depth_mm)
     if use.sum() < 4 or not ring.any() or np.ptp(depth_mm[use]) <= 0:
         return None
     depth = depth_mm[use]
-    level = watch.rings[use][:, :, ring].mean(axis=2)
+    level = track.rings[use][:, :, ring].mean(axis=2)
     unseen = ~np.isfinite(level).all(axis=0)
     level = np.where(np.isfinite(level), level, 0.0)
     design = np.c_[np.ones_like(depth), depth]
@@ -76,13 +76,13 @@ def press_rise(
     return np.where(unseen, np.nan, -answer[1]), np.where(unseen, np.nan, spread)
 
 
-def map_error(watch: Watch, depth_mm: Floats, *, distance_mm: float) -> float:
+def map_error(track: PressTrack, depth_mm: Floats, *, distance_mm: float) -> float:
     """What the deepest height map may be off by all round the ring, over the depth `depth_mm` (N,) there; NaN
     where the map does not say.
 
     A colour law that misreads gentle slopes does so all round and in every press: no scatter shows it.
     """
-    height, face, deepest = watch.face_map, watch.footprint, float(depth_mm[watch.deepest])
+    height, face, deepest = track.face_map, track.footprint, float(depth_mm[track.deepest])
     if height.std_mm is None or face is None or not deepest > 0:
         return float("nan")
     rows, columns = height.depth_mm.shape
@@ -133,7 +133,7 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     return touch.rise_over_depth, touch.rise_over_depth_std
 
 
-def blur_place(rise: Rise, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> Rise:
+def blur_place(rise: PileUp, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp:
     """The rise with what it may be off by where the bevel's place was found, to about its window."""
     near, far = (computed_ratio(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
     if near is None or far is None:
@@ -141,19 +141,24 @@ def blur_place(rise: Rise, gel: Gel | None, indenter: Indenter, *, distance_mm: 
     return replace(rise, std=float(np.hypot(rise.std, 0.5 * (near[0] - far[0]))))
 
 
-def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> Rise:
+def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> PileUp:
     """By inverse variance; where they contradict each other the std grows until they do not."""
     if seen is None or computed is None:
         known = seen or computed
-        return unknown_rise() if known is None else Rise(known[0], known[1], seen, computed)
+        return unknown_pile_up() if known is None else PileUp(known[0], known[1], seen, computed)
     weights = np.array([1 / seen[1] ** 2, 1 / computed[1] ** 2])
     value = float(np.average([seen[0], computed[0]], weights=weights))
     apart = abs(seen[0] - computed[0]) / float(np.hypot(seen[1], computed[1]))
-    return Rise(value, float(max(apart, 1.0) / np.sqrt(weights.sum())), seen, computed)
+    return PileUp(value, float(max(apart, 1.0) / np.sqrt(weights.sum())), seen, computed)
 
 
 def depth_std(
-    depth_mm: float, rise: Rise, *, height_std_mm: float, ruler_std: float | None = None, lean_std_mm: float = 0.0
+    depth_mm: float,
+    rise: PileUp,
+    *,
+    height_std_mm: float,
+    ruler_std: float | None = None,
+    lean_std_mm: float = 0.0,
 ) -> float:
     """Of a certified depth: by the machined height, the rise and the face's lean; on a ruler, its scale (relative)
     in the place of height and lean.

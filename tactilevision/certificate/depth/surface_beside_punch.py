@@ -26,7 +26,7 @@ from tactilevision.certificate.depth.pile_up import blur_place, combine, compute
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
-from tactilevision.mechanics.poisson_from_surface import BulgeFit, BulgeSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
@@ -42,7 +42,7 @@ SOUND = 0.9  # of a square's pixels
 CENTRE_STD_MM = 0.05
 GUARD = 0.4  # thicknesses beside the edge, where profiles depend on the edge's radius and the wall's blur reaches
 BOWL_STD_PER_MM = 3e-4  # three thousandths of slope at 10 mm
-UNKNOWN_GAIN, LEAST_GAIN = 0.1, 0.01
+UNKNOWN_GAIN, MIN_GAIN = 0.1, 0.01
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
 RING_SHARE = 0.25  # of the picture, and so of the balls
 
@@ -59,13 +59,13 @@ class _Slopes:
     depth_mm: float
 
 
-def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> BulgeFit | None:
+def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> SurfaceFit | None:
     """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
     gel = recording.sensor.gel
     views = surfaces_beside(recording, reconstructor, certificate) if gel is not None else []
     if gel is None or not views:
         return None
-    settings = BulgeSettings(
+    settings = SurfaceFitSettings(
         guard_mm=GUARD * gel.thickness_mm,
         gain_std=ring_gain_std(reconstructor.method),
         bowl_std_per_mm=BOWL_STD_PER_MM,
@@ -155,7 +155,7 @@ def ring_gain_std(method: object) -> float:
     if not isinstance(method, CalibratedMethod) or "balls" not in method.card:
         return UNKNOWN_GAIN
     single = float(method.card.get("held_out_gain_std", method.relative_error))
-    return max(LEAST_GAIN, single / float(np.sqrt(max(RING_SHARE * float(method.card["balls"]), 1.0))))
+    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(method.card["balls"]), 1.0))))
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:

@@ -26,7 +26,7 @@ _SIGMAS = 4.0  # of chi-square: the noise it is held against is itself known to 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FirstContact:
+class ContactPoint:
     """The force's zero and its std, F/T clock; `law` (b1, b2) and the covariance (3, 3) of the zero and it.
 
     `shared_s`: what the zeros of presses that share their law may be off by together.
@@ -39,7 +39,7 @@ class FirstContact:
     shared_s: float = 0.0
 
 
-def first_contact(window: ForceWindow, touch_s: float) -> FirstContact | None:
+def contact_point(window: ForceWindow, touch_s: float) -> ContactPoint | None:
     """The zero of the force on the way to a touch at `touch_s`.
 
     None where there is no contact, a stop of the rig in between, or no part of the ramp that fits.
@@ -63,7 +63,7 @@ def first_contact(window: ForceWindow, touch_s: float) -> FirstContact | None:
     return None
 
 
-def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float) -> FirstContact | None:
+def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float) -> ContactPoint | None:
     """Gauss-Newton from the best of a few starts; None where the law does not fit within the noise."""
     trials = [(start, *_law(time, force, start)) for start in ramp_s[0] + np.linspace(-0.1, 0.05, 16) * ramp_s[1]]
     start, law, _ = min(trials, key=lambda trial: trial[2])
@@ -79,7 +79,7 @@ def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float)
     if not np.isfinite(reduced) or reduced > 1 + _SIGMAS * np.sqrt(2 / dof) or not answer[1] > 0:
         return None
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * std_N**2 * max(reduced, 1.0)
-    return FirstContact(float(answer[0]), float(np.sqrt(covariance[0, 0])), answer[1:], covariance)
+    return ContactPoint(float(answer[0]), float(np.sqrt(covariance[0, 0])), answer[1:], covariance)
 
 
 def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:

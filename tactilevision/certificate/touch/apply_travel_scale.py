@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.depth.pile_up import Rise
-from tactilevision.certificate.force.contact_point import FirstContact
+from tactilevision.certificate.depth.pile_up import PileUp
+from tactilevision.certificate.force.contact_point import ContactPoint
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.rejection import face_tilt
 from tactilevision.certificate.touch.bevel_contact_depth import SURE, fill_mm
-from tactilevision.certificate.touch.contact_times import Chain, Timed
+from tactilevision.certificate.touch.contact_times import Chain, ContactTimes
 from tactilevision.certificate.touch.force_crossing import event_force
-from tactilevision.certificate.touch.indenter_travel import Travel, begin_of, travel_of
-from tactilevision.certificate.touch.shared_contact_law import share_law
-from tactilevision.certificate.touch.travel_scale import Mark, Ruler, fit_ruler
+from tactilevision.certificate.touch.indenter_travel import IndenterTravel, begin_of, indenter_travel
+from tactilevision.certificate.touch.shared_contact_law import shared_contact_law
+from tactilevision.certificate.touch.travel_scale import TravelPoint, TravelScale, fit_travel_scale
 from tactilevision.contact.bevel import SIDES
 from tactilevision.records import Indenter
 
@@ -26,9 +26,9 @@ FORM_MM = 0.0003
 _AT_STOP = 3.0  # sigmas of travel and ruler within which a stop stands at the touch
 
 
-def on_ruler(
-    chain: Chain, timed: Mapping[str, Timed], rises: Mapping[str, Rise], sound: Sequence[str]
-) -> dict[str, Timed]:
+def apply_travel_scale(
+    chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp], sound: Sequence[str]
+) -> dict[str, ContactTimes]:
     """`timed` with the touches of the `sound` presses where the ruler of their bevel puts them.
 
     The motion stage is the ruler where it was recorded, else the pace. As they were: presses whose first contact
@@ -42,7 +42,7 @@ def on_ruler(
         marks = {name: replace(mark, lean_mm=mark.lean_mm - lean) for name, mark in marks.items()}
         # their forces follow one law of the travel, as far as that was looked at: up to a stop
         even = all(travel.shared_mm > 0 and not _stops(chain, name) for name, travel in group.items())
-        ruler = fit_ruler(list(marks.values()), scale=1.0 if staged else None, even=even)
+        ruler = fit_travel_scale(list(marks.values()), scale=1.0 if staged else None, even=even)
         if ruler is None:
             continue
         for (name, mark), use in zip(marks.items(), ruler.used, strict=True):
@@ -52,15 +52,15 @@ def on_ruler(
 
 
 def _groups(
-    chain: Chain, timed: Mapping[str, Timed], sound: Sequence[str]
-) -> dict[tuple[object, ...], dict[str, Travel]]:
+    chain: Chain, timed: Mapping[str, ContactTimes], sound: Sequence[str]
+) -> dict[tuple[object, ...], dict[str, IndenterTravel]]:
     """The ways in of presses of one bevel and radius that came to a sure touch."""
-    begun: dict[tuple[object, ...], dict[str, FirstContact]] = {}
+    begun: dict[tuple[object, ...], dict[str, ContactPoint]] = {}
     for name in sound:
         one, window = timed.get(name), chain.windows[name]
         if one is None or one.touch is None or one.event is None or one.crossed is None or window is None:
             continue
-        indenter = one.touched.case.watch.indenter
+        indenter = one.touched.case.track.indenter
         if one.touch.onset.gain <= SURE or one.touched.distance_mm is None or not indenter.height_mm:
             continue
         first = begin_of(window, one.crossed.time_s)
@@ -73,24 +73,29 @@ def _groups(
 
 
 def _travels(
-    chain: Chain, timed: Mapping[str, Timed], begun: Mapping[str, FirstContact], pace_mm_s: Mapping[str, float]
-) -> dict[str, Travel]:
+    chain: Chain,
+    timed: Mapping[str, ContactTimes],
+    begun: Mapping[str, ContactPoint],
+    pace_mm_s: Mapping[str, float],
+) -> dict[str, IndenterTravel]:
     """The ways in, each since a first contact that knows the law of the others."""
 
-    def ways(since: Mapping[str, FirstContact]) -> dict[str, Travel]:
+    def ways(since: Mapping[str, ContactPoint]) -> dict[str, IndenterTravel]:
         found = {}
         for name, first in since.items():
             window, crossed = chain.windows[name], timed[name].crossed
             assert window is not None
             assert crossed is not None
-            way = travel_of(window, first, stage=chain.recording.stage, pace_mm_s=pace_mm_s[name])
+            way = indenter_travel(window, first, stage=chain.recording.stage, pace_mm_s=pace_mm_s[name])
             if way is not None and way.at(crossed.time_s) > 0:
                 found[name] = way
         return found
 
     alone = ways(begun)
     return ways(
-        share_law({name: begun[name] for name in alone}, {name: way.pace_mm_s for name, way in alone.items()})
+        shared_contact_law(
+            {name: begun[name] for name in alone}, {name: way.pace_mm_s for name, way in alone.items()}
+        )
     )
 
 
@@ -110,13 +115,13 @@ def _paces(chain: Chain, names: Sequence[str]) -> dict[str, float]:
     return stated
 
 
-def _mark(chain: Chain, one: Timed, travel: Travel, rise: Rise) -> Mark:
+def _mark(chain: Chain, one: ContactTimes, travel: IndenterTravel, rise: PileUp) -> TravelPoint:
     assert one.crossed is not None
     assert one.touch is not None
     assert one.event is not None
     assert one.touched.distance_mm is not None
-    watch, onset = one.touched.case.watch, one.touch.onset
-    indenter, window = watch.indenter, chain.windows[watch.press.press]
+    track, onset = one.touched.case.track, one.touch.onset
+    indenter, window = track.indenter, chain.windows[track.press.press]
     assert window is not None
     there = travel.at(one.crossed.time_s)
     scale = there / onset.at
@@ -129,8 +134,8 @@ def _mark(chain: Chain, one: Timed, travel: Travel, rise: Rise) -> Mark:
     shared = (
         scale**2 * (onset.shared_std**2 + shape**2) + (travel.pace_mm_s * (chain.offset.std or 0.0)) ** 2 + zero**2
     )
-    lean = float(face_tilt(watch) @ np.array(SIDES[watch.side])) * one.touched.distance_mm
-    return Mark(
+    lean = float(face_tilt(track) @ np.array(SIDES[track.side])) * one.touched.distance_mm
+    return TravelPoint(
         depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=there, own_std_mm=float(np.sqrt(own)),
         shared_std_mm=float(np.sqrt(shared)), force_N=float(one.event.force_N[2]), height=indenter.name,
         height_std_mm=indenter.height_std_mm / (1 + rise.ratio), lean_mm=lean / (1 + rise.ratio),
@@ -143,13 +148,15 @@ def _height(indenter: Indenter) -> float:
     return indenter.height_mm
 
 
-def _moved(chain: Chain, one: Timed, ruler: Ruler, travel: Travel, mark: Mark) -> Timed:
+def _moved(
+    chain: Chain, one: ContactTimes, ruler: TravelScale, travel: IndenterTravel, mark: TravelPoint
+) -> ContactTimes:
     """The press with its touch where the ruler puts it, and the force read there."""
     assert one.crossed is not None
     assert one.touch is not None
     assert one.event is not None
-    watch = one.touched.case.watch
-    window = chain.windows[watch.press.press]
+    track = one.touched.case.track
+    window = chain.windows[track.press.press]
     assert window is not None
     target = ruler.travel_mm(mark.depth_mm, mark.force_N)
     beyond = target - travel.at(one.crossed.time_s)
@@ -166,19 +173,19 @@ def _moved(chain: Chain, one: Timed, ruler: Ruler, travel: Travel, mark: Mark) -
     time_s = moving - chain.offset_s
     touch = replace(
         one.touch, time_s=time_s, std_s=float(np.hypot(crossed.std_s, chain.offset.std or 0.0)),
-        depth_seen_mm=float(np.interp(time_s, watch.time_s, watch.depth_mm)),
+        depth_seen_mm=float(np.interp(time_s, track.time_s, track.depth_mm)),
     )  # fmt: skip
     return replace(one, crossed=crossed, touch=touch, event=found, ruler=ruler, stop_std_N=0.0)
 
 
-def _beyond_stop(one: Timed, event: EventForce, window: ForceWindow, beyond_mm: float) -> EventForce:
+def _beyond_stop(one: ContactTimes, event: EventForce, window: ForceWindow, beyond_mm: float) -> EventForce:
     """The force of a stop carried on to a touch `beyond_mm` behind it, along the press's own law."""
     force = event.force_N.copy()
     force[2] += _rate(one, window) * beyond_mm
     return replace(event, force_N=force)
 
 
-def _rate(one: Timed, window: ForceWindow) -> float:
+def _rate(one: ContactTimes, window: ForceWindow) -> float:
     """Force per driving depth (N/mm) where the rig stood."""
     assert one.crossed is not None
     law = one.touched.law

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactilevision.certificate.force.phases import noise_of
-from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
 from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
 from tactilevision.records import Bools, Floats, Indenter, Pair
@@ -35,19 +35,19 @@ _TELLING = 4  # presses from which their amplitudes' scatter can be told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class PressSignal:
     """A press to be searched: its frames up to the end of the hold (`use`), and the driving depth or force
     (N,).
     """
 
-    watch: Watch
+    track: PressTrack
     drive: Floats
     use: Bools
 
     def signal(self, distance_mm: float) -> Floats | None:
-        watch = self.watch
-        radius = watch.footprint.radius_mm if watch.footprint else watch.indenter.radius_mm
-        return height_signal(watch.strips, watch.s_mm, distance_mm=distance_mm, radius_mm=radius)
+        track = self.track
+        radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
+        return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +88,12 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
     return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
 
 
-def find_touches(cases: Sequence[Case], distance_mm: float) -> list[Onset | None]:
+def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
     """The onset of each press; None where its bevel is out of view or its signal never rises."""
-    traces = [case.signal(distance_mm) for case in cases]
-    known = [(case.drive[case.use], trace[case.use]) for case, trace in zip(cases, traces, strict=True)
+    traces = [case.signal(distance_mm) for case in signals]
+    known = [(case.drive[case.use], trace[case.use]) for case, trace in zip(signals, traces, strict=True)
              if trace is not None]  # fmt: skip
-    found = iter(_together(known, max(fill_mm(case.watch.indenter) for case in cases)))
+    found = iter(_together(known, max(fill_mm(case.track.indenter) for case in signals)))
     return [None if trace is None else next(found) for trace in traces]
 
 
@@ -158,25 +158,25 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, s
                    shared_std=float(np.sqrt(shared)))  # fmt: skip
 
 
-def find_distance(cases: Sequence[Case]) -> float | None:
+def find_distance(signals: Sequence[PressSignal]) -> float | None:
     """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
-    near = max(case.watch.indenter.radius_mm for case in cases) + 0.8
-    far = max(float(case.watch.s_mm[-1]) for case in cases)
-    coarse = _most_sure(cases, np.arange(near, far, 2 * EDGE_MM))
-    return None if coarse is None else _most_sure(cases, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
+    near = max(case.track.indenter.radius_mm for case in signals) + 0.8
+    far = max(float(case.track.s_mm[-1]) for case in signals)
+    coarse = _most_sure(signals, np.arange(near, far, 2 * EDGE_MM))
+    return None if coarse is None else _most_sure(signals, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
 
 
-def _most_sure(cases: Sequence[Case], places: Floats) -> float | None:
+def _most_sure(signals: Sequence[PressSignal], places: Floats) -> float | None:
     totals = np.zeros(places.size)
     for k, place in enumerate(places):
-        for case in cases:
+        for case in signals:
             trace = case.signal(float(place))
             if trace is None:
                 continue
             drive, trace = case.drive[case.use], trace[case.use]
-            growth = Growth(_TYPICAL, fill_mm(case.watch.indenter))
+            growth = Growth(_TYPICAL, fill_mm(case.track.indenter))
             onset = find_onset(drive, trace, growth=growth, noise=max(noise_of(trace), 1e-6))
-            totals[k] += 0.0 if onset is None else min(onset.gain, _ENOUGH) / len(cases)
+            totals[k] += 0.0 if onset is None else min(onset.gain, _ENOUGH) / len(signals)
     if not places.size or totals.max() < SURE:
         return None
     best = int(totals.argmax())
@@ -185,22 +185,22 @@ def _most_sure(cases: Sequence[Case], places: Floats) -> float | None:
 
 
 def find_in_pictures(
-    cases: Sequence[Case], onsets: Sequence[Onset | None], distance_mm: float
+    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], distance_mm: float
 ) -> list[Onset | None]:
     """The same touches from the change of the pictures' colours; None where they do not show there."""
     known: list[int] = []
     traces = []
-    for k, (case, onset) in enumerate(zip(cases, onsets, strict=True)):
+    for k, (case, onset) in enumerate(zip(signals, onsets, strict=True)):
         if onset is None or onset.gain <= SURE:
             continue
-        colours, drive = case.watch.colours[case.use], case.drive[case.use]
-        trace = picture_signal(colours, case.watch.s_mm, drive, distance_mm=distance_mm, onset=onset)
+        colours, drive = case.track.colours[case.use], case.drive[case.use]
+        trace = picture_signal(colours, case.track.s_mm, drive, distance_mm=distance_mm, onset=onset)
         if trace is not None:
             known.append(k)
             traces.append((drive, trace))
-    found: list[Onset | None] = [None] * len(cases)
+    found: list[Onset | None] = [None] * len(signals)
     if traces:
-        fill = max(fill_mm(case.watch.indenter) for case in cases)
+        fill = max(fill_mm(case.track.indenter) for case in signals)
         for k, onset in zip(known, _together(traces, fill), strict=True):
             found[k] = onset
     return found

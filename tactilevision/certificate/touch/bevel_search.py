@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.certificate.force.contact_point import first_contact, moving_s
+from tactilevision.certificate.force.contact_point import contact_point, moving_s
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import (
     SURE,
-    Case,
     DepthOfForce,
+    PressSignal,
     depth_of_force,
+    find_bevel_contacts,
     find_distance,
     find_in_pictures,
-    find_touches,
 )
-from tactilevision.certificate.touch.force_crossing import crossing
-from tactilevision.certificate.touch.press_track import Watch
+from tactilevision.certificate.touch.force_crossing import force_crossing
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel_onset import Onset
 from tactilevision.records import Bools, Floats
 
@@ -39,7 +39,7 @@ class Touched:
     bevel's place, the law.
     """
 
-    case: Case
+    case: PressSignal
     onset: Onset | None
     channel: str
     distance_mm: float | None
@@ -49,7 +49,7 @@ class Touched:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Frames:
-    watch: Watch
+    track: PressTrack
     window: ForceWindow
     time_s: Floats  # (N,) of the frames on the F/T sensor's clock
     force_N: Floats  # (N,) at the frames
@@ -57,7 +57,7 @@ class _Frames:
 
 
 def find_all(
-    watches: Mapping[str, Watch | None],
+    tracks: Mapping[str, PressTrack | None],
     windows: Mapping[str, ForceWindow | None],
     offset_s: float,
     *,
@@ -65,13 +65,13 @@ def find_all(
 ) -> dict[str, Touched]:
     """The touches of all presses that can be searched; `before` spares a search for the place of the bevel."""
     groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
-    for name, watch in watches.items():
+    for name, track in tracks.items():
         window = windows[name]
-        if watch is None or watch.footprint is None or window is None or watch.indenter.bevel is None:
+        if track is None or track.footprint is None or window is None or track.indenter.bevel is None:
             continue
-        indenter = watch.indenter
+        indenter = track.indenter
         key = (indenter.bevel, indenter.bevel_distance_mm, indenter.radius_mm)
-        groups.setdefault(key, {})[name] = _frames(watch, window, offset_s)
+        groups.setdefault(key, {})[name] = _frames(track, window, offset_s)
     found: dict[str, Touched] = {}
     for group in groups.values():
         place = next((before[name].distance_mm for name in group if name in before), None) if before else None
@@ -79,34 +79,34 @@ def find_all(
     return found
 
 
-def _frames(watch: Watch, window: ForceWindow, offset_s: float) -> _Frames:
-    time = watch.time_s + offset_s
+def _frames(track: PressTrack, window: ForceWindow, offset_s: float) -> _Frames:
+    time = track.time_s + offset_s
     force = window.at(time)
     if window.phases is not None:
         release = float(window.time_s[window.phases.release])
     else:
-        seen = find_phases(watch.depth_mm)
+        seen = find_phases(track.depth_mm)
         release = float(time[seen.release if seen is not None else -1])
-    return _Frames(watch, window, time, force, np.asarray((time <= release) & np.isfinite(force)))
+    return _Frames(track, window, time, force, np.asarray((time <= release) & np.isfinite(force)))
 
 
 def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, Touched]:
     law = _first_law(group)
-    indenter = next(iter(group.values())).watch.indenter
+    indenter = next(iter(group.values())).track.indenter
     distance = indenter.bevel_distance_mm
     if distance is None:
         distance = place_mm or find_distance([_case(frames, law) for frames in group.values()])
-    cases = {name: _case(frames, law) for name, frames in group.items()}
+    signals = {name: _case(frames, law) for name, frames in group.items()}
     onsets: dict[str, Onset | None] = dict.fromkeys(group)
     levels: dict[str, float] = {}
     for _ in range(_TURNS if distance is not None else 0):
         assert distance is not None
-        cases = {name: _case(frames, law, levels.get(name)) for name, frames in group.items()}
-        onsets = dict(zip(group, find_touches(list(cases.values()), distance), strict=True))
+        signals = {name: _case(frames, law, levels.get(name)) for name, frames in group.items()}
+        onsets = dict(zip(group, find_bevel_contacts(list(signals.values()), distance), strict=True))
         anchors = [
-            (case.watch.indenter.height_mm / (1 + _RISE), float(law.force(onset.at)))
-            for case, onset in zip(cases.values(), onsets.values(), strict=True)
-            if onset is not None and onset.gain > SURE and case.watch.indenter.height_mm
+            (case.track.indenter.height_mm / (1 + _RISE), float(law.force(onset.at)))
+            for case, onset in zip(signals.values(), onsets.values(), strict=True)
+            if onset is not None and onset.gain > SURE and case.track.indenter.height_mm
         ]
         levels = {name: float(law.force(onset.at)) for name, onset in onsets.items()
                   if onset is not None and onset.gain > SURE}  # fmt: skip
@@ -117,12 +117,12 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, T
     names = dict.fromkeys(group, "height map")
     if distance is not None:
         for name, seen in zip(
-            group, find_in_pictures(list(cases.values()), list(onsets.values()), distance), strict=True
+            group, find_in_pictures(list(signals.values()), list(onsets.values()), distance), strict=True
         ):
             onset = onsets[name]
             if seen is not None and onset is not None and seen.gain > SURE:
                 onsets[name], names[name] = _both(onset, seen)
-    return {name: Touched(cases[name], onsets[name], names[name], distance, given, used) for name in group}
+    return {name: Touched(signals[name], onsets[name], names[name], distance, given, used) for name in group}
 
 
 def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
@@ -144,10 +144,10 @@ def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
     ), "height map and picture"
 
 
-def _case(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> Case:
+def _case(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:
     """A press as driven by its force; beyond the force of a touch that is known already, by its ramp's pace."""
     depth = law.depth(frames.force_N) if level_N is None else _at_pace(frames, law, level_N)
-    return Case(frames.watch, depth, frames.use)
+    return PressSignal(frames.track, depth, frames.use)
 
 
 def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
@@ -158,8 +158,8 @@ def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
     """
     depth, window = law.depth(frames.force_N), frames.window
     touch_mm = float(law.depth(np.array(level_N)))
-    crossed = crossing(window, level_N, 0.0)
-    begun = None if crossed is None else first_contact(window, crossed.time_s)
+    crossed = force_crossing(window, level_N, 0.0)
+    begun = None if crossed is None else contact_point(window, crossed.time_s)
     if crossed is None or begun is None:
         return depth
     pace = touch_mm / (crossed.time_s - begun.time_s)
@@ -175,7 +175,7 @@ def _first_law(group: Mapping[str, _Frames]) -> DepthOfForce:
     """Straight line from the depths that the camera reads."""
     ratios = []
     for frames in group.values():
-        deep = frames.use & (frames.watch.depth_mm > 0.5 * np.nanmax(frames.watch.depth_mm))
-        ratio = frames.force_N[deep] / frames.watch.depth_mm[deep]
+        deep = frames.use & (frames.track.depth_mm > 0.5 * np.nanmax(frames.track.depth_mm))
+        ratio = frames.force_N[deep] / frames.track.depth_mm[deep]
         ratios += [float(r) for r in ratio if np.isfinite(r) and r > 0]
     return DepthOfForce(float(np.median(ratios)) if ratios else 1.0, 0.0)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tactilevision.certificate.certificate import Touch
+from tactilevision.certificate.certificate import ContactEvent
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
 from tactilevision.certificate.touch.bevel_search import Touched
-from tactilevision.certificate.touch.force_crossing import Crossing, crossing, event_force
-from tactilevision.certificate.touch.press_track import Reconstructs, Watch
-from tactilevision.certificate.touch.travel_scale import Ruler
+from tactilevision.certificate.touch.force_crossing import ForceCrossing, event_force, force_crossing
+from tactilevision.certificate.touch.press_track import PressTrack, Reconstructs
+from tactilevision.certificate.touch.travel_scale import TravelScale
 from tactilevision.recording import Recording
 from tactilevision.records import Estimate, ForceSeries
 
@@ -30,7 +30,7 @@ class Chain:
 
     recording: Recording
     reconstructor: Reconstructs
-    watches: Mapping[str, Watch | None]
+    tracks: Mapping[str, PressTrack | None]
     windows: Mapping[str, ForceWindow | None]
     offset: Estimate
     touches: Mapping[str, Touched]
@@ -49,7 +49,7 @@ class Chain:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Timed:
+class ContactTimes:
     """One press at its event: what the search found, its crossing on the F/T clock, the touch and the force.
 
     `stop_std_N`: what a rig that stands still near the touch, not at it, leaves open of the force. `ruler`: where
@@ -57,37 +57,37 @@ class Timed:
     """
 
     touched: Touched
-    crossed: Crossing | None
-    touch: Touch | None
+    crossed: ForceCrossing | None
+    touch: ContactEvent | None
     event: EventForce | None
     stop_std_N: float = 0.0
-    ruler: Ruler | None = None
+    ruler: TravelScale | None = None
 
 
-def time_all(chain: Chain) -> dict[str, Timed]:
+def contact_times(chain: Chain) -> dict[str, ContactTimes]:
     """Every press that was searched, at its event."""
     return _stopped(chain, {name: _time(chain, name, touched) for name, touched in chain.touches.items()})
 
 
-def _time(chain: Chain, name: str, touched: Touched) -> Timed:
+def _time(chain: Chain, name: str, touched: Touched) -> ContactTimes:
     """Touch and force of one press, from the depth at which its bevel touches."""
-    onset, window, watch = touched.onset, chain.windows[name], touched.case.watch
+    onset, window, track = touched.onset, chain.windows[name], touched.case.track
     if onset is None or window is None:
-        return Timed(touched, None, None, None)
+        return ContactTimes(touched, None, None, None)
     level = float(touched.law.force(onset.at))
     stiffness = float(touched.law.force(onset.at + 1e-3) - level) / 1e-3
-    crossed = crossing(window, level, stiffness * onset.std)
+    crossed = force_crossing(window, level, stiffness * onset.std)
     if crossed is None:
-        return Timed(touched, None, None, None)
+        return ContactTimes(touched, None, None, None)
     time_s = crossed.time_s - chain.offset_s
-    seen = float(np.interp(time_s, watch.time_s, watch.depth_mm))
+    seen = float(np.interp(time_s, track.time_s, track.depth_mm))
     std_s = float(np.hypot(crossed.std_s, chain.offset.std or 0.0))
-    touch = Touch(time_s, std_s, seen, touched.channel, onset)
+    touch = ContactEvent(time_s, std_s, seen, touched.channel, onset)
     event = event_force(window, chain.forces, crossed) if onset.gain > SURE else None
-    return Timed(touched, crossed, touch, event)
+    return ContactTimes(touched, crossed, touch, event)
 
 
-def _stopped(chain: Chain, timed: dict[str, Timed]) -> dict[str, Timed]:
+def _stopped(chain: Chain, timed: dict[str, ContactTimes]) -> dict[str, ContactTimes]:
     """With what the stops of the rig scatter by about the touches that the camera sees.
 
     A dwell stands for the touch as far as the rig stops there each time. What its places scatter by against the

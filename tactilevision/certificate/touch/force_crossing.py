@@ -18,7 +18,7 @@ _NEAR_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
+class ForceCrossing:
     """When the force first reached a level: F/T clock, std from the level's own, rate; the dwell there, if
     any.
     """
@@ -29,7 +29,7 @@ class Crossing:
     dwell_s: Pair | None
 
 
-def crossing(window: ForceWindow, level_N: float, level_std_N: float) -> Crossing | None:
+def force_crossing(window: ForceWindow, level_N: float, level_std_N: float) -> ForceCrossing | None:
     """First passage of the driving force through a level on the way in; None where it never gets there."""
     phases = window.phases
     if phases is None or not level_N > 0:
@@ -42,7 +42,7 @@ def crossing(window: ForceWindow, level_N: float, level_std_N: float) -> Crossin
             edge = (end - start) // 10
             span = (float(time[start + edge]), float(time[end - edge]))
             arrival_std = float(window.time_s[1] - window.time_s[0]) + phases.noise / ramp
-            return Crossing(float(time[start]), arrival_std, ramp, span)
+            return ForceCrossing(float(time[start]), arrival_std, ramp, span)
     above = np.flatnonzero(force[first : last + 1] >= level_N)
     if not above.size:
         return None
@@ -52,15 +52,15 @@ def crossing(window: ForceWindow, level_N: float, level_std_N: float) -> Crossin
     for start, end in window.dwells:
         near = near[(near < start) | (near > end)] if not start <= place <= end else near
     if near.size < 8:
-        return Crossing(float(time[place]), level_std_N / ramp, ramp, None)
+        return ForceCrossing(float(time[place]), level_std_N / ramp, ramp, None)
     readings = window.force_N[near, 2] + (force - window.smooth_N)[near]
     rate, value = np.polyfit(time[near] - time[place], readings, 1)
     rate = max(float(rate), 0.2 * ramp)
     at = float(time[place]) + (level_N - float(value)) / rate
-    return Crossing(at, level_std_N / rate, rate, None)
+    return ForceCrossing(at, level_std_N / rate, rate, None)
 
 
-def event_force(window: ForceWindow, forces: ForceSeries, crossed: Crossing) -> EventForce | None:
+def event_force(window: ForceWindow, forces: ForceSeries, crossed: ForceCrossing) -> EventForce | None:
     """Force at the event: mean in the dwell, else the one-sided fit up to the touch."""
     assert window.phases is not None
     if crossed.dwell_s is not None:

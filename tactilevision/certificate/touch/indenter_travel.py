@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.certificate.force.contact_point import FirstContact, first_contact, moving_s, top_s
+from tactilevision.certificate.force.contact_point import ContactPoint, contact_point, moving_s, top_s
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.recording import StageSeries
 from tactilevision.records import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Travel:
+class IndenterTravel:
     """`travel_mm` (T,) at `time_s` (T,) from first contact to the top, never falling; `pace_mm_s` while it moves.
 
     `std_mm` of its zero by itself, `shared_mm` of all zeros alike.
@@ -42,18 +42,18 @@ class Travel:
                                self.time_s[place - 1 : place + 1]))  # fmt: skip
 
 
-def begin_of(window: ForceWindow, touch_s: float) -> FirstContact | None:
+def begin_of(window: ForceWindow, touch_s: float) -> ContactPoint | None:
     """First contact, looked for up to the rig's first stop, or to the touch at `touch_s`; None: not to be told."""
     if window.phases is None:
         return None
     onset = float(window.time_s[window.phases.onset])
     stops = [float(window.time_s[first]) for first, _ in window.dwells]
-    return first_contact(window, min([stop for stop in stops if stop > onset] + [touch_s]))
+    return contact_point(window, min([stop for stop in stops if stop > onset] + [touch_s]))
 
 
-def travel_of(
-    window: ForceWindow, begun: FirstContact, *, stage: StageSeries | None, pace_mm_s: float
-) -> Travel | None:
+def indenter_travel(
+    window: ForceWindow, begun: ContactPoint, *, stage: StageSeries | None, pace_mm_s: float
+) -> IndenterTravel | None:
     """The travel of one press since its first contact; None where neither stage nor pace is known, or where the
     stage still approached faster than it pressed.
     """
@@ -73,7 +73,9 @@ def travel_of(
     pace = float(travel[-1]) / max(float(moved), 1e-9)
     if not pace > 0:
         return None
-    return Travel(times, np.asarray(travel, dtype=np.float64), pace, pace * begun.std_s, pace * begun.shared_s)
+    return IndenterTravel(
+        times, np.asarray(travel, dtype=np.float64), pace, pace * begun.std_s, pace * begun.shared_s
+    )
 
 
 def _hurries(stage: StageSeries, begun_s: float, end_s: float) -> bool:

@@ -39,7 +39,7 @@ class Reconstructs(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watch:
+class PressTrack:
     """What the frames of one press show, in the order of time.
 
     `time_s`, `names` (N,); `depth_mm` (N,) of the face above its own zero before contact, `zero_mm` that zero;
@@ -111,7 +111,7 @@ class _Place:
 
 
 @dataclass(slots=True)
-class _Tape:
+class _TrackRecorder:
     """Grows while the frames of a press go by; maps are kept only until it is known where to read them."""
 
     names: list[str] = field(default_factory=list)
@@ -127,19 +127,19 @@ class _Tape:
     wall_map: HeightMap | None = None
 
 
-def watch(
+def track(
     frames: Iterable[Frame | BadFrame],
     reconstructor: Reconstructs,
     *,
     press: Press,
     indenter: Indenter,
     near: Footprint | None = None,
-) -> Watch | None:
+) -> PressTrack | None:
     """Reconstruct the frames of one press; None where there are fewer than two sound ones.
 
     `near`, where the face was found in a few frames beforehand, keeps the memory of a long press small.
     """
-    tape, place = _Tape(), None
+    tape, place = _TrackRecorder(), None
     for frame in frames:
         if isinstance(frame, BadFrame):
             tape.missing.append(frame)
@@ -153,7 +153,7 @@ def watch(
     return _measure(tape, tape.face_map, press=press, indenter=indenter, near=near)
 
 
-def _take(tape: _Tape, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
+def _take(tape: _TrackRecorder, frame: Frame, reconstructor: Reconstructs) -> HeightMap:
     height = reconstructor.height_map(frame)
     coarse = _shrink(np.where(height.valid, height.depth_mm, np.nan), height.mm_per_px)
     tape.names.append(frame.name)
@@ -207,7 +207,7 @@ def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Inden
     )  # fmt: skip
 
 
-def _footprint(tape: _Tape, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
+def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
     """The face where it is deepest, its circle from where it is shallow: steep walls blur it outwards."""
     deep = find_footprint(face_map, indenter)
     if deep is None or tape.wall_map is None or tape.wall_map is face_map:
@@ -222,8 +222,8 @@ def _footprint(tape: _Tape, face_map: HeightMap, indenter: Indenter) -> Footprin
 
 
 def _measure(
-    tape: _Tape, face_map: HeightMap, *, press: Press, indenter: Indenter, near: Footprint | None
-) -> Watch:
+    tape: _TrackRecorder, face_map: HeightMap, *, press: Press, indenter: Indenter, near: Footprint | None
+) -> PressTrack:
     footprint = _footprint(tape, face_map, indenter)
     known = near or footprint
     centre, radius = (known.centre_mm, known.radius_mm) if known else (tape.deepest_mm, indenter.radius_mm)
@@ -232,7 +232,7 @@ def _measure(
     order = np.argsort(tape.times, kind="stable")
     face, strips, colours, rings = (np.array([readings[k][part] for k in order]) for part in range(4))
     zero = _zero(face[:, 0])
-    return Watch(
+    return PressTrack(
         press=press,
         indenter=indenter,
         names=tuple(tape.names[k] for k in order),

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.certificate.force.contact_point import FirstContact
+from tactilevision.certificate.force.contact_point import ContactPoint
 from tactilevision.records import Floats
 
 _LEAST = 3  # presses from which a law is called common
@@ -35,7 +35,9 @@ class _Common:
     fits: bool
 
 
-def share_law(found: Mapping[str, FirstContact], pace_mm_s: Mapping[str, float]) -> dict[str, FirstContact]:
+def shared_contact_law(
+    found: Mapping[str, ContactPoint], pace_mm_s: Mapping[str, float]
+) -> dict[str, ContactPoint]:
     """The first contacts, each with what the others know of its law; as they are where they share none."""
     own = {name: _by_travel(one, pace_mm_s[name]) for name, one in found.items()}
     laws = np.array([law for law, _ in own.values()]).reshape(-1, 2)
@@ -48,7 +50,7 @@ def share_law(found: Mapping[str, FirstContact], pace_mm_s: Mapping[str, float])
     }
 
 
-def _by_travel(one: FirstContact, pace: float) -> tuple[Floats, Floats]:
+def _by_travel(one: ContactPoint, pace: float) -> tuple[Floats, Floats]:
     """b1, b2 over travel, and the covariance (3, 3) of the zero (mm) and them."""
     scale = np.array([pace, 1 / pace, pace**-2])
     return one.law * scale[1:], one.covariance * np.outer(scale, scale)
@@ -79,7 +81,7 @@ def _at_scatter(laws: Floats, spreads: Floats, scatter: float) -> tuple[_Common,
     return _Common(law, covariance, scatter, True), float(np.einsum("ki,kij,kj->", apart, weights, apart))
 
 
-def _shrunk(one: FirstContact, law: Floats, spread: Floats, common: _Common, pace: float) -> FirstContact:
+def _shrunk(one: ContactPoint, law: Floats, spread: Floats, common: _Common, pace: float) -> ContactPoint:
     whole = spread[1:, 1:] + common.scatter**2 * np.outer(common.law, common.law)
     pull = np.linalg.solve(whole, spread[1:, 0])
     zero = one.time_s + float(pull @ (common.law - law)) / pace

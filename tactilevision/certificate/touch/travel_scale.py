@@ -37,7 +37,7 @@ _CROOKED = 9.0  # chi-square per degree of freedom beyond which ramps not known 
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class TravelPoint:
     """One touch on the ruler: `depth_mm` certified, `travel_mm` until it was seen, its own std, what all have
     together, the force there; `height` names what shares a machined height, `height_std_mm` of it; `lean_mm` what
     its tilt lowers the bevel by, as read; `zero_std_mm` of the travel's zero, part of what all have together.
@@ -55,7 +55,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Ruler:
+class TravelScale:
     """alpha, s, b and their covariance (3, 3); `used` marks (N,); `late_mm` and its std: the touches' delta.
 
     `zero_std_mm`: what all depths read on it are off by alike, since its zero is.
@@ -80,7 +80,9 @@ class Ruler:
         return float(np.sqrt(slope @ self.covariance @ slope)) / whole
 
 
-def fit_ruler(marks: Sequence[Mark], *, scale: float | None = None, even: bool = False) -> Ruler | None:
+def fit_travel_scale(
+    marks: Sequence[TravelPoint], *, scale: float | None = None, even: bool = False
+) -> TravelScale | None:
     """The ruler of these touches; None where they are too few, too much alike, or do not lie on one.
 
     `scale` is alpha where it is known, to STAGE_STD; `even` says that forces follow one law of the travel.
@@ -115,7 +117,9 @@ class _Solution:
     birge: float
 
 
-def _solve(marks: Sequence[Mark], used: Bools, scale: float | None, limit: float) -> tuple[Ruler | None, Floats]:
+def _solve(
+    marks: Sequence[TravelPoint], used: Bools, scale: float | None, limit: float
+) -> tuple[TravelScale | None, Floats]:
     """The ruler, and how far each touch lies from what the others say of it, in sigmas of the usual scatter."""
     found = _least_squares(marks, scale, 1.0)
     usual = max(1.4826 * float(np.median(np.abs(found.apart))), 1.0)
@@ -134,15 +138,17 @@ def _solve(marks: Sequence[Mark], used: Bools, scale: float | None, limit: float
     late_std = _late_std(found.covariance, found.design, found.held, shared) / pace
     zero = float(np.median([mark.zero_std_mm for mark in marks])) / pace
     alpha, give, _ = (float(value) for value in found.answer)
-    return Ruler(alpha, give, found.inverse * max(found.birge, 1.0), used.copy(), late, late_std, zero), apart
+    return TravelScale(
+        alpha, give, found.inverse * max(found.birge, 1.0), used.copy(), late, late_std, zero
+    ), apart
 
 
-def _pace(marks: Sequence[Mark]) -> float:
+def _pace(marks: Sequence[TravelPoint]) -> float:
     """Travel over depth, roughly."""
     return float(np.median([mark.travel_mm / mark.depth_mm for mark in marks]))
 
 
-def _least_squares(marks: Sequence[Mark], scale: float | None, scatter: float) -> _Solution:
+def _least_squares(marks: Sequence[TravelPoint], scale: float | None, scatter: float) -> _Solution:
     """With what each touch and each height is off by taken `scatter` times as large as stated."""
     depth, travel, own, shared, force, height_std, lean = np.array(
         [(m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.lean_mm)

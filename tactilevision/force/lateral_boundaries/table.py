@@ -33,7 +33,7 @@ LOAD_MM = 0.5
 FORGETS = 3.5  # thicknesses beyond which a side is not felt
 RANK_TOLERANCE = 1e-4
 AT_ONCE = 32  # shapes that are solved together
-MOST_ELEMENTS = 280  # squares of an element's width in the gel's face
+MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def _element_mm(gel: Gel) -> float:
         area = np.pi * gel.radius_mm**2
     else:
         area = float(np.prod(gel.size_mm)) if gel.size_mm is not None else 0.0
-    return float(max(0.6 * gel.thickness_mm, np.sqrt(area / MOST_ELEMENTS)))
+    return float(max(0.6 * gel.thickness_mm, np.sqrt(area / MAX_ELEMENTS)))
 
 
 def _wall_forces(mesh: GelMesh, wall: WallPoints, field: LayerStress, places_mm: Floats) -> Floats:

@@ -18,12 +18,12 @@ from tactilevision.records import Floats, Pair
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
 SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
 MOST = 0.75  # of the balls; the others are seen between the two contacts
-LEAST_OF_EACH = 3
-LEAST_APART = 0.1  # of the scale: places and sizes differ by half of it
+MIN_OF_EACH = 3
+MIN_APART = 0.1  # of the scale: places and sizes differ by half of it
 SIGMAS = 3.0
-LEAST_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
+MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 ODD = 5.0  # times the scatter of the others
-MOST_NAMED = 3
+MAX_NAMED = 3
 LITTLE = 0.1
 
 
@@ -49,11 +49,11 @@ def radii_apart(
     """
     for radius in sorted({*radii_mm.values()})[1:]:
         group = [number for number in radii_mm if radii_mm[number] == radius]
-        if min(len(group), len(radii_mm) - len(group)) < LEAST_OF_EACH:
+        if min(len(group), len(radii_mm) - len(group)) < MIN_OF_EACH:
             continue
         scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
         apart = float(np.median(scale))
-        if abs(apart) > max(LEAST_APART, SIGMAS * _scatter(scale) / np.sqrt(scale.size)):
+        if abs(apart) > max(MIN_APART, SIGMAS * _scatter(scale) / np.sqrt(scale.size)):
             return [
                 f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
                 f"slopes as of {radius / np.exp(apart):.2g} mm. One radius is wrong, and depth with it: see "
@@ -71,12 +71,12 @@ def odd_balls(
     """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     all_of = np.array(list(scale.values()))
-    usual, least = float(np.median(all_of)), max(LEAST_OF_ONE, ODD * _scatter(all_of))
+    usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * _scatter(all_of))
     odd = sorted((number for number in scale
                   if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
                  key=lambda number: -abs(scale[number] - usual))  # fmt: skip
     told = []
-    for number in odd[:MOST_NAMED]:
+    for number in odd[:MAX_NAMED]:
         ball, share = balls[number], np.exp(scale[number] - usual)
         assert ball is not None
         told.append(

@@ -36,18 +36,18 @@ class Fitter(Protocol):
     It may list the `ridges` to choose from, or the `ways`: pairs of a fitter and a ridge.
     """
 
-    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw: ...
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw: ...
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
-    """`gain_std` (12, 16): relative deviation of a law's depth scale over the picture, `borne_out` (k) in it.
+class ScaleUncertainty:
+    """`gain_std` (12, 16): relative deviation of a law's depth scale; `coverage_factor` (k) in it.
 
     `unseen`: for each ball, by its number, a law that never saw it, with the deviation of its scale there.
     """
 
     gain_std: Floats
-    borne_out: float
+    coverage_factor: float
     unseen: dict[int, tuple[ColourLaw, float]]
 
 
@@ -57,43 +57,51 @@ def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
     return [numbers[fold::FOLDS] for fold in range(FOLDS)]
 
 
-def held_out(fit: Fitter, contact: Samples, quiet: Samples, ridge: float) -> tuple[Floats, list[ColourLaw]]:
+def held_out(
+    fit: Fitter, contact: Samples, untouched_samples: Samples, ridge: float
+) -> tuple[Floats, list[ColourLaw]]:
     """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and these laws."""
     found, laws = np.empty_like(contact.slopes), []
     for group in groups_of(contact):
         apart = np.isin(contact.press, group)
-        laws.append(_without(group, fit, contact, quiet, ridge=ridge))
+        laws.append(_without(group, fit, contact, untouched_samples, ridge=ridge))
         found[apart] = laws[-1].at(contact.change[apart], contact.place[apart])
     return found, laws
 
 
-def doubt_of(
-    fit: Fitter, contact: Samples, quiet: Samples, *, ridge: float, law: ColourLaw, others: list[ColourLaw]
-) -> Doubt:
+def scale_uncertainty(
+    fit: Fitter,
+    contact: Samples,
+    untouched_samples: Samples,
+    *,
+    ridge: float,
+    law: ColourLaw,
+    others: list[ColourLaw],
+) -> ScaleUncertainty:
     """How far the depth scale of `law` may be off; `others` are fitted alike, each without a group."""
-    stated = _stated_unseen(fit, contact, quiet, ridge=ridge, laws=others)
+    stated = _stated_unseen(fit, contact, untouched_samples, ridge=ridge, laws=others)
     seen = gain_std(law.at(contact.change, contact.place), contact)
     found = dict[int, float]()
     for group, other in zip(groups_of(contact), others, strict=True):
         apart = contact.where(np.isin(contact.press, group))
         found |= gains_of(other.at(apart.change, apart.place), apart)
     off = np.array([found[number] - 1.0 for number in stated])
-    share = borne_out(off, np.hypot(list(stated.values()), seen))
+    share = coverage_factor(off, np.hypot(list(stated.values()), seen))
     unseen = {
         int(number): (other, share * stated[int(number)])
         for group, other in zip(groups_of(contact), others, strict=True)
         for number in group
     }
-    return Doubt(share * gain_map(law, others, contact), share, unseen)
+    return ScaleUncertainty(share * gain_map(law, others, contact), share, unseen)
 
 
 def _stated_unseen(
-    fit: Fitter, contact: Samples, quiet: Samples, *, ridge: float, laws: list[ColourLaw]
+    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, laws: list[ColourLaw]
 ) -> dict[int, float]:
     """What `laws`, each without a group, state of their depth scale's deviation at each ball they never saw."""
     groups, stated = groups_of(contact), dict[int, float]()
     pairs = {
-        (a, b): _without(np.concatenate([groups[a], groups[b]]), fit, contact, quiet, ridge=ridge)
+        (a, b): _without(np.concatenate([groups[a], groups[b]]), fit, contact, untouched_samples, ridge=ridge)
         for a in range(FOLDS)
         for b in range(a)
     }
@@ -107,7 +115,7 @@ def _stated_unseen(
     return stated
 
 
-def borne_out(errors: Floats, stated: Floats) -> float:
+def coverage_factor(errors: Floats, stated: Floats) -> float:
     """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so."""
     if len(errors) == 0:
         return 1.0
@@ -125,11 +133,11 @@ def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
 
 
 def gains_without(
-    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, quiet: Samples, *, ridge: float
+    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> dict[int, float]:
     """The depth scale at each ball of a `group`, by a law of the others."""
     apart = contact.where(np.isin(contact.press, group))
-    law = _without(group, fit, contact, quiet, ridge=ridge)
+    law = _without(group, fit, contact, untouched_samples, ridge=ridge)
     return gains_of(law.at(apart.change, apart.place), apart)
 
 
@@ -139,8 +147,10 @@ def gain_std(found: Floats, samples: Samples) -> float:
 
 
 def _without(
-    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, quiet: Samples, *, ridge: float
+    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> ColourLaw:
     return fit(
-        contact.where(~np.isin(contact.press, group)), quiet.where(~np.isin(quiet.press, group)), ridge=ridge
+        contact.where(~np.isin(contact.press, group)),
+        untouched_samples.where(~np.isin(untouched_samples.press, group)),
+        ridge=ridge,
     )

@@ -27,13 +27,13 @@ from tactilevision.errors import InputError
 from tactilevision.records import Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
-MOST_PIXELS = 1500  # of the window; more only slow the fit down
-ROUNDS = 20
-LEAST_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
+MAX_PIXELS = 1500  # of the window; more only slow the fit down
+MAX_ITERATIONS = 20
+MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
 DOUBTFUL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
 TOP = 99.8  # percentile of change that stands for the steepest slopes of a contact
-LEAST_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
+MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def find_ball(
 
     def found(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
-        if radius < LEAST_RADIUS_PX:
+        if radius < MIN_RADIUS_PX:
             raise InputError(
                 f"a contact of {radius:.2g} px in radius is too small to be read",
                 where="ball press",
@@ -142,7 +142,7 @@ def _refined(
 
     unknown = np.array([0.0, 0.0, min(contact_mm, 0.9 * highest[2])])
     left, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         slope = np.stack([(misfit(unknown + step * axis) - left) / step for axis in np.eye(3)], axis=-1)
         normal = slope.T @ slope
         move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ left)
@@ -166,14 +166,14 @@ def _window(
     height, width = change.shape[:2]
     reach = 1.6 * start[2]
     reach_y = reach * mm_per_px[0] / mm_per_px[1]
-    step = max(1, int(np.sqrt(np.pi * reach * reach_y / MOST_PIXELS)))
+    step = max(1, int(np.sqrt(np.pi * reach * reach_y / MAX_PIXELS)))
     rows = np.arange(max(0, int(start[1] - reach_y)), min(height, int(start[1] + reach_y) + 1), step)
     columns = np.arange(max(0, int(start[0] - reach)), min(width, int(start[0] + reach) + 1), step)
     y, x = np.meshgrid((rows - start[1]) * mm_per_px[1], (columns - start[0]) * mm_per_px[0], indexing="ij")
     take = np.hypot(x, y) <= reach * mm_per_px[0]
     if usable is not None:
         here, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
-        if take.sum() < LEAST_SEEN * here:
+        if take.sum() < MIN_SEEN * here:
             raise InputError(
                 "the ball was pressed where the light is saturated or too dark",
                 where="ball press",

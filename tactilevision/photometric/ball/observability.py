@@ -25,7 +25,7 @@ LEAST = 1e-6  # change of colour in deviations per unit of slope: none
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Observability:
     """`best`, `worst`: the slopes that are one pixel's noise along the directions told best and worst, medians
     over the balls' places; `worst_deg` that direction, from x towards y."""
 
@@ -34,7 +34,7 @@ class Told:
     worst_deg: float
 
 
-def told_slopes(samples: Samples) -> Told:
+def slope_observability(samples: Samples) -> Observability:
     """What the colours of `samples`, whose noise is known, say of each direction of slope."""
     assert samples.noise is not None
     x, y = samples.place.T
@@ -46,4 +46,4 @@ def told_slopes(samples: Samples) -> Told:
     changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MOST)], found)
     best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), LEAST)
     least = np.linalg.eigh(np.einsum("nkc,nlc->kl", changes, changes))[1][:, 0]
-    return Told(float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0))
+    return Observability(float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0))

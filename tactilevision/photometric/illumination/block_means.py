@@ -11,12 +11,16 @@ from tactilevision.photometric.reference import Reference
 Planes = npt.NDArray[np.float32]
 
 COARSE = 60  # means along the shorter side of the picture, about
-FEWEST, MOST = 2, 4  # pixels along each side of a mean
+MIN_COUNT, MOST = 2, 4  # pixels along each side of a mean
 
 
 def usual_pixels(reference: Reference) -> int:
     """Pixels along each side of the means in which frames are seen; marks are small, and seen finely."""
-    return FEWEST if reference.marks is not None else min(MOST, max(FEWEST, round(min(reference.shape) / COARSE)))
+    return (
+        MIN_COUNT
+        if reference.marks is not None
+        else min(MOST, max(MIN_COUNT, round(min(reference.shape) / COARSE)))
+    )
 
 
 def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) -> Planes:

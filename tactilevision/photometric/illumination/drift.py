@@ -29,15 +29,17 @@ from tactilevision.records import Bools, Bytes, Floats
 from tactilevision.robust import median
 
 BLOCKS = 600  # blocks over the picture, about
-ROUNDS = 3
-SETTLED = 3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
+MAX_ITERATIONS = 3
+CONVERGENCE_TOL = (
+    3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
+)
 CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
 SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
 USUAL = 1.5382  # median length of three standard normal numbers
-LEAST_BLOCKS = 30
+MIN_BLOCKS = 30
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
-LEAST_UNEVEN = 2e-4
+MIN_UNEVEN = 2e-4
 LITTLE = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
@@ -56,7 +58,7 @@ class Drift:
 
     gains: Floats
     untouched: Bools
-    strangeness: Floats
+    normalised_residual: Floats
     undo: Floats | None = None
     covariance: Floats | None = None
     misfit: float = 0.0
@@ -106,7 +108,7 @@ class DriftTracker:
         change /= self.noise
         heavy = change * self._shown
         scale = 1.0
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)
             scale = max(1.0, float(median(self._among_usable(squares))) / USUAL**2)
             weights = squares * (1.0 / (9.0 * scale))
@@ -115,10 +117,10 @@ class DriftTracker:
             np.divide(usable, weights, out=weights)
             near = self._beside(usable & (squares > 16.0 * scale))
             fitting = weights if near is None else weights * ~near
-            if near is not None and np.count_nonzero(fitting) < LEAST_BLOCKS:
+            if near is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
                 fitting = weights
             before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
-            if np.abs(gains - before).max() < SETTLED:
+            if np.abs(gains - before).max() < CONVERGENCE_TOL:
                 break
         undo, covariance = None, None
         if np.abs(gains[:, 0]).max() > LITTLE:
@@ -174,7 +176,7 @@ class DriftTracker:
         """Gains (3, 3) of the picture after it has been undone, out of (3, 6), and what undoes it."""
         gain = 1.0 + self.power * found[:, 0]
         gains = np.column_stack([np.zeros(3), found[:, 1:3] / gain[:, None]])
-        if np.abs(found[:, 3:]).max() < self.power * SETTLED:
+        if np.abs(found[:, 3:]).max() < self.power * CONVERGENCE_TOL:
             level = gain ** (1.0 / self.power)
             gains *= level[:, None]
             gains[:, 0] = level - 1.0
@@ -211,7 +213,7 @@ class DriftTracker:
     def _fit(self, heavy: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
         normal = (weights @ self._normal).reshape(3, 9)
-        likely = UNEVEN * np.abs(constant) + LEAST_UNEVEN
+        likely = UNEVEN * np.abs(constant) + MIN_UNEVEN
         normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (heavy * weights) @ self.basis

@@ -31,7 +31,7 @@ from tactilevision.robust import median
 ANYTHING = 1e4
 # stray light and its deviation in parts of the light, lean in parts of g_0; m and its deviation, and lean once
 # more, in parts of that by which channels left each other; that by which they do, in parts of g_0, or anything
-KINDS = np.array(
+DRIFT_KINDS = np.array(
     [
         (0.0, 0.0, 0.003, 0.0, 0.0, 0.03, 0.02),
         (0.1, 0.1, 0.003, 0.0, 0.0, 0.03, 0.02),
@@ -42,7 +42,7 @@ KINDS = np.array(
         (0.0, 0.15, 0.1, 0.2, 0.2, 0.1, ANYTHING),
     ]
 )
-OFTEN = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
+PRIOR_WEIGHTS = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
 LEAST = 1e-4
 FREE = 10.0  # g_0: anything
 CORRELATED = 6.0
@@ -93,7 +93,7 @@ def drift_of(
     spread = np.linalg.inv(held)
     found = np.matmul(spread, pulled[..., None])[..., 0]
     told = np.sum(pulled * found, axis=1) - np.linalg.slogdet(held)[1] - log_of_spread
-    likely = OFTEN * np.exp(0.5 * (told - told.max()))
+    likely = PRIOR_WEIGHTS * np.exp(0.5 * (told - told.max()))
     likely /= likely.sum()
     mean = likely @ found
     apart = found - mean
@@ -117,16 +117,16 @@ def _expected(gain: Floats, power: int) -> tuple[Floats, Floats, Floats]:
     """What the coefficients are under each kind (kinds, 18), the inverse of their covariance about it (kinds, 18,
     18), and the log of its determinant and of what is expected (kinds,)."""
     common, apart = np.abs(gain), float(np.abs(gain - median(gain)).max())
-    stray, stray_std, lean, mixed, mixed_std, uneven, alike = KINDS.T[:, :, None]
-    usual, std = np.zeros((2, len(KINDS), 3, TERMS))
+    stray, stray_std, lean, mixed, mixed_std, uneven, alike = DRIFT_KINDS.T[:, :, None]
+    usual, std = np.zeros((2, len(DRIFT_KINDS), 3, TERMS))
     own = np.minimum(alike * float(common.max()) + LEAST, FREE)
     std[..., 0] = own / power
     std[..., 1:3] = ((lean * common + uneven * apart + LEAST) / power)[..., None]
     usual[..., 3], std[..., 3] = -stray * gain, stray_std * common + LEAST
     usual[..., 4:] = mixed[..., None] * (gain[np.array(OTHERS)] - gain[:, None])
     std[..., 4:] = (mixed_std * apart + LEAST)[..., None]
-    usual, std = (values.reshape(len(KINDS), -1) for values in (usual, std))
-    held, each = np.zeros((len(KINDS), 3 * TERMS, 3 * TERMS)), np.arange(3 * TERMS)
+    usual, std = (values.reshape(len(DRIFT_KINDS), -1) for values in (usual, std))
+    held, each = np.zeros((len(DRIFT_KINDS), 3 * TERMS, 3 * TERMS)), np.arange(3 * TERMS)
     held[:, each, each] = std**-2
     weight = std[:, 0] ** -2  # what all channels have in common, FREE, beside what each has of its own
     shared = weight / (3.0 + 1.0 / (FREE**2 * weight))

@@ -16,7 +16,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Floats
 
 BLOCKS = (8, 6)  # across, down: coarse enough that neither marks nor noise tell
-LEAST_CHANGE = 0.1  # of brightness: lamps age and gels wear by half of it
+MIN_CHANGE = 0.1  # of brightness: lamps age and gels wear by half of it
 SAME_SHAPE = 0.02  # of the ratio of width to height: what a resized picture loses by whole pixels
 
 
@@ -42,7 +42,7 @@ def other_light(before: npt.ArrayLike, reference: Reference, scale_error: float)
     `scale_error` is the latter, relatively, of whole balls: that of single pixels is mostly their noise.
     """
     change = change_of_light(before, light_of(reference))
-    if not change > max(LEAST_CHANGE, scale_error):
+    if not change > max(MIN_CHANGE, scale_error):
         return ()
     return (
         "the method was made in another light: over the picture brightness differs by "

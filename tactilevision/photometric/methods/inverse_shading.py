@@ -13,7 +13,7 @@ read as fast as before.
 On five simulated sensors with 8 or 14 balls the depth of balls left out is off by 7 9 13 16 30 um, with the direct
 fit alone by 19 14 15 27 38. Lamps as near as the pad is wide need the third order: among 14 balls slopes are off
 by 1.8 % (rms over places and directions, mean of nine drawn lights), with the second by 2.2. Real light may obey
-no such law: balls left out decide which is used, one recording at a time (`EitherWay`; so do `depth`, `force` and
+no such law: balls left out decide which is used, one recording at a time (`AutoMethod`; so do `depth`, `force` and
 `view`).
 """
 
@@ -59,7 +59,7 @@ TERMS = terms_of(PLACE_ORDER)
 
 
 @dataclass(frozen=True)
-class ThroughLight:
+class InverseShading:
     """A Fitter of the polynomial that undoes the light's law.
 
     `uneven` penalises the law's change over the picture; `share` of the weight is on what the law says, the rest
@@ -75,21 +75,23 @@ class ThroughLight:
     def __name__(self) -> str:
         return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
 
-    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> Polynomial:
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
         law = fit_light(contact, self.uneven)
-        return fit_polynomial(contact, quiet, ridge=ridge, drawn=_drawn(law, contact), share=self.share)
+        return fit_polynomial(
+            contact, untouched_samples, ridge=ridge, drawn=_drawn(law, contact), share=self.share
+        )
 
 
-class EitherWay:
+class AutoMethod:
     """A Fitter: slopes of colours, or colours of slopes, whichever tells balls that it never saw better."""
 
     ways = (
         *((fit_polynomial, ridge) for ridge in RIDGES),
-        *((ThroughLight(uneven, share), SMOOTH) for uneven in UNEVEN for share in SHARES),
+        *((InverseShading(uneven, share), SMOOTH) for uneven in UNEVEN for share in SHARES),
     )
 
-    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw:
-        return fit_polynomial(contact, quiet, ridge=ridge)
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw:
+        return fit_polynomial(contact, untouched_samples, ridge=ridge)
 
 
 def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:

@@ -72,13 +72,13 @@ class Lookup:
         return {"table": self.table.astype(np.float64), "lowest": self.lowest, "highest": self.highest}
 
 
-def fit_lookup(contact: Samples, quiet: Samples, *, ridge: float) -> Lookup:
+def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) -> Lookup:
     """The table of the samples.
 
     `ridge` is the penalty of the cubic that fills it, in parts of its terms' power.
     """
-    seen = np.concatenate([contact.change, quiet.change])
-    slopes = np.concatenate([contact.slopes, quiet.slopes])
+    seen = np.concatenate([contact.change, untouched_samples.change])
+    slopes = np.concatenate([contact.slopes, untouched_samples.slopes])
     lowest, highest = np.percentile(seen, 0.1, axis=0), np.percentile(seen, 99.9, axis=0)
     margin = 0.1 * (highest - lowest)
     lowest, highest = lowest - margin, highest + margin

@@ -95,14 +95,14 @@ class Polynomial:
 
 
 def fit_polynomial(
-    contact: Samples, quiet: Samples, *, ridge: float, drawn: Samples | None = None, share: float = 0.0
+    contact: Samples, untouched_samples: Samples, *, ridge: float, drawn: Samples | None = None, share: float = 0.0
 ) -> Polynomial:
     """The polynomial that explains the samples.
 
     `ridge` penalises the place terms, in parts of their power. Samples `drawn` from another law, without noise,
     have `share` of the weight.
     """
-    still = _design(quiet.change, quiet.place)
+    still = _design(untouched_samples.change, untouched_samples.place)
     power, noise, right = _sums(contact)
     if drawn is not None:
         more = _sums(drawn)

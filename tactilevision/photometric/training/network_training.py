@@ -45,10 +45,10 @@ class NetworkFitter:
 
     ridges = (DECAY,)
 
-    def __call__(self, contact: Samples, quiet: Samples, *, ridge: float) -> Network:
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Network:
         """The network that explains the samples; `ridge` is the decay of its weights."""
         more = [] if self.shown is None else [self.shown.where(np.isin(self.shown.press, contact.press))]
-        return fit_network(join([contact, *more]), quiet, ridge=ridge, steps=self.steps)
+        return fit_network(join([contact, *more]), untouched_samples, ridge=ridge, steps=self.steps)
 
     def prepared(
         self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
@@ -87,12 +87,14 @@ def augmented(change: ColourChange, rgb: Bytes, ball: Ball, mm_per_px: Pair, *, 
     return _samples(stack.double().numpy(), found.numpy(), box, rgb.shape[:2], number)
 
 
-def fit_network(contact: Samples, quiet: Samples, *, ridge: float = DECAY, steps: int = STEPS) -> Network:
+def fit_network(
+    contact: Samples, untouched_samples: Samples, *, ridge: float = DECAY, steps: int = STEPS
+) -> Network:
     """The network that explains the samples of balls and of untouched gel."""
     import torch
 
     with one_core(SEED):
-        module = _trained(contact, quiet, ridge, steps)
+        module = _trained(contact, untouched_samples, ridge, steps)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "network.onnx"
         export_network(module, torch.zeros(1, 5, 4, 4), path, free_axes={2: "rows", 3: "columns"})
@@ -123,11 +125,12 @@ def make_module(typical_change: Floats) -> torch.nn.Module:
     return Perceptron()
 
 
-def _trained(contact: Samples, quiet: Samples, ridge: float, steps: int) -> torch.nn.Module:
+def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: int) -> torch.nn.Module:
     import torch
 
     pressed, still = (
-        torch.as_tensor(np.concatenate([s.change, s.place], axis=1), dtype=torch.float32) for s in (contact, quiet)
+        torch.as_tensor(np.concatenate([s.change, s.place], axis=1), dtype=torch.float32)
+        for s in (contact, untouched_samples)
     )
     slopes = torch.as_tensor(contact.slopes, dtype=torch.float32)
     module = make_module(np.sqrt(np.mean(contact.change**2, axis=0)))

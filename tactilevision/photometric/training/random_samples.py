@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples, join
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
-from tactilevision.photometric.reference import LEAST_SIGNAL, SATURATED
+from tactilevision.photometric.reference import MIN_SIGNAL, SATURATED
 from tactilevision.photometric.training.random_lights import SIZE_MM, draw_scenes, expose, shade
 from tactilevision.photometric.training.single_core import one_core
 
@@ -63,7 +63,7 @@ def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
     untouched = shade(scenes, where, torch.zeros_like(slopes))
     level = expose(scenes, untouched, rng, averaged=AVERAGED)
     pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
-    seen = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > LEAST_SIGNAL)
+    seen = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
     scene = torch.arange(first, first + AT_ONCE)[:, None].expand(-1, EACH)
 
     def samples(grey: torch.Tensor, slope: torch.Tensor) -> Samples:

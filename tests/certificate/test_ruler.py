@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactilevision.certificate.force.contact_point import first_contact, moving_s, top_s
+from tactilevision.certificate.force.contact_point import contact_point, moving_s, top_s
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.touch.indenter_travel import begin_of, travel_of
-from tactilevision.certificate.touch.travel_scale import Mark, fit_ruler
+from tactilevision.certificate.touch.indenter_travel import begin_of, indenter_travel
+from tactilevision.certificate.touch.travel_scale import TravelPoint, fit_travel_scale
 from tactilevision.recording import StageSeries
 from tactilevision.records import ForceSeries, Press
 
@@ -23,14 +23,14 @@ def force_of(depth: float) -> float:
     return C * depth * (1 + BETA * depth / THICKNESS)
 
 
-def marks(rng: np.random.Generator, *, late: float, alpha: float = 1.02, give: float = 0.0) -> list[Mark]:
+def marks(rng: np.random.Generator, *, late: float, alpha: float = 1.02, give: float = 0.0) -> list[TravelPoint]:
     """Three presses at each height, seen `late` mm behind, each with an error of its own."""
     found = []
     for k, height in enumerate(HEIGHTS):
         true = height / 1.1 + MACHINED * rng.standard_normal()
         for _ in range(3):
             seen = alpha * true + give * force_of(true) + late + OWN * rng.standard_normal()
-            found.append(Mark(height / 1.1, seen, OWN, TOGETHER, force_of(true), f"A{k}", MACHINED))
+            found.append(TravelPoint(height / 1.1, seen, OWN, TOGETHER, force_of(true), f"A{k}", MACHINED))
     return found
 
 
@@ -39,7 +39,7 @@ def test_the_ruler_does_not_follow_touches_that_are_all_seen_late() -> None:
     for seed in range(60):
         rng = np.random.default_rng(seed)
         late = float(rng.normal(0, TOGETHER))
-        ruler = fit_ruler(marks(rng, late=late))
+        ruler = fit_travel_scale(marks(rng, late=late))
         assert ruler is not None
         assert ruler.used.all()
         slope, true = ruler.alpha + ruler.give_mm_per_N * C, 1.02
@@ -53,15 +53,15 @@ def test_the_ruler_does_not_follow_touches_that_are_all_seen_late() -> None:
 def test_a_rig_that_gives_way_is_still_a_ruler() -> None:
     errors = []
     for seed in range(30):
-        ruler = fit_ruler(marks(np.random.default_rng(seed), late=0.003, give=0.005))
+        ruler = fit_travel_scale(marks(np.random.default_rng(seed), late=0.003, give=0.005))
         assert ruler is not None
         errors.append((ruler.alpha + ruler.give_mm_per_N * C) / (1.02 + 0.005 * C) - 1)
     assert abs(np.mean(errors)) < 0.006
 
 
 def test_without_errors_every_place_is_exact() -> None:
-    exact = [Mark(h, 2.0 * h, 1e-6, 1e-6, force_of(h), str(h), 0.0) for h in HEIGHTS]
-    ruler = fit_ruler(exact)
+    exact = [TravelPoint(h, 2.0 * h, 1e-6, 1e-6, force_of(h), str(h), 0.0) for h in HEIGHTS]
+    ruler = fit_travel_scale(exact)
     assert ruler is not None
     for mark in exact:
         assert ruler.travel_mm(mark.depth_mm, mark.force_N) == pytest.approx(mark.travel_mm, abs=1e-5)
@@ -71,7 +71,7 @@ def test_without_errors_every_place_is_exact() -> None:
 def test_one_wrong_touch_is_left_out() -> None:
     wrong = marks(np.random.default_rng(2), late=0.002)
     wrong[7] = replace(wrong[7], travel_mm=wrong[7].travel_mm + 0.03)
-    ruler = fit_ruler(wrong)
+    ruler = fit_travel_scale(wrong)
     assert ruler is not None
     assert list(np.flatnonzero(~ruler.used)) == [7]
 
@@ -81,7 +81,7 @@ def test_two_heights_are_enough_where_they_differ() -> None:
     for seed in range(40):
         late = float(np.random.default_rng(seed + 1000).normal(0, TOGETHER))
         two = [mark for mark in marks(np.random.default_rng(seed), late=late) if mark.height in ("A1", "A4")]
-        ruler = fit_ruler(two)
+        ruler = fit_travel_scale(two)
         assert ruler is not None
         errors.append(((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1) / ruler.relative_std(C))
     assert np.sqrt(np.mean(np.square(errors))) < 1.3
@@ -97,7 +97,7 @@ def test_a_face_that_leans_is_believed_as_far_as_the_touches_say() -> None:
             lean = 0.005 * rng.standard_normal(3 * len(HEIGHTS))
             leaning = [replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, lean_mm=t)
                        for mark, t in zip(marks(rng, late=0.002), lean, strict=True)]  # fmt: skip
-            ruler = fit_ruler(leaning)
+            ruler = fit_travel_scale(leaning)
             assert ruler is not None
             errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
         spread[real] = np.std(errors)
@@ -107,8 +107,8 @@ def test_a_face_that_leans_is_believed_as_far_as_the_touches_say() -> None:
 def test_a_stage_tells_at_one_height_how_late_the_touches_are() -> None:
     late = 0.004
     one = [mark for mark in marks(np.random.default_rng(5), late=late, alpha=1.0) if mark.height == "A2"]
-    assert fit_ruler(one) is None
-    ruler = fit_ruler([replace(mark, force_N=0.0) for mark in one], scale=1.0)  # a rig that does not give
+    assert fit_travel_scale(one) is None
+    ruler = fit_travel_scale([replace(mark, force_N=0.0) for mark in one], scale=1.0)  # a rig that does not give
     assert ruler is not None
     assert ruler.alpha == pytest.approx(1.0, abs=0.005)
     assert ruler.late_mm == pytest.approx(late, abs=2.5 * ruler.late_std_mm)
@@ -125,12 +125,12 @@ def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> 
     begun = begin_of(window, top_s_ - 0.2)
     assert begun is not None
     for stage, pace in ((StageSeries(times, place), float("nan")), (None, 0.25)):
-        travel = travel_of(window, begun, stage=stage, pace_mm_s=pace)
+        travel = indenter_travel(window, begun, stage=stage, pace_mm_s=pace)
         assert travel is not None
         assert travel.at(stop_s + 0.5) == pytest.approx(0.3, abs=0.012)
         assert travel.at(top_s_ - 0.2) == pytest.approx(0.45, abs=0.012)
         assert travel.reached_s(0.45) == pytest.approx(top_s_ - 0.2, abs=0.06)
-    assert travel_of(window, begun, stage=None, pace_mm_s=float("nan")) is None
+    assert indenter_travel(window, begun, stage=None, pace_mm_s=float("nan")) is None
 
 
 def test_a_stage_that_still_approaches_fast_at_first_contact_is_no_ruler() -> None:
@@ -145,8 +145,8 @@ def test_a_stage_that_still_approaches_fast_at_first_contact_is_no_ruler() -> No
     noise = 0.0004 * np.random.default_rng(1).standard_normal(times.size)
     steady = 7.0 + np.where(times < 1.2345, np.maximum(0.25 * (times - 1.2345), -0.05), pressing) + noise
     fast = 7.0 + np.where(times < 1.2345, -0.05, pressing) + noise
-    assert travel_of(window, begun, stage=StageSeries(times, steady), pace_mm_s=float("nan")) is not None
-    assert travel_of(window, begun, stage=StageSeries(times, fast), pace_mm_s=float("nan")) is None
+    assert indenter_travel(window, begun, stage=StageSeries(times, steady), pace_mm_s=float("nan")) is not None
+    assert indenter_travel(window, begun, stage=StageSeries(times, fast), pace_mm_s=float("nan")) is None
 
 
 def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
@@ -155,7 +155,7 @@ def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
         rng = np.random.default_rng(seed)
         leaning = [replace(mark, travel_mm=mark.travel_mm + 0.006 * rng.standard_normal())
                    for mark in marks(rng, late=float(rng.normal(0, TOGETHER)))]  # fmt: skip
-        ruler = fit_ruler(leaning, even=True)
+        ruler = fit_travel_scale(leaning, even=True)
         assert ruler is not None
         errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
         stds.append(ruler.relative_std(C))
@@ -167,10 +167,10 @@ def test_no_ruler_without_a_common_pace_or_enough_heights() -> None:
     uneven = [
         replace(mark, travel_mm=mark.travel_mm * rng.choice([0.7, 1.0, 1.6])) for mark in marks(rng, late=0.0)
     ]
-    found = fit_ruler(uneven)
+    found = fit_travel_scale(uneven)
     assert found is None or found.used.sum() < len(uneven)
-    assert fit_ruler([mark for mark in marks(rng, late=0.0) if mark.height in ("A3", "A4")]) is None
-    assert fit_ruler([]) is None
+    assert fit_travel_scale([mark for mark in marks(rng, late=0.0) if mark.height in ("A3", "A4")]) is None
+    assert fit_travel_scale([]) is None
 
 
 def ramp(rng: np.random.Generator, *, dwell_s: float = 0.0) -> tuple[ForceSeries, Press]:
@@ -192,7 +192,7 @@ def test_first_contact_is_unbiased_and_its_std_honest() -> None:
         series, press = ramp(np.random.default_rng(seed))
         window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
         assert window is not None
-        found = first_contact(window, 1.2345 + 0.4 / 0.25)
+        found = contact_point(window, 1.2345 + 0.4 / 0.25)
         assert found is not None
         errors.append(found.time_s - 1.2345)
         stds.append(found.std_s)
@@ -205,7 +205,7 @@ def test_a_stop_on_the_way_is_no_part_of_the_travel() -> None:
     series, press = ramp(np.random.default_rng(1), dwell_s=1.0)
     window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
     assert window is not None
-    assert first_contact(window, 1.2345 + 0.45 / 0.25 + 1.0) is None
+    assert contact_point(window, 1.2345 + 0.45 / 0.25 + 1.0) is None
     since = 1.2345 + 0.2 / 0.25
     moved = moving_s(window, since, np.array([since, since + 0.4, since + 1.9]))
     assert moved == pytest.approx([0.0, 0.4, 0.9], abs=0.06)

@@ -9,7 +9,7 @@ from tactilevision.certificate.force.event_force import force_in_dwell, force_on
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.tare import find_tare
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.touch.force_crossing import crossing, event_force
+from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
 from tactilevision.records import Floats, ForceSeries, Press
 
 STD = np.array([0.00625, 0.00625, 0.0125])
@@ -124,7 +124,7 @@ def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
     series = stepped(np.random.default_rng(1), relaxing=0.0)
     window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
     assert window is not None
-    resting, moving = crossing(window, 1.0, 0.005), crossing(window, 0.6, 0.005)
+    resting, moving = force_crossing(window, 1.0, 0.005), force_crossing(window, 0.6, 0.005)
     assert resting is not None
     assert moving is not None
     assert resting.time_s == pytest.approx(2.0, abs=0.05)
@@ -137,7 +137,7 @@ def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
     assert mean.force_N[2] == pytest.approx(1.0, abs=0.01)
     assert not fit.dwell
     assert fit.force_N[2] == pytest.approx(0.6, abs=0.012)
-    assert crossing(window, 2.0, 0.005) is None
+    assert force_crossing(window, 2.0, 0.005) is None
 
 
 def test_the_zero_is_read_on_both_sides_though_it_drifts_and_after_a_first_try() -> None:

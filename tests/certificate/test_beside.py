@@ -11,9 +11,9 @@ import pytest
 from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 
 from tactilevision.certificate.certificate import Certificate, Evidence
-from tactilevision.certificate.depth.pile_up import Rise
+from tactilevision.certificate.depth.pile_up import PileUp
 from tactilevision.certificate.depth.surface_beside_punch import surfaces_beside, with_nu, with_rise
-from tactilevision.mechanics.poisson_from_surface import BulgeSettings, fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
@@ -60,7 +60,7 @@ def certified(made: list[Made], record: Recording) -> Certificate:
             nothing, nothing,
         )  # fmt: skip
     known = Estimate(0.0, 0.0, (0.0, 0.0), "s")
-    rise = Rise(0.1, 0.02, None, (0.1, 0.02))
+    rise = PileUp(0.1, 0.02, None, (0.1, 0.02))
     return Certificate(tuple(points), tuple(curves), known, evidence, rise, 5.0)
 
 
@@ -74,7 +74,7 @@ def test_walls_that_cannot_be_read_do_not_reach_nu(scene: tuple[list[Made], Reco
     made, record = scene
     views = surfaces_beside(record, cast(Reconstructor, Slopes(made)), certified(made, record))
     assert [view.name for view in views] == ["1", "2", "3"]
-    settings = BulgeSettings(guard_mm=1.2, gain_std=0.01, bowl_std_per_mm=3e-4)
+    settings = SurfaceFitSettings(guard_mm=1.2, gain_std=0.01, bowl_std_per_mm=3e-4)
     fit = fit_poisson_ratio(views, thickness_mm=3.0, model=EXACT, settings=settings)
     assert fit.poisson_ratio.value == pytest.approx(NU, abs=0.003), "differences over .15 mm alone cost .002"
 

@@ -11,7 +11,7 @@ import pytest
 
 from tactilevision.certificate import certify
 from tactilevision.certificate.certificate import Certificate
-from tactilevision.certificate.depth.depth_scale import doubt_of_scale
+from tactilevision.certificate.depth.depth_scale import scale_warning
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 
@@ -28,21 +28,21 @@ def faces(scale: float) -> list[tuple[float, float]]:
 
 
 def test_faces_as_certified_raise_no_doubt() -> None:
-    assert doubt_of_scale(faces(1.0), [4.0]) == ""
-    assert doubt_of_scale(faces(0.97), [4.0]) == ""
-    assert doubt_of_scale(faces(0.9)[:2], [4.0]) == "", "two faces are too few"
-    assert doubt_of_scale([(0.4, 0.5), (0.5, 0.6), (0.45, 0.55)], [4.0]) == "", "walls hide the depth of these"
+    assert scale_warning(faces(1.0), [4.0]) == ""
+    assert scale_warning(faces(0.97), [4.0]) == ""
+    assert scale_warning(faces(0.9)[:2], [4.0]) == "", "two faces are too few"
+    assert scale_warning([(0.4, 0.5), (0.5, 0.6), (0.45, 0.55)], [4.0]) == "", "walls hide the depth of these"
 
 
 def test_faces_off_together_name_the_radius_that_would_explain_them() -> None:
-    said = doubt_of_scale(faces(1 / 1.1), [4.4])
+    said = scale_warning(faces(1 / 1.1), [4.4])
     assert "-9 % off" in said or "-10 % off" in said or "-8 % off" in said
     assert "stated as 4.4 mm really 3.9" in said or "stated as 4.4 mm really 4.0" in said
-    assert "balls of this sensor would mend it" in doubt_of_scale(faces(1.4), [])
+    assert "balls of this sensor would mend it" in scale_warning(faces(1.4), [])
 
 
 def test_faces_that_scatter_as_much_say_nothing() -> None:
-    assert doubt_of_scale([(0.12, 0.14), (0.2, 0.28), (0.33, 0.29), (0.3, 0.36)], [4.0]) == ""
+    assert scale_warning([(0.12, 0.14), (0.2, 0.28), (0.33, 0.29), (0.3, 0.36)], [4.0]) == ""
 
 
 @lru_cache

@@ -6,25 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.force.contact_point import FirstContact
-from tactilevision.certificate.touch.shared_contact_law import share_law
+from tactilevision.certificate.force.contact_point import ContactPoint
+from tactilevision.certificate.touch.shared_contact_law import shared_contact_law
 
 PACE = 0.25
 B1, B2 = 3.0, 0.9
 NOISE = 0.0125
 
 
-def contact(rng: np.random.Generator, top_mm: float, *, gain: float = 1.0, bend: float = 1.0) -> FirstContact:
+def contact(rng: np.random.Generator, top_mm: float, *, gain: float = 1.0, bend: float = 1.0) -> ContactPoint:
     """What a fit of one ramp to `top_mm` at 200 Hz finds, true zero at 0 s: linear errors about the truth."""
     time = np.arange(0.0, top_mm / PACE, 0.005)
     law = gain * np.array([B1 * PACE, bend * B2 * PACE**2])
     jacobian = np.column_stack([-(law[0] + 2 * law[1] * time), time, time**2])
     covariance = NOISE**2 * np.linalg.inv(jacobian.T @ jacobian)
     zero, *found = rng.multivariate_normal([0.0, *law], covariance)
-    return FirstContact(float(zero), float(np.sqrt(covariance[0, 0])), np.array(found), covariance)
+    return ContactPoint(float(zero), float(np.sqrt(covariance[0, 0])), np.array(found), covariance)
 
 
-def together(rng: np.random.Generator, scatter: float) -> dict[str, FirstContact]:
+def together(rng: np.random.Generator, scatter: float) -> dict[str, ContactPoint]:
     tops = [0.14, 0.27, 0.36, 0.45] * 3
     return {str(k): contact(rng, top, gain=1 + scatter * rng.standard_normal()) for k, top in enumerate(tops)}
 
@@ -34,7 +34,7 @@ def test_zeros_sharpen_and_say_by_how_much() -> None:
         alone, shared, stated = [], [], []
         for seed in range(40):
             found = together(np.random.default_rng(seed), scatter)
-            known = share_law(found, dict.fromkeys(found, PACE))
+            known = shared_contact_law(found, dict.fromkeys(found, PACE))
             alone += [one.time_s for one in found.values()]
             shared += [one.time_s for one in known.values()]
             stated += [np.hypot(one.std_s, one.shared_s) for one in known.values()]
@@ -47,7 +47,7 @@ def test_what_the_common_law_leaves_open_moves_all_zeros_alike() -> None:
     means, stated = [], []
     for seed in range(60):
         found = together(np.random.default_rng(seed), 0.002)
-        known = share_law(found, dict.fromkeys(found, PACE)).values()
+        known = shared_contact_law(found, dict.fromkeys(found, PACE)).values()
         means.append(np.mean([one.time_s for one in known]))
         own = np.mean([one.std_s**2 for one in known]) / len(found)
         stated.append(np.sqrt(own + np.mean([one.shared_s for one in known]) ** 2))
@@ -57,16 +57,16 @@ def test_what_the_common_law_leaves_open_moves_all_zeros_alike() -> None:
 def test_presses_of_another_law_or_too_few_keep_their_own() -> None:
     rng = np.random.default_rng(1)
     mixed = together(rng, 0.0) | {f"x{k}": contact(rng, 0.45, bend=3.0) for k in range(6)}
-    assert share_law(mixed, dict.fromkeys(mixed, PACE)) == mixed
+    assert shared_contact_law(mixed, dict.fromkeys(mixed, PACE)) == mixed
     few = dict(list(together(rng, 0.0).items())[:2])
-    assert share_law(few, dict.fromkeys(few, PACE)) == few
+    assert shared_contact_law(few, dict.fromkeys(few, PACE)) == few
     paced = together(rng, 0.0)
     uneven = {name: PACE * (1.5 if int(name) % 2 else 1.0) for name in paced}
-    assert share_law(paced, uneven) == paced
+    assert shared_contact_law(paced, uneven) == paced
 
 
 def test_without_noise_nothing_moves() -> None:
     exact = {name: replace(one, time_s=0.0, law=np.array([B1 * PACE, B2 * PACE**2]))
              for name, one in together(np.random.default_rng(0), 0.0).items()}  # fmt: skip
-    known = share_law(exact, dict.fromkeys(exact, PACE))
+    known = shared_contact_law(exact, dict.fromkeys(exact, PACE))
     assert max(abs(one.time_s) for one in known.values()) < 1e-12
