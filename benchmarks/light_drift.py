@@ -111,9 +111,12 @@ def _strange_light(seed: int, rng: np.random.Generator, told: Observability) -> 
         for kind, centre, contact, press in presses[(number + seed) % 2 :: 2]:
             rgb = camera.expose(drifted(camera, press, what, leans=leans, rng=rng), rng)
             told.add(
-                reader.height_map(Frame(rgb)), press.depth_mm(camera.grid), camera.grid.distance(centre),
-                contact=contact, kind=kind,
-            )  # fmt: skip
+                reader.height_map(Frame(rgb)),
+                press.depth_mm(camera.grid),
+                camera.grid.distance(centre),
+                contact=contact,
+                kind=kind,
+            )
 
 
 def _calibrated(camera: Camera, rng: np.random.Generator) -> Reconstructor:

@@ -76,8 +76,10 @@ def main(arguments: list[str] | None = None) -> None:
         said = f"{nu + errors[-1]:8.4f} {found.std or np.nan:7.4f} {errors[-1]:+7.4f} {verdict:>6}  {source:>6}"
         print(f"{seed:4d} {nu:.4f} {friction:8.2f} {said} {paper.value or np.nan:10.4f}", flush=True)
     within = sum(abs(error) <= 0.01 for error in errors)
-    print(f"within .01: {within} of {len(errors)}; intervals cover {sum(covered)} of {len(errors)}; "
-          f"rms {np.sqrt(np.mean(np.square(errors))):.4f}")  # fmt: skip
+    print(
+        f"within .01: {within} of {len(errors)}; intervals cover {sum(covered)} of {len(errors)}; "
+        f"rms {np.sqrt(np.mean(np.square(errors))):.4f}"
+    )
 
 
 if __name__ == "__main__":

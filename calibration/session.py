@@ -52,8 +52,10 @@ class History:
         """Plain data."""
 
         def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
-            return [{"key": s.key, "path": s.path, "rms_before_N": s.rms_before_N, "rms_after_N": s.rms_after_N}
-                    for s in steps]  # fmt: skip
+            return [
+                {"key": s.key, "path": s.path, "rms_before_N": s.rms_before_N, "rms_after_N": s.rms_after_N}
+                for s in steps
+            ]
 
         return {"recordings": list(self.recordings), "steps": rows(self.steps), "undone": rows(self.undone)}
 
@@ -72,12 +74,17 @@ class History:
 def load_history(path: Path | str) -> History:
     """Read what `History.save` wrote. Raises InputError for a file that is missing or not a history."""
     if not Path(path).is_file():
-        raise InputError("there is no history of an analysis here", where=path,
-                         remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.")  # fmt: skip
+        raise InputError(
+            "there is no history of an analysis here",
+            where=path,
+            remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.",
+        )
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-        return History(tuple(content["recordings"]), *(
-            tuple(_step(row) for row in content[name]) for name in ("steps", "undone")))  # fmt: skip
+        return History(
+            tuple(content["recordings"]),
+            *(tuple(_step(row) for row in content[name]) for name in ("steps", "undone")),
+        )
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
 

@@ -57,8 +57,10 @@ def main() -> None:
     base, _, added = compare(crept, ["viscoelasticity", ClampCreep()], np.random.default_rng(0)).models
     found = dict(added.parameters)["clamp_creep.amplitude"]
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
-    print(f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
-          f"the repeats' own scatter {1e3 * added.floor_N:.0f} mN")  # fmt: skip
+    print(
+        f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
+        f"the repeats' own scatter {1e3 * added.floor_N:.0f} mN"
+    )
 
 
 if __name__ == "__main__":

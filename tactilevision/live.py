@@ -74,8 +74,12 @@ class Stream:
     def take(self, frame: Frame) -> Moment:
         """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
         if not isinstance(frame, Frame):
-            raise InputError("a stream takes frames", where="Stream.take", value=type(frame).__name__,
-                             remedy="Hand over Frame(rgb).")  # fmt: skip
+            raise InputError(
+                "a stream takes frames",
+                where="Stream.take",
+                value=type(frame).__name__,
+                remedy="Hand over Frame(rgb).",
+            )
         began = time.perf_counter()
         if self.frames == 0:  # for all that come: it takes longer than a frame
             self.reconstructor.look([self.reconstructor.rectified(frame)])

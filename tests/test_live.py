@@ -16,12 +16,7 @@ import pytest
 from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
 from tactilevision.live import Stream
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    CalibratedMethod,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Bytes, Frame, Indenter

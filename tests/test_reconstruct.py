@@ -12,13 +12,7 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    Calibration,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
 from tactilevision.reconstruct.untouched_frames import subtract_background, tare
 from tactilevision.records import Bytes, Frame, SlopeMap

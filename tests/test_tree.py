@@ -92,8 +92,12 @@ def test_a_mixed_tree_becomes_maps_and_one_table(tmp_path: Path) -> None:
         root, out, read=read, light=light, workers=1, progress=lambda done, of, what: told.append((done, of))
     )
     assert [(branch.name, len(branch.rows)) for branch in branches] == [
-        (".", 2), ("b", 3), ("c/d", 3), ("e.avi", 4), ("f", 0)
-    ]  # fmt: skip
+        (".", 2),
+        ("b", 3),
+        ("c/d", 3),
+        ("e.avi", 4),
+        ("f", 0),
+    ]
     assert "another format" in branches[-1].why
     assert told[-1] == (12, 12)
     assert told == sorted(told)

@@ -60,10 +60,17 @@ def diagnosing(folder: Path) -> Finding:
     seconds = time.perf_counter() - start
     modulus = found.after.youngs_modulus
     return Finding(
-        found.verdict, tuple(e.key for e in found.effects), tuple(found.candidates), modulus.value,
-        modulus.interval95, found.errors.held_out_after, found.errors.floor, seconds,
-        lack_of_fit_p=found.lack_of_fit_p, std_MPa=modulus.std or float("nan"),
-    )  # fmt: skip
+        found.verdict,
+        tuple(e.key for e in found.effects),
+        tuple(found.candidates),
+        modulus.value,
+        modulus.interval95,
+        found.errors.held_out_after,
+        found.errors.floor,
+        seconds,
+        lack_of_fit_p=found.lack_of_fit_p,
+        std_MPa=modulus.std or float("nan"),
+    )
 
 
 def naive(folder: Path) -> dict[str, Finding]:

@@ -40,9 +40,14 @@ class AlternativeExplanation:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {"key": self.key, "what": self.words, "covariate": self.covariate,
-                "parameters": {p.name: {"value": value, "unit": p.unit} for p, value in self.sizes},
-                "instead_of": list(self.instead_of), "cheaper_by": self.cheaper}  # fmt: skip
+        return {
+            "key": self.key,
+            "what": self.words,
+            "covariate": self.covariate,
+            "parameters": {p.name: {"value": value, "unit": p.unit} for p, value in self.sizes},
+            "instead_of": list(self.instead_of),
+            "cheaper_by": self.cheaper,
+        }
 
 
 def alternative_explanation(searched: Searched) -> AlternativeExplanation | None:
@@ -57,8 +62,15 @@ def alternative_explanation(searched: Searched) -> AlternativeExplanation | None
         return None
     assert isinstance(best.effect, InstrumentError)
     sizes = tuple(zip(best.effect.parameters, best.own_values.tolist(), strict=True))
-    return AlternativeExplanation(best.effect.key, best.effect.words, best.effect.covariate, sizes,
-                     tuple(effect.key for effect in named), paid - best.cost, float(best.values[0]))  # fmt: skip
+    return AlternativeExplanation(
+        best.effect.key,
+        best.effect.words,
+        best.effect.covariate,
+        sizes,
+        tuple(effect.key for effect in named),
+        paid - best.cost,
+        float(best.values[0]),
+    )
 
 
 def _fitted(begin: Fit, effects: Sequence[Effect]) -> Iterator[Candidate]:

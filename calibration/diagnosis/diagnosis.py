@@ -56,8 +56,13 @@ class Errors:
 
     def as_json(self) -> dict[str, float]:
         """rms_error_N."""
-        return {"before": self.before, "after": self.after, "held_out_before": self.held_out_before,
-                "held_out_after": self.held_out_after, "floor": self.floor}  # fmt: skip
+        return {
+            "before": self.before,
+            "after": self.after,
+            "held_out_before": self.held_out_before,
+            "held_out_after": self.held_out_after,
+            "floor": self.floor,
+        }
 
 
 @dataclass(frozen=True, slots=True)

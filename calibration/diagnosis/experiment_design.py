@@ -34,8 +34,7 @@ class NextMeasurement:
 
     def as_json(self) -> dict[str, Any]:
         """One entry of measure_next."""
-        return {"action": self.action, "minutes": self.minutes,
-                "expected_separation_sigma": self.separation_sigma}  # fmt: skip
+        return {"action": self.action, "minutes": self.minutes, "expected_separation_sigma": self.separation_sigma}
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,27 +101,41 @@ def _presses(data: Observations, *, radius: float | None = None, speed: float | 
     one = data.presses.take(np.zeros(3, dtype=np.int64))
     x, y = place or (float(np.nan_to_num(one.x_mm[0])), float(np.nan_to_num(one.y_mm[0])))
     presses = replace(
-        one, label=tuple(f"next{k}" for k in range(3)), indenter=np.zeros(3, dtype=np.int64),
-        radius_mm=np.full(3, kind.radius_mm), x_mm=np.full(3, x), y_mm=np.full(3, y), rest_s=np.full(3, rest_s),
-        speed_mm_s=np.full(3, rate), day=begins / 86400, order=data.count + np.arange(3.0),
-    )  # fmt: skip
+        one,
+        label=tuple(f"next{k}" for k in range(3)),
+        indenter=np.zeros(3, dtype=np.int64),
+        radius_mm=np.full(3, kind.radius_mm),
+        x_mm=np.full(3, x),
+        y_mm=np.full(3, y),
+        rest_s=np.full(3, rest_s),
+        speed_mm_s=np.full(3, rate),
+        day=begins / 86400,
+        order=data.count + np.arange(3.0),
+    )
     return _observations(data, kind, presses, np.asarray(begins, dtype=float), (depth, time, phase))
 
 
-def _observations(data: Observations, kind: Indenter, presses: Presses, begins: Floats,
-                  path: tuple[Floats, Floats, list[str]]) -> Observations:  # fmt: skip
+def _observations(
+    data: Observations, kind: Indenter, presses: Presses, begins: Floats, path: tuple[Floats, Floats, list[str]]
+) -> Observations:
     depth, time, phase = path
     count = len(begins)
     size = count * depth.size
     return replace(
-        data, indenters=(kind,), presses=presses, press=np.repeat(np.arange(count), depth.size),
-        time_s=np.concatenate([begin + time for begin in begins]), depth_mm=np.tile(depth, count),
-        force_N=np.zeros((size, 3)), phase=np.array(phase * count),
+        data,
+        indenters=(kind,),
+        presses=presses,
+        press=np.repeat(np.arange(count), depth.size),
+        time_s=np.concatenate([begin + time for begin in begins]),
+        depth_mm=np.tile(depth, count),
+        force_N=np.zeros((size, 3)),
+        phase=np.array(phase * count),
         temperature_C=np.full(size, float(np.median(data.temperature_C))),
         depth_std_mm=np.full(size, float(np.median(data.depth_std_mm))),
-        force_std_N=np.full(size, float(np.median(data.force_std_N))), reconstructed_mm=None,
+        force_std_N=np.full(size, float(np.median(data.force_std_N))),
+        reconstructed_mm=None,
         reconstructed_std_mm=None,
-    )  # fmt: skip
+    )
 
 
 def _join(*sets: Observations) -> Observations:
@@ -141,8 +154,9 @@ def _join(*sets: Observations) -> Observations:
     presses = Presses(
         label=tuple(label for s in sets for label in s.presses.label),
         indenter=np.concatenate([s.presses.indenter + k for s, k in zip(sets, shift, strict=True)]),
-        order=np.arange(float(sum(s.count for s in sets))), **columns,
-    )  # fmt: skip
+        order=np.arange(float(sum(s.count for s in sets))),
+        **columns,
+    )
     return replace(
         first, indenters=indenters, presses=presses, reconstructed_mm=None, reconstructed_std_mm=None,
         press=np.concatenate([s.press + k for s, k in zip(sets, before, strict=True)]),

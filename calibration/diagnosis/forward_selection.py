@@ -158,10 +158,15 @@ def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
     for effect in effects:
         if isinstance(effect, Viscoelasticity) and (more := effect.richer()) is not None:
             own = places[effect.key]
-            yield current.model.without(effect.key) + more, np.array([
-                [*current.values[: own.start], *start, *current.values[own.stop :]]
-                for start in effect.richer_starts(current.values[own])
-            ])  # fmt: skip
+            yield (
+                current.model.without(effect.key) + more,
+                np.array(
+                    [
+                        [*current.values[: own.start], *start, *current.values[own.stop :]]
+                        for start in effect.richer_starts(current.values[own])
+                    ]
+                ),
+            )
 
 
 def _fitted(current: Fit, model: Model, starts: Floats) -> Fit | None:
@@ -213,8 +218,11 @@ def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, l
 
 def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
-    may = [c for c in turn.candidates
-           if turn.scored[c.effect.key].p_adjusted <= level and _inside(c) and c.cost <= current.chi2]  # fmt: skip
+    may = [
+        c
+        for c in turn.candidates
+        if turn.scored[c.effect.key].p_adjusted <= level and _inside(c) and c.cost <= current.chi2
+    ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
     again = _weighed_again(current, may[0], turn.candidates) if may else ()
     for best in (c for c in again if c.effect.key in keys):
@@ -258,8 +266,10 @@ def _inside(candidate: Candidate) -> bool:
     """The amplitude is not at the end of its range."""
     value, first = candidate.own_values[0], candidate.effect.parameters[0]
     low, high = first.bounds
-    return bool(low + 1e-4 * first.scale < value < high - 1e-4 * first.scale or (first.default in (low, high)
-                and value < high - 1e-4 * first.scale))  # fmt: skip
+    return bool(
+        low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
+        or (first.default in (low, high) and value < high - 1e-4 * first.scale)
+    )
 
 
 def _skill(current: Fit, candidate: Candidate) -> float:

@@ -40,9 +40,15 @@ class InadmissibleBeta:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {"key": self.key, "parameter": self.parameter, "unit": self.unit, "value": self.value,
-                "r_squared": self.r_squared, "rms_error_N": self.rms_error_N,
-                "youngs_modulus_MPa": self.modulus_MPa}  # fmt: skip
+        return {
+            "key": self.key,
+            "parameter": self.parameter,
+            "unit": self.unit,
+            "value": self.value,
+            "r_squared": self.r_squared,
+            "rms_error_N": self.rms_error_N,
+            "youngs_modulus_MPa": self.modulus_MPa,
+        }
 
 
 def would_have_to_be(fitted: Fit) -> tuple[InadmissibleBeta, ...]:
@@ -74,10 +80,14 @@ def _candidate(fitted: Fit, key: str) -> InadmissibleBeta:
             starts = values[None]
     force = model.predict(values, data)
     return InadmissibleBeta(
-        key, effect.parameters[0].name, effect.parameters[0].unit, float(values[place]),
-        straightness(data, force), float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
+        key,
+        effect.parameters[0].name,
+        effect.parameters[0].unit,
+        float(values[place]),
+        straightness(data, force),
+        float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
         float(values[0]),
-    )  # fmt: skip
+    )
 
 
 def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_mm: float) -> Floats:

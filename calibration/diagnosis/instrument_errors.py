@@ -144,9 +144,11 @@ class AlongDepth(InstrumentError):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """d, L and u."""
-        return (Parameter("size_mm", "mm", 0.0, (0.0, 0.1), "amplitude", 0.005),
-                Parameter("length_mm", "mm", 0.3, (FINEST_MM, 2.0), "period", 0.1),
-                Parameter("phase", "rad", 0.0, (-7.0, 7.0), "phase", 1.0))  # fmt: skip
+        return (
+            Parameter("size_mm", "mm", 0.0, (0.0, 0.1), "amplitude", 0.005),
+            Parameter("length_mm", "mm", 0.3, (FINEST_MM, 2.0), "period", 0.1),
+            Parameter("phase", "rad", 0.0, (-7.0, 7.0), "phase", 1.0),
+        )
 
     def missing(self, data: Observations) -> str:
         """Needs more depths than a wave can be laid through."""

@@ -67,7 +67,7 @@ FOLLOW: Mapping[str, Check] = {
     **dict.fromkeys(("Fx", "Fy"), CHECKS["force_crosstalk"]),
     **dict.fromkeys(("a", "indenter"), Check("measure each indenter's face and edge", 10.0)),
     **dict.fromkeys(("order", "recording date"), Check("repeat the first press: is it still the same?", 3.0)),
-}  # fmt: skip
+}
 
 
 def of_candidates(group: Sequence[Candidate]) -> list[NextMeasurement]:

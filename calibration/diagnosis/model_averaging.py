@@ -79,8 +79,10 @@ def average_models(
     top = float(log_weight.max())
     weight = np.exp(log_weight - top)
     std = np.concatenate([np.full(p.shift.size, p.std) for p in parts])
-    low, high = (modulus.value * float(np.exp(_quantile(share, weight / weight.sum(), shift, std)))
-                 for share in (0.025, 0.975))  # fmt: skip
+    low, high = (
+        modulus.value * float(np.exp(_quantile(share, weight / weight.sum(), shift, std)))
+        for share in (0.025, 0.975)
+    )
     reach = min(low, modulus.interval95[0]), max(high, modulus.interval95[1])
     return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))
 
@@ -121,17 +123,20 @@ class _Space:
         known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
         mean = np.array([0.0 if p.prior is None else p.prior.mean for p in fitted.parameters])
         self._jacobian = np.vstack([self._whitener.apply(fitted.jacobian[:, free]), np.diag(known[free])])
-        self._residual = np.concatenate([
-            self._whitener.apply(fitted.residual_N), (known * (mean - fitted.values))[free]
-        ])  # fmt: skip
+        self._residual = np.concatenate(
+            [self._whitener.apply(fitted.residual_N), (known * (mean - fitted.values))[free]]
+        )
         self._inverse = inverse_information(self._jacobian)
         self._modulus = int(np.flatnonzero(np.flatnonzero(free) == modulus)[0])
 
     def rivals(self, effect: Effect, chance: float) -> list[_Part]:
         """One for each start of the effect that does anything; they share its chance."""
-        changes = [(own, change) for own in _starts(effect, self._fitted)
-                   if (change := change_of_force(self._fitted, effect, own)) is not None
-                   and np.abs(change).max() > NOTHING * np.abs(self._fitted.force_N).max()]  # fmt: skip
+        changes = [
+            (own, change)
+            for own in _starts(effect, self._fitted)
+            if (change := change_of_force(self._fitted, effect, own)) is not None
+            and np.abs(change).max() > NOTHING * np.abs(self._fitted.force_N).max()
+        ]
         return [self._rival(effect, own, change, chance / len(changes)) for own, change in changes]
 
     def _rival(self, effect: Effect, own: Floats, change_N: Floats, chance: float) -> _Part:

@@ -93,8 +93,13 @@ def freed(effect: Effect) -> Effect:
 
 def _prior_cost(base: Fit, one: Candidate) -> float:
     table = one.model.parameters(base.data)
-    return float(sum(((v - p.prior.mean) / p.prior.std) ** 2
-                     for v, p in zip(one.values, table, strict=True) if p.prior and not p.fixed))  # fmt: skip
+    return float(
+        sum(
+            ((v - p.prior.mean) / p.prior.std) ** 2
+            for v, p in zip(one.values, table, strict=True)
+            if p.prior and not p.fixed
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True)

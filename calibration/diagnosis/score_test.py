@@ -102,8 +102,9 @@ def score_test(
     return ScoreTest(
         effects=_ranked(list(tables), largest, null_largest, skip=missing),
         covariates=_ranked(looks, sums, null_sums, skip={}),
-        not_testable=missing, visible=_visible(fitted, effects, tables, cast),
-    )  # fmt: skip
+        not_testable=missing,
+        visible=_visible(fitted, effects, tables, cast),
+    )
 
 
 def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
@@ -183,8 +184,13 @@ class _Cast:
         self.fitted = fitted
         free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
         known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-        self.own_priors = np.array([(p.prior.mean - v) / p.prior.std for p, v, gives in zip(
-            fitted.parameters, fitted.values, free, strict=True) if p.prior is not None and gives])  # fmt: skip
+        self.own_priors = np.array(
+            [
+                (p.prior.mean - v) / p.prior.std
+                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
+                if p.prior is not None and gives
+            ]
+        )
         self._ends = np.cumsum([t.shape[1] for t in tables])
         directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
         self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)

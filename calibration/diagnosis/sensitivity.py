@@ -68,8 +68,11 @@ def hidden(
     why = {**missing, **{key: _too_small(effect, visible[key]) for key, effect in small.items()}}
     ends = {key: largest(effect) for key, effect in small.items()}
     shown = [e for e in effects if e.key in visible and e.key not in why]
-    return Hidden(why, possible_bias(fitted, [e for e in effects if e.key in why], ends),
-                  possible_bias(fitted, shown, visible))  # fmt: skip
+    return Hidden(
+        why,
+        possible_bias(fitted, [e for e in effects if e.key in why], ends),
+        possible_bias(fitted, shown, visible),
+    )
 
 
 def _too_small(effect: Effect, size: float) -> str:

@@ -19,9 +19,12 @@ LARGEST: Mapping[str, float] = {
 AS_COMPUTED: Mapping[str, float] = {"bevel_rise": 1.0}  # a multiple of what theory has
 
 OF_SOURCE: Mapping[str, DepthSource] = {
-    "backing_compliance": "stage", "bevel_rise": "gauge", "photometric_gain": "vision",
-    "photometric_drift": "vision", "slope_saturation": "vision",
-}  # fmt: skip
+    "backing_compliance": "stage",
+    "bevel_rise": "gauge",
+    "photometric_gain": "vision",
+    "photometric_drift": "vision",
+    "slope_saturation": "vision",
+}
 
 
 def absent(effect: Effect, data: Observations) -> bool:

@@ -218,18 +218,23 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     # a light's law errs smoothly over the picture: quarters err alike for the most part, their mean by `gain`
     changes: list[tuple[str, float, Floats | Bools]] = [("light", float(np.sqrt(0.75)) * gain, _beside(data))]
     changes += [(f"quarter_{azimuth:.0f}", gain, slopes.azimuth_deg == azimuth) for azimuth in azimuths]
-    changes += [(f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
-                for begin in np.unique(slopes.from_mm[_beside(data)])]  # fmt: skip
+    changes += [
+        (f"ring_{begin:.2f}", TABULATED.relative_error, slopes.from_mm == begin)
+        for begin in np.unique(slopes.from_mm[_beside(data)])
+    ]
     # each indenter has its height, and a depth at which the table has an error of its own
     kind, half = data.presses.indenter[data.press], 0.5 * TABULATED.relative_error
     changes += [(f"indenter_{k}", half, _beside(data) & (kind == k)) for k in np.unique(kind)]
     changes += [(f"face_{k}", TABULATED.relative_error, _of_face(data) * (kind == k)) for k in np.unique(kind)]
     walls = of_walls(1.0, WALLS_PER_MM[0] * data.depth_mm / np.nanmedian(slopes.ball_slope))
     # the method's own: a ceiling at the steepest slope that the light was made from
-    changes += [(FLATTENING, 1.0, -np.nan_to_num(flattened)), (LOST, LOST_STD, _of_face(data) * (walls - 1)),
-                ("certificate", rise, np.ones(data.size)),
-                ("profile_nu", 1.0, np.nan_to_num(slopes.nu_change)),
-                ("profile_friction", SHARE_STD, np.nan_to_num(slopes.friction_change))]  # fmt: skip
+    changes += [
+        (FLATTENING, 1.0, -np.nan_to_num(flattened)),
+        (LOST, LOST_STD, _of_face(data) * (walls - 1)),
+        ("certificate", rise, np.ones(data.size)),
+        ("profile_nu", 1.0, np.nan_to_num(slopes.nu_change)),
+        ("profile_friction", SHARE_STD, np.nan_to_num(slopes.friction_change)),
+    ]
     return [(name, std, np.asarray(change, dtype=float)) for name, std, change in changes]
 
 
@@ -239,8 +244,15 @@ def _beside(data: Observations) -> Bools:
 
 def _share(name: str, std: float) -> Parameter:
     least = 0.0 if name in (FLATTENING, LOST) else -8 * std  # no method reads steep slopes steeper than they are
-    return Parameter(name, "1", 0.0, (least, 8 * std), "what slopes beside the face may be off by", std,
-                     Prior(0.0, std, "the method's card and the tabulated surface"))  # fmt: skip
+    return Parameter(
+        name,
+        "1",
+        0.0,
+        (least, 8 * std),
+        "what slopes beside the face may be off by",
+        std,
+        Prior(0.0, std, "the method's card and the tabulated surface"),
+    )
 
 
 def _across(depth_mm: Floats) -> Floats:

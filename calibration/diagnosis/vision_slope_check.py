@@ -32,8 +32,10 @@ def with_slopes(faces: Observations) -> Observations | None:
 
     None where fewer than six presses have slopes beside them that can be expected.
     """
-    place = {(int(number), label): k for k, (number, label) in
-             enumerate(zip(faces.presses.recording, faces.presses.label, strict=True))}  # fmt: skip
+    place = {
+        (int(number), label): k
+        for k, (number, label) in enumerate(zip(faces.presses.recording, faces.presses.label, strict=True))
+    }
     falls = [f for f in faces.falls if (f.recording, f.press) in place]
     if faces.is_curves or not falls:
         return None

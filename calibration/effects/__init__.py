@@ -75,8 +75,12 @@ def get_effect(key: str) -> Effect:
     if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
         return Viscoelasticity(terms=int(terms))
     if key not in EFFECTS:
-        raise InputError("there is no effect of this name", where="effect", value=key,
-                         remedy=f"Choose among: {', '.join(EFFECTS)}.")  # fmt: skip
+        raise InputError(
+            "there is no effect of this name",
+            where="effect",
+            value=key,
+            remedy=f"Choose among: {', '.join(EFFECTS)}.",
+        )
     return EFFECTS[key]
 
 

@@ -38,14 +38,7 @@ class ClockOffset(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """dt."""
         return (
-            Parameter(
-                "offset_s",
-                "s",
-                0.0,
-                (-0.2, 0.2),
-                "F/T clock minus camera clock, left in the data",
-                0.02,
-            ),
+            Parameter("offset_s", "s", 0.0, (-0.2, 0.2), "F/T clock minus camera clock, left in the data", 0.02),
         )
 
     def missing(self, data: Observations) -> str:

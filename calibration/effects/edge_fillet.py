@@ -37,8 +37,10 @@ class EdgeFillet(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """rho, t."""
         sticks = "0: the gel slides over the edge; 1: it sticks"
-        return (Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
-                Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3))  # fmt: skip
+        return (
+            Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
+            Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3),
+        )
 
     def missing(self, data: Observations) -> str:
         """Only a flat punch has an edge."""

@@ -58,6 +58,7 @@ class Friction(EffectBase):
         line, curve = (np.interp(ratio, RATIOS, part)[data.press] for part in (LINES, CURVES))
         share = values[0] * dry
         return replace(
-            state, stiffness_N_per_mm=state.stiffness_N_per_mm * (1 + share * surplus),
+            state,
+            stiffness_N_per_mm=state.stiffness_N_per_mm * (1 + share * surplus),
             force_N=state.force_N * (1 + share * (surplus + line * strain + curve * strain**2)),
-        )  # fmt: skip
+        )

@@ -80,8 +80,10 @@ class SlopeCeiling(SlopeSaturation):
         """1/S, m."""
         ceiling, walls = "one over the largest slope that can be read", "slope of a face's walls over its depth"
         usual = Prior(*WALLS_PER_MM, "what pixels and blur leave of a wall")
-        return (Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
-                Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual))  # fmt: skip
+        return (
+            Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
+            Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual),
+        )
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""

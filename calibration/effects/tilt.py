@@ -41,8 +41,10 @@ class Tilt(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """theta, t."""
         counts = "0: depth of the centre; 1: since the first touch"
-        return (Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
-                Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3))  # fmt: skip
+        return (
+            Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
+            Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3),
+        )
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """The same; a stage's depth counts from the first touch."""

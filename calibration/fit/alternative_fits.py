@@ -72,5 +72,9 @@ def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:
 def with_usual_edges(data: Observations) -> Observations:
     """The data with the usual rounding for each indenter that states none."""
     usual = EDGE_OVER_H * data.gel.thickness_mm
-    return replace(data, indenters=tuple(
-        replace(i, edge_radius_mm=usual) if i.edge_radius_mm is None else i for i in data.indenters))  # fmt: skip
+    return replace(
+        data,
+        indenters=tuple(
+            replace(i, edge_radius_mm=usual) if i.edge_radius_mm is None else i for i in data.indenters
+        ),
+    )

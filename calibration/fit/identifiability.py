@@ -62,11 +62,16 @@ def identify(fitted: Fit) -> Identified:
         modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
         reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
     return Identified(
-        youngs_modulus=modulus, poisson_ratio=nu, reduced_modulus=reduced, c=c, beta=bend_of(fitted, radius),
-        source=source, covariance=_covariance(fitted, radius),
+        youngs_modulus=modulus,
+        poisson_ratio=nu,
+        reduced_modulus=reduced,
+        c=c,
+        beta=bend_of(fitted, radius),
+        source=source,
+        covariance=_covariance(fitted, radius),
         modulus_of_nu=modulus_of_nu(fitted, NU_TABLE, radius),
         assumptions=tuple(assumptions),
-    )  # fmt: skip
+    )
 
 
 def main_radius(fitted: Fit) -> float:
@@ -137,8 +142,11 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
             return found, "radii"
     low, high = SILICONE_NU
     assumptions.append(f"nothing fixes poisson_ratio; silicone gels lie in [{low:g}, {high:g}]")
-    why = "one punch radius fixes the stiffness c and the curve E(nu), not nu" if not several else (
-        "the radii differ too little for these errors to fix nu")  # fmt: skip
+    why = (
+        "one punch radius fixes the stiffness c and the curve E(nu), not nu"
+        if not several
+        else ("the radii differ too little for these errors to fix nu")
+    )
     return Estimate(None, None, SILICONE_NU, "1", why), "prior"
 
 
@@ -235,8 +243,11 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
     if np.unique(fitted.data.presses.radius_mm).size == 1 or nu.value is None:
         modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
     else:
-        modulus = value * np.exp(cross / nu_variance / value * (nodes - centre)) if nu_variance > 0 else (
-            np.full(nodes.size, value))  # fmt: skip
+        modulus = (
+            value * np.exp(cross / nu_variance / value * (nodes - centre))
+            if nu_variance > 0
+            else (np.full(nodes.size, value))
+        )
     relative = float(np.sqrt(max(rest, 0.0)) / value)
     at_nu = np.eye(fitted.values.size)[e]
     at_nu[k] = -cross / nu_variance if nu_variance > 0 else 0.0  # E less what nu brings

@@ -82,8 +82,12 @@ class Fit:
         """Where a parameter stands. Raises InputError for an unknown name."""
         names = [p.name for p in self.parameters]
         if name not in names:
-            raise InputError("the model has no such parameter", where=self.model.name, value=name,
-                             remedy=f"It has {', '.join(names)}.")  # fmt: skip
+            raise InputError(
+                "the model has no such parameter",
+                where=self.model.name,
+                value=name,
+                remedy=f"It has {', '.join(names)}.",
+            )
         return names.index(name)
 
     def std(self, name: str) -> float:
@@ -119,8 +123,14 @@ def quantile95(dof: float) -> float:
     return float(t.ppf(0.975, max(dof, 1.0))) if np.isfinite(dof) else 1.959963985
 
 
-def fit(model: Model, data: Observations, *, noise: Noise | None = None, starts: Floats | None = None,
-        tolerances: bool = True) -> Fit:  # fmt: skip
+def fit(
+    model: Model,
+    data: Observations,
+    *,
+    noise: Noise | None = None,
+    starts: Floats | None = None,
+    tolerances: bool = True,
+) -> Fit:
     """Fit `model` to `data`; the noise is estimated unless given.
 
     `starts` (s, p) replaces the model's own. Raises InputError for more free parameters than the data can carry.
@@ -215,17 +225,24 @@ class Problem:
         return self.model.predict(self.full(free_values), self.data)
 
     def _priors(self, values: Floats) -> Floats:
-        table = [(v - p.prior.mean) / p.prior.std for v, p in zip(values, self.parameters, strict=True)
-                 if p.prior is not None and not p.fixed]  # fmt: skip
+        table = [
+            (v - p.prior.mean) / p.prior.std
+            for v, p in zip(values, self.parameters, strict=True)
+            if p.prior is not None and not p.fixed
+        ]
         return np.array(table, dtype=float)
 
 
 def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> Noise:
     free = problem.free
     return estimate_noise(
-        problem.data, about, residual_N=problem.data.normal_N - about.force_N,
-        jacobian=problem.jacobian(values)[:, free], precision=problem.precision[np.ix_(free, free)], stated=stated,
-    )  # fmt: skip
+        problem.data,
+        about,
+        residual_N=problem.data.normal_N - about.force_N,
+        jacobian=problem.jacobian(values)[:, free],
+        precision=problem.precision[np.ix_(free, free)],
+        stated=stated,
+    )
 
 
 def _starts(model: Model, data: Observations) -> Floats:

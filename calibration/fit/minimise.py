@@ -97,15 +97,23 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float) -> M
         return differentiate(residual, values, box)
 
     solution = least_squares(
-        residual, start, jac=slope, bounds=(box.low, box.high), x_scale=box.scale,
-        xtol=tolerance, ftol=tolerance, gtol=1e-14, max_nfev=400,
-    )  # fmt: skip
+        residual,
+        start,
+        jac=slope,
+        bounds=(box.low, box.high),
+        x_scale=box.scale,
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=1e-14,
+        max_nfev=400,
+    )
     if solution.status <= 0 or not np.isfinite(solution.fun).all():
         return None
     near = 1e-6 * box.scale
     at_bound = (solution.x - box.low < near) | (box.high - solution.x < near)
-    found = Minimum(np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound,
-                    int(solution.nfev))  # fmt: skip
+    found = Minimum(
+        np.asarray(solution.x), np.asarray(solution.fun), np.asarray(solution.jac), at_bound, int(solution.nfev)
+    )
     return found if at_bound.any() or tolerance >= QUICK else _polish(residual, found, box)
 
 

@@ -51,21 +51,33 @@ def _gel(data: Observations) -> Iterator[InputError]:
     if not (np.isfinite(gel.thickness_mm) and gel.thickness_mm > 0):
         yield InputError("the gel's thickness lies above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
     if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
-        yield InputError("Poisson's ratio lies in [0, 0.5)", where="[sensor.gel]", value=gel.poisson_ratio,
-                         remedy="For an incompressible gel take 0.4999.")  # fmt: skip
+        yield InputError(
+            "Poisson's ratio lies in [0, 0.5)",
+            where="[sensor.gel]",
+            value=gel.poisson_ratio,
+            remedy="For an incompressible gel take 0.4999.",
+        )
 
 
 def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[InputError]:
     where, radius = f"[indenter.{indenter.name}]", indenter.radius_mm
     if indenter.shape != shape:
-        yield InputError(f"this law is for a {shape}", where=where, value=indenter.shape,
-                         remedy="Leave its presses out, or choose the law for its shape.")  # fmt: skip
+        yield InputError(
+            f"this law is for a {shape}",
+            where=where,
+            value=indenter.shape,
+            remedy="Leave its presses out, or choose the law for its shape.",
+        )
     if shape != "cone" and not (np.isfinite(radius) and radius > 0):
         yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)
     half = _half_width(data)
     if shape == "flat_cylinder" and half is not None and radius >= half:
-        yield InputError("the punch is as wide as the gel pad", where=where, value=radius,
-                         remedy=f"The pad reaches {half:g} mm from its centre.")  # fmt: skip
+        yield InputError(
+            "the punch is as wide as the gel pad",
+            where=where,
+            value=radius,
+            remedy=f"The pad reaches {half:g} mm from its centre.",
+        )
 
 
 def _half_width(data: Observations) -> float | None:
@@ -81,23 +93,41 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     depth = data.depth_mm
     if not data.is_curves and (depth <= 0).any():
         k = int(np.flatnonzero(depth <= 0)[0])
-        yield InputError("a certified depth lies above 0 mm", where=_press(data, k), value=float(depth[k]),
-                         remedy="Depth is positive into the gel.")  # fmt: skip
+        yield InputError(
+            "a certified depth lies above 0 mm",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy="Depth is positive into the gel.",
+        )
     if not touching.any():
-        yield InputError("every sample is called free", value="phase = free",
-                         remedy="Name the phases load, hold and unload, or leave them empty.")  # fmt: skip
+        yield InputError(
+            "every sample is called free",
+            value="phase = free",
+            remedy="Name the phases load, hold and unload, or leave them empty.",
+        )
         return
     if not (touching & (depth > 0)).any():
-        yield InputError("no sample lies in the gel", value=float(np.max(depth)),
-                         remedy="Depth is positive into the gel: check its sign.")  # fmt: skip
+        yield InputError(
+            "no sample lies in the gel",
+            value=float(np.max(depth)),
+            remedy="Depth is positive into the gel: check its sign.",
+        )
         return
     k = int(np.argmax(depth))
     if depth[k] > data.gel.thickness_mm:
-        yield InputError("a depth is larger than the gel is thick", where=_press(data, k), value=float(depth[k]),
-                         remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.")  # fmt: skip
+        yield InputError(
+            "a depth is larger than the gel is thick",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.",
+        )
     if depth[k] < TYPICAL_ZERO_MM:
-        yield InputError("the deepest press is no deeper than a depth's zero is known", where=_press(data, k),
-                         value=float(depth[k]), remedy="Depths are in mm: are these in metres?")  # fmt: skip
+        yield InputError(
+            "the deepest press is no deeper than a depth's zero is known",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy="Depths are in mm: are these in metres?",
+        )
     for radius in () if one_depth else np.unique(data.presses.radius_mm):
         mine = depth[touching & (data.radius_mm == radius)]
         if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
@@ -108,8 +138,12 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
     force, depth = data.normal_N, data.depth_mm
     if not data.is_curves and (force <= 0).any():
         k = int(np.flatnonzero(force <= 0)[0])
-        yield InputError("the normal force of a certified point lies above 0 N", where=_press(data, k),
-                         value=float(force[k]), remedy="fz_N is positive when the indenter pushes.")  # fmt: skip
+        yield InputError(
+            "the normal force of a certified point lies above 0 N",
+            where=_press(data, k),
+            value=float(force[k]),
+            remedy="fz_N is positive when the indenter pushes.",
+        )
     if np.ptp(force) <= 0 and data.size > 1:
         yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
     for radius in () if one_depth else np.unique(data.presses.radius_mm):
@@ -117,16 +151,20 @@ def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
         if mine.sum() > 1 and _falls(depth[mine], force[mine]):
             if np.ptp(depth[mine]) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
                 yield _of_one_depth(radius, depth[mine])
-            yield InputError("the force falls as the depth grows", where=f"radius {radius:g} mm",
-                             remedy="Check the sign of fz_N, and that depth and force match.")  # fmt: skip
+            yield InputError(
+                "the force falls as the depth grows",
+                where=f"radius {radius:g} mm",
+                remedy="Check the sign of fz_N, and that depth and force match.",
+            )
 
 
 def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
     return InputError(
         "all presses of one radius have one depth, so stiffness and curvature cannot be told apart",
-        where=f"radius {radius_mm:g} mm", value=float(np.median(depth_mm)),
+        where=f"radius {radius_mm:g} mm",
+        value=float(np.median(depth_mm)),
         remedy="Press to two depths at least, one twice the other.",
-    )  # fmt: skip
+    )
 
 
 def _falls(depth: Floats, force: Floats) -> bool:

@@ -97,8 +97,10 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("indenter", "", presses.indenter[press].astype(float), True),
     ]
     if data.slopes is not None:  # what is wrong with them scales them
-        table += [("slope", "mm/mm", data.slopes.slope, True),
-                  ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True)]  # fmt: skip
+        table += [
+            ("slope", "mm/mm", data.slopes.slope, True),
+            ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True),
+        ]
     found = []
     for name, unit, values, of_press in table:
         filled = _filled(np.asarray(values, dtype=float))

@@ -90,17 +90,22 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
         indenter = _indenter(recording, point.indenter, point.press)
         row = _merge(protocol.get(point.press), point)
         yield _Touch(
-            label=point.press, recording=number, indenter=indenter, protocol=row,
+            label=point.press,
+            recording=number,
+            indenter=indenter,
+            protocol=row,
             time_s=np.array([point.time_s]) + shift,
             depth_mm=np.array([_finite(point)]),
             force_N=np.array([[_zero(point.fx_N), _zero(point.fy_N), point.fz_N]]),
-            phase=np.array(["load"]), temperature_C=np.array([row.temperature_C]),
+            phase=np.array(["load"]),
+            temperature_C=np.array([row.temperature_C]),
             depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
             reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
-            dated_s=_dated_s(row, recording), falls=tuple(_falls(point, number)),
-        )  # fmt: skip
+            dated_s=_dated_s(row, recording),
+            falls=tuple(_falls(point, number)),
+        )
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
@@ -126,17 +131,23 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
         temperature = curve.extra.get("temperature_C")
         seen = curve.extra.get("reconstructed_depth_mm")
         yield _Touch(
-            label=curve.press, recording=number, protocol=row,
+            label=curve.press,
+            recording=number,
+            protocol=row,
             indenter=_indenter(recording, row.indenter, curve.press),
-            time_s=curve.time_s[use] + shift, depth_mm=curve.depth_mm[use],
-            force_N=np.nan_to_num(curve.force_N[use]), phase=curve.phase[use],
-            temperature_C=np.full(size, row.temperature_C) if temperature is None
+            time_s=curve.time_s[use] + shift,
+            depth_mm=curve.depth_mm[use],
+            force_N=np.nan_to_num(curve.force_N[use]),
+            phase=curve.phase[use],
+            temperature_C=np.full(size, row.temperature_C)
+            if temperature is None
             else np.asarray(temperature, dtype=float)[use],
             depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
             force_std_N=np.full(size, _force_std(recording)),
             reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
-            reconstructed_std_mm=np.full(size, NAN), dated_s=_dated_s(row, recording),
-        )  # fmt: skip
+            reconstructed_std_mm=np.full(size, NAN),
+            dated_s=_dated_s(row, recording),
+        )
 
 
 def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:
@@ -151,7 +162,9 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         np.concatenate([getattr(t, f"reconstructed{name}_mm") for t in touches]) for name in ("", "_std")
     )
     return Observations(
-        gel=gel, indenters=tuple(indenters), presses=_presses(touches, indenters, origin),
+        gel=gel,
+        indenters=tuple(indenters),
+        presses=_presses(touches, indenters, origin),
         press=np.repeat(np.arange(len(touches)), sizes),
         time_s=np.concatenate([t.time_s for t in touches]) - origin,
         depth_mm=np.concatenate([t.depth_mm for t in touches]),
@@ -164,8 +177,9 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         falls=tuple(fall for t in touches for fall in t.falls),
-        recordings=tuple(m.recording.name for m in sets), shared=_shared(sets),
-    )  # fmt: skip
+        recordings=tuple(m.recording.name for m in sets),
+        shared=_shared(sets),
+    )
 
 
 def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: float) -> Presses:
@@ -185,11 +199,16 @@ def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: f
         recording=np.array([t.recording for t in touches]),
         indenter=np.array([indenters.index(t.indenter) for t in touches]),
         radius_mm=np.array([t.indenter.radius_mm for t in touches]),
-        x_mm=column("x_mm"), y_mm=column("y_mm"), rest_s=rest, speed_mm_s=speed, hold_s=column("hold_s"),
-        temperature_C=column("temperature_C"), lubricated=column("lubricated"),
+        x_mm=column("x_mm"),
+        y_mm=column("y_mm"),
+        rest_s=rest,
+        speed_mm_s=speed,
+        hold_s=column("hold_s"),
+        temperature_C=column("temperature_C"),
+        lubricated=column("lubricated"),
         day=np.array([_day(t, origin) for t in touches]),
         order=np.arange(len(touches), dtype=float),
-    )  # fmt: skip
+    )
 
 
 def _speed(touch: _Touch) -> float:
@@ -235,27 +254,40 @@ def _one_gel(recordings: Sequence[RecordingLike]) -> Gel:
     gels = [r.sensor.gel for r in recordings]
     first = gels[0]
     if first is None:
-        raise InputError("the gel's thickness is needed to fit a material", where=recordings[0].name,
-                         remedy="Add [sensor.gel] thickness_mm to recording.toml.")  # fmt: skip
+        raise InputError(
+            "the gel's thickness is needed to fit a material",
+            where=recordings[0].name,
+            remedy="Add [sensor.gel] thickness_mm to recording.toml.",
+        )
     for recording, gel in zip(recordings, gels, strict=True):
         if gel is None or gel.thickness_mm != first.thickness_mm:
-            raise InputError("recordings that are fitted together are of one gel", where=recording.name,
-                             value=None if gel is None else gel.thickness_mm,
-                             remedy=f"The first one states thickness_mm = {first.thickness_mm:g}.")  # fmt: skip
+            raise InputError(
+                "recordings that are fitted together are of one gel",
+                where=recording.name,
+                value=None if gel is None else gel.thickness_mm,
+                remedy=f"The first one states thickness_mm = {first.thickness_mm:g}.",
+            )
     return first
 
 
 def _indenter(recording: RecordingLike, name: str, press: str) -> Indenter:
     if name not in recording.indenters:
-        raise InputError("an indenter is named but not described", where=f"press {press}", value=name,
-                         remedy=f"Add [indenter.{name}] to recording.toml.")  # fmt: skip
+        raise InputError(
+            "an indenter is named but not described",
+            where=f"press {press}",
+            value=name,
+            remedy=f"Add [indenter.{name}] to recording.toml.",
+        )
     return recording.indenters[name]
 
 
 def _only_indenter(recording: RecordingLike, press: str) -> Press:
     if len(recording.indenters) != 1:
-        raise InputError("a curve's press is not listed, so its indenter is unknown", where=f"press {press}",
-                         remedy="Add the press to presses.csv.")  # fmt: skip
+        raise InputError(
+            "a curve's press is not listed, so its indenter is unknown",
+            where=f"press {press}",
+            remedy="Add the press to presses.csv.",
+        )
     return Press(press, next(iter(recording.indenters)), NAN, NAN)
 
 
@@ -319,8 +351,11 @@ def _force_std(recording: RecordingLike) -> float:
 
 def _finite(point: CertifiedPoint) -> float:
     if not (np.isfinite(point.depth_mm) and np.isfinite(point.fz_N)):
-        raise InputError("an accepted point has a depth and a force", where=f"press {point.press}",
-                         value=(point.depth_mm, point.fz_N))  # fmt: skip
+        raise InputError(
+            "an accepted point has a depth and a force",
+            where=f"press {point.press}",
+            value=(point.depth_mm, point.fz_N),
+        )
     return point.depth_mm
 
 

@@ -33,6 +33,10 @@ def get_law(key: str) -> Law:
     """The law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
     name = "flat_punch" if key == "default" else key
     if name not in LAWS:
-        raise InputError("there is no contact law of this name", where="law", value=key,
-                         remedy=f"Choose among: default, {', '.join(LAWS)}.")  # fmt: skip
+        raise InputError(
+            "there is no contact law of this name",
+            where="law",
+            value=key,
+            remedy=f"Choose among: default, {', '.join(LAWS)}.",
+        )
     return LAWS[name]

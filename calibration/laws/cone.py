@@ -41,6 +41,9 @@ class Cone(Composable):
 
 def _body(indenter: Indenter) -> ConeBody:
     if indenter.half_angle_deg is None:
-        raise InputError("a cone needs its angle", where=f"[indenter.{indenter.name}]",
-                         remedy="State half_angle_deg, between its axis and its side.")  # fmt: skip
+        raise InputError(
+            "a cone needs its angle",
+            where=f"[indenter.{indenter.name}]",
+            remedy="State half_angle_deg, between its axis and its side.",
+        )
     return ConeBody(indenter.half_angle_deg)

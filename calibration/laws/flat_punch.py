@@ -57,8 +57,14 @@ class FlatPunch(Composable):
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """E, nu, then beta for each radius in rising order, then gamma for each, if bent."""
-        modulus = Parameter("youngs_modulus_MPa", "MPa", starting_modulus(data), (1e-5, 1e4),
-                            "Young's modulus of the gel", starting_modulus(data))  # fmt: skip
+        modulus = Parameter(
+            "youngs_modulus_MPa",
+            "MPa",
+            starting_modulus(data),
+            (1e-5, 1e4),
+            "Young's modulus of the gel",
+            starting_modulus(data),
+        )
         curvature = betas_of_theory(data) if self.one_depth else betas(data)
         known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *curvature)
         return (*known, *bends(data)) if self.bent else known
@@ -121,9 +127,12 @@ def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
     for plain, radius in zip(betas(data), np.unique(data.presses.radius_mm), strict=True):
         known = beta_range(SILICONE_NU, float(radius) / data.gel.thickness_mm)
         if known is None:
-            raise InputError("presses of one depth need theory's curvature, which is not known at this a/h",
-                             where=f"radius {radius:g} mm", value=float(radius) / data.gel.thickness_mm,
-                             remedy="Press to two depths at least, one twice the other.")  # fmt: skip
+            raise InputError(
+                "presses of one depth need theory's curvature, which is not known at this a/h",
+                where=f"radius {radius:g} mm",
+                value=float(radius) / data.gel.thickness_mm,
+                remedy="Press to two depths at least, one twice the other.",
+            )
         low, high = known if np.all(data.presses.lubricated == 1) else (RUBBING, known[1])
         prior = Prior((low + high) / 2, (high - low) / 4, "finite elements")
         held.append(replace(plain, default=prior.mean, prior=prior))
@@ -155,8 +164,15 @@ def poisson_parameter(gel: Gel, free: bool) -> Parameter:
         if std == 0:
             return Parameter("poisson_ratio", "1", mean, (mean, mean), "Poisson's ratio, as stated", 0.01)
         spread = STATED_NU_STD if std is None else std
-        return Parameter("poisson_ratio", "1", min(mean, 0.4999), (0.0, 0.4999), "Poisson's ratio", 0.01,
-                         Prior(mean, spread, "recording.toml"))  # fmt: skip
+        return Parameter(
+            "poisson_ratio",
+            "1",
+            min(mean, 0.4999),
+            (0.0, 0.4999),
+            "Poisson's ratio",
+            0.01,
+            Prior(mean, spread, "recording.toml"),
+        )
     bounds = (0.3, 0.4999) if free else (NOMINAL_NU, NOMINAL_NU)
     return Parameter("poisson_ratio", "1", NOMINAL_NU, bounds, "Poisson's ratio of the gel", 0.01)
 

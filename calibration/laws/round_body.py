@@ -42,8 +42,15 @@ def round_parameters(data: Observations, body_of: Callable[[Indenter], Body]) ->
     )
     start = max(float(data.normal_N[deep] / unit[0]), 1e-4)
     modulus = Parameter("youngs_modulus_MPa", "MPa", start, (1e-5, 1e4), "Young's modulus of the gel", start)
-    beta = Parameter("beta", "1", 0.0, (-3.0, 3.0), "what large strain adds", 1.0,
-                     Prior(0.0, BETA_STD, "round contacts have no printed value"))  # fmt: skip
+    beta = Parameter(
+        "beta",
+        "1",
+        0.0,
+        (-3.0, 3.0),
+        "what large strain adds",
+        1.0,
+        Prior(0.0, BETA_STD, "round contacts have no printed value"),
+    )
     return (modulus, poisson_parameter(data.gel, free=False), beta)
 
 

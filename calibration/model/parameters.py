@@ -44,8 +44,11 @@ class Parameter:
     def __post_init__(self) -> None:
         low, high = self.bounds
         if not low <= self.default <= high:
-            raise InputError("the default of a parameter lies within its bounds", where=self.name,
-                             value=(self.default, self.bounds))  # fmt: skip
+            raise InputError(
+                "the default of a parameter lies within its bounds",
+                where=self.name,
+                value=(self.default, self.bounds),
+            )
         if not (math.isfinite(self.scale) and self.scale > 0):
             raise InputError("the scale of a parameter lies above 0", where=self.name, value=self.scale)
 

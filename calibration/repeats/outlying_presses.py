@@ -84,8 +84,12 @@ def own_force_N(fitted: Fit) -> Floats:
     about, press = fitted.about, fitted.data.press
     columns = np.column_stack([np.ones(press.size), about.slope_N_per_mm, about.force_N, fitted.residual_N])
     white = columns / about.base_N[:, None]
-    return np.array([np.linalg.lstsq(one[:, :3], one[:, 3], rcond=1e-6)[0][0]
-                     for one in np.split(white, fitted.data.first[1:])])  # fmt: skip
+    return np.array(
+        [
+            np.linalg.lstsq(one[:, :3], one[:, 3], rcond=1e-6)[0][0]
+            for one in np.split(white, fitted.data.first[1:])
+        ]
+    )
 
 
 def _usual_mm(fitted: Fit) -> Floats:
@@ -140,8 +144,9 @@ def _over_median(dof: float) -> float:
     return 1 / float(t.isf(0.25, dof))
 
 
-def _wanders(fitted: Fit, zeros: Sequence[tuple[Floats, Sequence[str]]], groups: Ints,
-             rng: np.random.Generator) -> dict[str, float]:  # fmt: skip
+def _wanders(
+    fitted: Fit, zeros: Sequence[tuple[Floats, Sequence[str]]], groups: Ints, rng: np.random.Generator
+) -> dict[str, float]:
     """Covariates of presses that a zero depends on, each zero with those it may follow; p adjusted by the smallest
     of all in each of the shuffles.
     """

@@ -44,8 +44,15 @@ def repeat_noise(fitted: Fit) -> Noise:
         if not (fitted.data.is_curves or stated) or fitted.noise.gain:
             return fitted.noise
         return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
-    return estimate_noise(steady.data, steady.about, residual_N=fitted.residual_N, jacobian=space,
-                          precision=np.zeros((space.shape[1],) * 2), stated=stated, of_presses=True)  # fmt: skip
+    return estimate_noise(
+        steady.data,
+        steady.about,
+        residual_N=fitted.residual_N,
+        jacobian=space,
+        precision=np.zeros((space.shape[1],) * 2),
+        stated=stated,
+        of_presses=True,
+    )
 
 
 def beyond_stated(fitted: Fit) -> float | None:
@@ -74,8 +81,7 @@ def _explained(steady: Fit) -> Floats:
 
 def refit_with_pure_noise(fitted: Fit) -> Fit:
     """The same model fitted with the noise that repeats show."""
-    return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None],
-               tolerances=False)  # fmt: skip
+    return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None], tolerances=False)
 
 
 def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
@@ -87,8 +93,9 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
         return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
     centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
     places, cost = centre + stencil(centre.size), _costs(fitted, errors_N)
-    costs = np.array([cost(sized(fitted.noise, logs)) + prior_cost(logs, stated=fitted.noise.stated)
-                      for logs in places])  # fmt: skip
+    costs = np.array(
+        [cost(sized(fitted.noise, logs)) + prior_cost(logs, stated=fitted.noise.stated) for logs in places]
+    )
     return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
 
 

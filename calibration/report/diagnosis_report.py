@@ -41,8 +41,10 @@ def summary(found: Diagnosis) -> list[str]:
     for effect in found.effects:
         values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
         lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
-    lines += [f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
-              for w in found.would_have_to_be]  # fmt: skip
+    lines += [
+        f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
+        for w in found.would_have_to_be
+    ]
     if found.change_point is not None:
         lines.append(f"  since press {found.change_point}")
     before, after = found.before.youngs_modulus, found.after.youngs_modulus
@@ -77,7 +79,7 @@ def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture], car
         page.section("What to measure next", _next(found)),
         page.section("Not testable with these data", _untestable(found)),
         page.section("Too small to show", _from_here_on(found)),
-    )  # fmt: skip
+    )
 
 
 def _head(found: Diagnosis) -> str:
@@ -99,8 +101,10 @@ def _material_moves(found: Diagnosis) -> list[str]:
         return []
     if found.fitted is found.base:
         return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
-    return [f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
-            f"{wording.estimate(before)}."]  # fmt: skip
+    return [
+        f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
+        f"{wording.estimate(before)}."
+    ]
 
 
 def _needed(one: InadmissibleBeta) -> str:
@@ -140,17 +144,24 @@ def _about(key: str) -> EffectBase | None:
 def _card(drawn: Drawn, found: Diagnosis) -> str:
     key = drawn.card.key
     about = _about(key)
-    rows = [(_parameter(name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
-            for name, value, unit in drawn.card.values]  # fmt: skip
+    rows = [
+        (_parameter(name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
+        for name, value, unit in drawn.card.values
+    ]
     for added in found.effects:
         if added.key == key:
             rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
-            rows += [("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
-                     ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %")]  # fmt: skip
+            rows += [
+                ("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
+                ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %"),
+            ]
     if about is not None:
-        rows += [("seen against", ", ".join(about.seen_in)),
-                 ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
-                 ("told apart by", "; ".join(about.separated_by)), ("source", about.source)]  # fmt: skip
+        rows += [
+            ("seen against", ", ".join(about.seen_in)),
+            ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
+            ("told apart by", "; ".join(about.separated_by)),
+            ("source", about.source),
+        ]
     title = (
         f"{in_words(key)}: {about.title}" if about is not None and about.title else f"{in_words(key)}: your own"
     )
@@ -159,8 +170,12 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
 
 
 def _material(found: Diagnosis) -> str:
-    names = (("Young's modulus E", "youngs_modulus"), ("Poisson's ratio ν", "poisson_ratio"), ("stiffness c", "c"),
-             ("slope β", "beta"))  # fmt: skip
+    names = (
+        ("Young's modulus E", "youngs_modulus"),
+        ("Poisson's ratio ν", "poisson_ratio"),
+        ("stiffness c", "c"),
+        ("slope β", "beta"),
+    )
     rows = [
         (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
         for title, name in names
@@ -170,12 +185,7 @@ def _material(found: Diagnosis) -> str:
 
 def _outside(found: Diagnosis) -> str:
     rows = [
-        (
-            in_words(w.key),
-            f"{w.parameter} = {_size(w)}",
-            f"{w.r_squared:.4f}",
-            f"{1e3 * w.rms_error_N:.1f}",
-        )
+        (in_words(w.key), f"{w.parameter} = {_size(w)}", f"{w.r_squared:.4f}", f"{1e3 * w.rms_error_N:.1f}")
         for w in found.would_have_to_be
     ]
     return page.table(
@@ -184,8 +194,10 @@ def _outside(found: Diagnosis) -> str:
 
 
 def _next(found: Diagnosis) -> str:
-    rows = [(a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–")
-            for a in found.measure_next]  # fmt: skip
+    rows = [
+        (a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–")
+        for a in found.measure_next
+    ]
     return page.table(("do", "minutes", "expected separation (std)"), rows, numbers=(1, 2))
 
 
@@ -196,8 +208,7 @@ def _untestable(found: Diagnosis) -> str:
 
 def _from_here_on(found: Diagnosis) -> str:
     """What would have shown, from which size on, and what smaller could do to E."""
-    rows = [(in_words(key), shown_size(found, key), _bias(share))
-            for key, share in found.below_visibility.items()]  # fmt: skip
+    rows = [(in_words(key), shown_size(found, key), _bias(share)) for key, share in found.below_visibility.items()]
     return page.table(("effect", "shows from", "smaller, E could be off by up to"), rows, numbers=(2,))
 
 

@@ -92,8 +92,11 @@ def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> lis
     """The covariates that tell most, with the residual in its own std."""
     seen = {c.name: c for c in seen_covariates(at_denoised_depth(fitted))}
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
-    return [Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
-            for s in scored[:most] if s.key in seen]  # fmt: skip
+    return [
+        Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
+        for s in scored[:most]
+        if s.key in seen
+    ]
 
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
@@ -150,8 +153,10 @@ def sighting(found: Diagnosis) -> Sighting | None:
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
         against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
     if data.slopes is not None:
-        against += [("slope beside the face", data.slopes.slope),
-                    ("azimuth beside the face (degrees, 90 is down)", data.slopes.azimuth_deg)]  # fmt: skip
+        against += [
+            ("slope beside the face", data.slopes.slope),
+            ("azimuth beside the face (degrees, 90 is down)", data.slopes.azimuth_deg),
+        ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
     return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))
 
@@ -212,11 +217,14 @@ def _overlay(base: Fit, candidate: Candidate) -> Overlay:
     counts = np.array([np.count_nonzero(row) for row in rows])
     spread = np.array([residual[row].std() for row in rows]) / np.sqrt(np.maximum(counts, 1))
     return Overlay(
-        name=best.name, unit=best.unit, key=candidate.effect.key,
+        name=best.name,
+        unit=best.unit,
+        key=candidate.effect.key,
         values=np.array([best.values[row].mean() for row in rows]),
-        residual=np.array([residual[row].mean() for row in rows]), error=1.96 * spread,
+        residual=np.array([residual[row].mean() for row in rows]),
+        error=1.96 * spread,
         predicted=np.array([(change / std)[row].mean() for row in rows]),
-    )  # fmt: skip
+    )
 
 
 def _spread(covariate: Covariate, change: Floats) -> float:

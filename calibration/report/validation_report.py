@@ -32,8 +32,10 @@ def statements(found: Validation) -> Iterator[str]:
     """What the errors say and what they do not, one sentence each."""
     for one in found.comparisons:
         yield f"{one.law}, {one.name}: {_errors(one.depth_error)} in depth at equal force; {_trend(one)}"
-    lost = {law: sum(bool(why) for one in found.comparisons if one.law == law for why in one.ended)
-            for law in dict.fromkeys(one.law for one in found.comparisons)}  # fmt: skip
+    lost = {
+        law: sum(bool(why) for one in found.comparisons if one.law == law for why in one.ended)
+        for law in dict.fromkeys(one.law for one in found.comparisons)
+    }
     if any(lost.values()):
         where = ", ".join(f"{count} of {law}" for law, count in lost.items() if count)
         yield f"beyond what the elements reach, and left empty: {where}; validation.json says why of each"

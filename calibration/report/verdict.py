@@ -72,8 +72,10 @@ def unseen_sentence(found: Diagnosis) -> str:
     others = [in_words(k) for k in beyond if k != key]
     also = f" (so could {', '.join(others)})" if others else ""
     size, off = shown_size(found, key), 100 * beyond[key]
-    return (f" Yet {in_words(key)} of up to {size} would not have shown, and puts E off by up to {off:.0f} %, "
-            f"more than its interval says{also}.")  # fmt: skip
+    return (
+        f" Yet {in_words(key)} of up to {size} would not have shown, and puts E off by up to {off:.0f} %, "
+        f"more than its interval says{also}."
+    )
 
 
 def allowed_for(found: Diagnosis) -> list[str]:

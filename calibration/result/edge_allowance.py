@@ -36,9 +36,11 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
         f"rounded by {edge:.2g} mm; E's interval reaches up by that beside the rest"
     )
     return replace(
-        result, youngs_modulus=_reaching(result.youngs_modulus, share),
-        reduced_modulus=_reaching(result.reduced_modulus, share), assumptions=(*result.assumptions, said),
-    )  # fmt: skip
+        result,
+        youngs_modulus=_reaching(result.youngs_modulus, share),
+        reduced_modulus=_reaching(result.reduced_modulus, share),
+        assumptions=(*result.assumptions, said),
+    )
 
 
 def _reaching(modulus: Estimate, share: float) -> Estimate:

@@ -67,8 +67,11 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
         half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
     upper, lower = centre * (1 + half) * (1 + softer), centre * (1 - half) / (1 + surplus)
     region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
-    bands = tuple(Band(r.name, r.poisson_ratio.interval95, r.used) for r in result.routes
-                  if r.poisson_ratio.interval95 is not None and r.poisson_ratio.value is not None)  # fmt: skip
+    bands = tuple(
+        Band(r.name, r.poisson_ratio.interval95, r.used)
+        for r in result.routes
+        if r.poisson_ratio.interval95 is not None and r.poisson_ratio.value is not None
+    )
     return JointPicture(curve, region, None if nu is None or modulus is None else (nu, modulus), bands)
 
 

@@ -60,8 +60,12 @@ def of_radii(fitted: Fit) -> tuple[Route, ...]:
         return ()
     alone = replace(data, gel=replace(data.gel, poisson_ratio=None, poisson_ratio_std=None))
     try:
-        found = fit(Model(replace(law, free_poisson_ratio=True), fitted.model.effects), alone, tolerances=False,
-                    noise=fitted.noise)  # fmt: skip
+        found = fit(
+            Model(replace(law, free_poisson_ratio=True), fitted.model.effects),
+            alone,
+            tolerances=False,
+            noise=fitted.noise,
+        )
     except ConvergenceError:
         return ()
     estimate = found.estimate("poisson_ratio")
@@ -110,10 +114,17 @@ def tightest(routes: Sequence[Route]) -> str:
 
 def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     """Assumptions and warnings: what each route says, and how far those that were used lie apart."""
-    words = {"bulge": "the rise beside the punch", "radii": "the several radii", "prior": "the stated value",
-             "beta": "the published law of beta (not used)"}  # fmt: skip
-    said = [f"{words[r.name]} {r.poisson_ratio.value:.4f} ± {r.poisson_ratio.std or 0.0:.2g}"
-            for r in routes if r.poisson_ratio.value is not None]  # fmt: skip
+    words = {
+        "bulge": "the rise beside the punch",
+        "radii": "the several radii",
+        "prior": "the stated value",
+        "beta": "the published law of beta (not used)",
+    }
+    said = [
+        f"{words[r.name]} {r.poisson_ratio.value:.4f} ± {r.poisson_ratio.std or 0.0:.2g}"
+        for r in routes
+        if r.poisson_ratio.value is not None
+    ]
     between = apart(routes)
     used = sum(route.used for route in routes)
     lines = ["Poisson's ratio by route: " + "; ".join(said)] if said else []
@@ -122,8 +133,10 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     silent = [
         f"{words[r.name]} cannot tell: {r.poisson_ratio.why}" for r in routes if r.poisson_ratio.value is None
     ]
-    warning = [f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
-               "its interval is widened by as much"]  # fmt: skip
+    warning = [
+        f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
+        "its interval is widened by as much"
+    ]
     return [*lines, *silent], warning if between > CONTRARY else []
 
 

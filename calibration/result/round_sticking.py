@@ -32,8 +32,12 @@ def stuck_shift(fitted: Fit) -> float:
     """
     data, e, k = fitted.data, fitted.index("youngs_modulus_MPa"), fitted.index("beta")
     strain = np.maximum(data.depth_mm, 0) / data.gel.thickness_mm
-    radius = np.array([ball_radius_mm(data.indenters[i], w) for i, w in
-                       zip(data.presses.indenter[data.press], data.depth_mm, strict=True)])  # fmt: skip
+    radius = np.array(
+        [
+            ball_radius_mm(data.indenters[i], w)
+            for i, w in zip(data.presses.indenter[data.press], data.depth_mm, strict=True)
+        ]
+    )
     nu = float(fitted.values[fitted.index("poisson_ratio")])
     surplus = fitted.force_N * stuck_surplus(nu, radius / data.gel.thickness_mm, strain)
     prior = fitted.parameters[k].prior

@@ -29,8 +29,14 @@ def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_rati
     depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
     if edge_mm <= 0 or np.ptp(depth) <= 0:
         return 1.0, beta
-    met, share = rounded_contact(depth, radius_mm, edge_mm, thickness_mm=h, poisson_ratio=poisson_ratio,
-                                 sticking=float(not fitted.data.lubricated))  # fmt: skip
+    met, share = rounded_contact(
+        depth,
+        radius_mm,
+        edge_mm,
+        thickness_mm=h,
+        poisson_ratio=poisson_ratio,
+        sticking=float(not fitted.data.lubricated),
+    )
     share = share * _stiffness(poisson_ratio, met, h) / _stiffness(poisson_ratio, np.array([radius_mm]), h)
     ones, strain = np.ones(depth.size), depth / h
     start, slope = np.linalg.lstsq(np.column_stack([ones, strain]), share * (1 + beta * strain), rcond=None)[0]

@@ -84,8 +84,13 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
     routes = (*routes, *of_radii(result.fitted), *of_beta(result.beta))
     lines, warnings = in_words(routes)
     source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
-    return replace(result, routes=routes, poisson_ratio_source=source, warnings=(*result.warnings, *warnings),
-                   assumptions=(*result.assumptions, *lines))  # fmt: skip
+    return replace(
+        result,
+        routes=routes,
+        poisson_ratio_source=source,
+        warnings=(*result.warnings, *warnings),
+        assumptions=(*result.assumptions, *lines),
+    )
 
 
 def observe(sets: Sequence[Measured]) -> Observations:
@@ -131,10 +136,12 @@ def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
         "and E follow with what that leaves open"
     )
     return replace(
-        result, beta=replace(result.beta, value=None, std=None, why=why), flags=(*result.flags, ONE_DEPTH),
+        result,
+        beta=replace(result.beta, value=None, std=None, why=why),
+        flags=(*result.flags, ONE_DEPTH),
         assumptions=(*result.assumptions, said),
         warnings=(*result.warnings, f"{why}; press to two depths at least, one twice the other"),
-    )  # fmt: skip
+    )
 
 
 def _free(law: Law, data: Observations, *, single: bool) -> Law:

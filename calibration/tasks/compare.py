@@ -115,9 +115,10 @@ def fit_alone(model: Model, data: Observations) -> Fit:
         return refit_with_pure_noise(fit(model, data))
     except (ConvergenceError, ArithmeticError, RuntimeError) as fault:
         raise InputError(
-            f"this model cannot be fitted to these measurements: {fault}", where=model.name,
+            f"this model cannot be fitted to these measurements: {fault}",
+            where=model.name,
             remedy="Look at depth and force in a figure; leave out the effects added by hand.",
-        ) from fault  # fmt: skip
+        ) from fault
 
 
 def base_model(data: Observations) -> Model:
@@ -138,9 +139,15 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
-        name=" + ".join((fitted.model.law.key, *keys)), effects=keys,
+        name=" + ".join((fitted.model.law.key, *keys)),
+        effects=keys,
         parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters),
-        rms_N=fitted.rms_error_N, held_out_N=held_out_rms(fitted), floor_N=noise_floor(fitted),
-        percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)), um=1e3 * fitted.rms_error_N / slope,
-        chi2=fitted.chi2, covariates=left.covariates, fitted=fitted,
-    )  # fmt: skip
+        rms_N=fitted.rms_error_N,
+        held_out_N=held_out_rms(fitted),
+        floor_N=noise_floor(fitted),
+        percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
+        um=1e3 * fitted.rms_error_N / slope,
+        chi2=fitted.chi2,
+        covariates=left.covariates,
+        fitted=fitted,
+    )

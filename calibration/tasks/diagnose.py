@@ -105,8 +105,14 @@ def diagnose(
     return _beside(whole, found, aside, foreign=foreign) if aside and not found.odd.presses else whole
 
 
-def _diagnosed(data: Observations, *, catalogue: Sequence[Effect], known: Sequence[Effect],
-               rng: np.random.Generator, bulge: Estimate | None) -> Diagnosis:  # fmt: skip
+def _diagnosed(
+    data: Observations,
+    *,
+    catalogue: Sequence[Effect],
+    known: Sequence[Effect],
+    rng: np.random.Generator,
+    bulge: Estimate | None,
+) -> Diagnosis:
     """These presses, all of them."""
     seen, data = fit_vision_depth(data), informed(data, bulge)
     model = base_model(data)
@@ -128,9 +134,15 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     odd = replace(rest.odd, presses=aside, foreign=foreign)
     plans = {plan.action: plan for plan in (*_again(odd), *rest.measure_next)}
     return replace(
-        rest, verdict="UNKNOWN" if foreign else rest.verdict, without=rest.verdict, set_aside=aside, odd=odd,
-        whole=whole.fitted, flags=("press_stands_out", *rest.flags), measure_next=tuple(plans.values()),
-    )  # fmt: skip
+        rest,
+        verdict="UNKNOWN" if foreign else rest.verdict,
+        without=rest.verdict,
+        set_aside=aside,
+        odd=odd,
+        whole=whole.fitted,
+        flags=("press_stands_out", *rest.flags),
+        measure_next=tuple(plans.values()),
+    )
 
 
 def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
@@ -214,14 +226,21 @@ def _concluded(fitted: Fit) -> CalibrationResult:
     return replace(result, flags=(*result.flags, "stated_noise_too_small"), warnings=(*result.warnings, said))
 
 
-def _material(alone: CalibrationResult, both: tuple[_Outcome, _Outcome | None], catalogue: Sequence[Effect],
-              shares: Sequence[float]) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:  # fmt: skip
+def _material(
+    alone: CalibrationResult,
+    both: tuple[_Outcome, _Outcome | None],
+    catalogue: Sequence[Effect],
+    shares: Sequence[float],
+) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
     """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
-    after = replace(after, youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-                    warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())))  # fmt: skip
+    after = replace(
+        after,
+        youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
+        warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())),
+    )
     return (after if sight is None else _risen(after, sight)), unseen
 
 
@@ -310,8 +329,13 @@ def _errors(base: Fit, current: Fit) -> Errors:
     return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
 
 
-def _next(base: Fit, both: Sequence[_Outcome], left: Unexplained | None, instead: Sequence[Candidate],
-          bias: Mapping[str, float]) -> tuple[NextMeasurement, ...]:  # fmt: skip
+def _next(
+    base: Fit,
+    both: Sequence[_Outcome],
+    left: Unexplained | None,
+    instead: Sequence[Candidate],
+    bias: Mapping[str, float],
+) -> tuple[NextMeasurement, ...]:
     """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows."""
     open_sets = [group for one in both for group in one.sets]
     if not open_sets and instead:

@@ -82,8 +82,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 def _own_stiffness(fitted: Fit) -> tuple[Estimate, float]:
     """c with its noise alone: shared tolerances and nu held at what was stated."""
-    bare = replace(fitted.model, effects=tuple(
-        e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS)))  # fmt: skip
+    bare = replace(
+        fitted.model, effects=tuple(e for e in fitted.model.effects if e.key not in (HEIGHTS, DIMENSIONS))
+    )
     again = fit(bare, fitted.data, tolerances=False)
     return stiffness_of(again, main_radius(again)), again.noise.dof
 
@@ -106,7 +107,13 @@ def _change(first: tuple[Estimate, float], other: tuple[Estimate, float]) -> tup
 
 def _row(measured: Measured, result: CalibrationResult, change: float, interval: Pair, p: float) -> HistoryRow:
     return HistoryRow(
-        date=str(measured.recording.date or ""), recording=measured.recording.name,
-        presses=len(result.presses_accepted), youngs_modulus=result.youngs_modulus, c=result.c, change=change,
-        change_interval95=interval, p_adjusted=p, moved=p < LEVEL,
-    )  # fmt: skip
+        date=str(measured.recording.date or ""),
+        recording=measured.recording.name,
+        presses=len(result.presses_accepted),
+        youngs_modulus=result.youngs_modulus,
+        c=result.c,
+        change=change,
+        change_interval95=interval,
+        p_adjusted=p,
+        moved=p < LEVEL,
+    )

@@ -146,8 +146,11 @@ def representative(data: Observations) -> Samples:
                 size = f"{int(level.sum())} samples"
                 rows.append((size, radius, data.depth_mm[level].mean(), data.normal_N[level].mean()))
     if not rows:
-        raise InputError("no sample of the curves belongs to loading", where="curves.csv",
-                         remedy="Name the phases free, load, hold, unload.")  # fmt: skip
+        raise InputError(
+            "no sample of the curves belongs to loading",
+            where="curves.csv",
+            remedy="Name the phases free, load, hold, unload.",
+        )
     names, radii, depths, forces = zip(*rows, strict=True)
     return Samples(tuple(names), np.array(radii), np.array(depths), np.array(forces))
 
@@ -236,8 +239,12 @@ def _check_material(material: Material) -> None:
     if not (np.isfinite(material.youngs_modulus_MPa) and material.youngs_modulus_MPa > 0):
         raise InputError("Young's modulus lies above 0 MPa", where="validate", value=material.youngs_modulus_MPa)
     if not 0 <= material.poisson_ratio < 0.5:
-        raise InputError("Poisson's ratio lies in [0, 0.5)", where="validate", value=material.poisson_ratio,
-                         remedy="For an incompressible gel take 0.4999.")  # fmt: skip
+        raise InputError(
+            "Poisson's ratio lies in [0, 0.5)",
+            where="validate",
+            value=material.poisson_ratio,
+            remedy="For an incompressible gel take 0.4999.",
+        )
 
 
 def _assumptions(data: Observations, material: Material) -> Iterator[str]:

@@ -166,8 +166,11 @@ def _apart(recording: Recording) -> dict[str, str]:
     stems = Counter(Path(name).stem for name in recording.frame_names)
     apart = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
     if len(set(apart.values())) != len(apart):
-        raise InputError("two frames would share a map's name", where=recording.path,
-                         remedy="Rename one: a map is stored under its frame's name.")  # fmt: skip
+        raise InputError(
+            "two frames would share a map's name",
+            where=recording.path,
+            remedy="Rename one: a map is stored under its frame's name.",
+        )
     return apart
 
 

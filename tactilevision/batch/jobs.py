@@ -88,8 +88,15 @@ class Journal:
         self.path.unlink(missing_ok=True)
 
 
-def run_job(recording: Recording, job: Job, journal: Journal, *, workers: int | None = None,
-            progress: Progress | None = None, begin: Callable[[], None] | None = None) -> list[Row]:  # fmt: skip
+def run_job(
+    recording: Recording,
+    job: Job,
+    journal: Journal,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    begin: Callable[[], None] | None = None,
+) -> list[Row]:
     """Every frame's row in the order of the frames; those that the journal holds are not done again.
 
     `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,

@@ -72,8 +72,11 @@ def reconstruct_tree(
     root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
-    finished = {name: rows for name, recording in found.items()
-                if (rows := _rows_of_finished(out / name, recording, way)) is not None}  # fmt: skip
+    finished = {
+        name: rows
+        for name, recording in found.items()
+        if (rows := _rows_of_finished(out / name, recording, way)) is not None
+    }
     branches = [Branch(name, rows) for name, rows in finished.items()]
     before = sum(len(branch.rows) for branch in branches)
     if progress is not None:
@@ -91,8 +94,11 @@ def reconstruct_tree(
         before += len(recording.frame_names)
     every = sorted((*branches, *refused), key=lambda branch: branch.name)
     if all(branch.why for branch in every):
-        raise InputError("none of its recordings, folders and videos can be read", where=root,
-                         remedy=f"The first of {len(every)}: {every[0].why}")  # fmt: skip
+        raise InputError(
+            "none of its recordings, folders and videos can be read",
+            where=root,
+            remedy=f"The first of {len(every)}: {every[0].why}",
+        )
     write_text(out / TABLE, _table(every))
     for name in found:
         _finished(out / name).unlink(missing_ok=True)

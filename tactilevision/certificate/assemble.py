@@ -49,31 +49,45 @@ def assemble_certificate(chain: Chain) -> Certificate:
     looks = _looks(chain, timed, rises)
     first = _said(chain, looks)
     # frames may be missing where a touch was seen, and not where the ruler puts it
-    sound = [name for name, against in first.items()
-             if name not in chain.strays and all(one.reason == "dropped_frames" for one in against)]  # fmt: skip
+    sound = [
+        name
+        for name, against in first.items()
+        if name not in chain.strays and all(one.reason == "dropped_frames" for one in against)
+    ]
     timed = apply_travel_scale(chain, timed, rises, sound)
     looks = _looks(chain, timed, rises)
     said = _said(chain, looks)
     leans = lean_scatter([look for name, look in looks.items() if not said[name]], recording_statistics(looks))
     points = []
     for press in chain.recording.presses:
-        point = _point(chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press),
-                       leans_rad=leans)  # fmt: skip
+        point = _point(
+            chain, press, timed.get(press.press), rises.get(press.press), looks.get(press.press), leans_rad=leans
+        )
         points.append(_judged(point, said.get(press.press, (_UNSEEN,))))
-    faces = [(touch.depth_seen_mm, point.depth_mm) for point in points
-             if point.accepted and (touch := looks[point.press].touch) is not None]  # fmt: skip
+    faces = [
+        (touch.depth_seen_mm, point.depth_mm)
+        for point in points
+        if point.accepted and (touch := looks[point.press].touch) is not None
+    ]
     gauge = find_depth_scale(faces)
     doubts = filter(None, [scale_warning(faces, [ball.ball_radius_mm for ball in chain.recording.balls])])
     seen = [(looks[point.press], point) for point in points if point.press in looks]
     curves = [curve for look, point in seen if (curve := press_curve(look, point, gauge)) is not None]
-    evidence = {point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
-                for look, point in seen}  # fmt: skip
+    evidence = {
+        point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
+        for look, point in seen
+    }
     given = next((t.touched for t in timed.values()), None)
     return Certificate(
-        points=tuple(points), curves=tuple(curves), clock_offset=chain.offset, evidence=evidence,
-        rise=next(iter(rises.values()), None), bevel_distance_mm=given.distance_mm if given else None,
-        gauge=gauge, warnings=(*_warnings(chain, timed, rises), *doubts),
-    )  # fmt: skip
+        points=tuple(points),
+        curves=tuple(curves),
+        clock_offset=chain.offset,
+        evidence=evidence,
+        rise=next(iter(rises.values()), None),
+        bevel_distance_mm=given.distance_mm if given else None,
+        gauge=gauge,
+        warnings=(*_warnings(chain, timed, rises), *doubts),
+    )
 
 
 def _rises(chain: Chain, timed: Mapping[str, ContactTimes]) -> dict[str, PileUp]:
@@ -129,8 +143,11 @@ def _astray(chain: Chain, name: str) -> tuple[Finding, ...]:
 def _looks(
     chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp]
 ) -> dict[str, PressEvidence]:
-    return {name: _look(chain, track, timed.get(name), rises.get(name))
-            for name, track in chain.tracks.items() if track is not None}  # fmt: skip
+    return {
+        name: _look(chain, track, timed.get(name), rises.get(name))
+        for name, track in chain.tracks.items()
+        if track is not None
+    }
 
 
 def _look(chain: Chain, track: PressTrack, timed: ContactTimes | None, rise: PileUp | None) -> PressEvidence:
@@ -183,13 +200,20 @@ def _point(
         if timed.ruler is not None:
             ratio = timed.ruler.relative_std(timed.touched.law.c_N_per_mm)
             std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, ruler_std=ratio)
-            extra |= {"ruler_std": ratio, "touches_late_mm": timed.ruler.late_mm,
-                      "touches_late_std_mm": timed.ruler.late_std_mm}  # fmt: skip
+            extra |= {
+                "ruler_std": ratio,
+                "touches_late_mm": timed.ruler.late_mm,
+                "touches_late_std_mm": timed.ruler.late_std_mm,
+            }
     if look is not None and look.track.footprint is not None:
         face = look.track.footprint
-        extra |= {"centre_x_mm": face.centre_mm[0], "centre_y_mm": face.centre_mm[1], "face_radius_mm":
-        face.radius_mm,
-                  "tilt_x": face.tilt[0], "tilt_y": face.tilt[1]}  # fmt: skip
+        extra |= {
+            "centre_x_mm": face.centre_mm[0],
+            "centre_y_mm": face.centre_mm[1],
+            "face_radius_mm": face.radius_mm,
+            "tilt_x": face.tilt[0],
+            "tilt_y": face.tilt[1],
+        }
     return CertifiedPoint(
         press=press.press, indenter=press.indenter, depth_mm=depth, fz_N=float(force[2]), depth_std_mm=std,
         fz_std_N=force_std, fx_N=float(force[0]), fy_N=float(force[1]), time_s=time_s,

@@ -86,8 +86,12 @@ def _track_all(
     labels = [press.press for press in recording.presses]
     for label in labels:
         if labels.count(label) > 1:
-            raise RecordingError("two presses have the same label", where=recording.path, value=label,
-                                 remedy="Give each row of presses.csv its own.")  # fmt: skip
+            raise RecordingError(
+                "two presses have the same label",
+                where=recording.path,
+                value=label,
+                remedy="Give each row of presses.csv its own.",
+            )
     for k, press in enumerate(recording.presses):
         indenter = recording.indenters.get(press.indenter)
         if indenter is None:
@@ -146,8 +150,12 @@ def _first_offset(recording: Recording, forces: ForceSeries, tracks: Mapping[str
     return estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
 
 
-def _seen(tracks: Mapping[str, PressTrack | None], windows: Mapping[str, ForceWindow | None],
-          touches: Mapping[str, Touched], gel: Gel | None) -> dict[str, Seen]:  # fmt: skip
+def _seen(
+    tracks: Mapping[str, PressTrack | None],
+    windows: Mapping[str, ForceWindow | None],
+    touches: Mapping[str, Touched],
+    gel: Gel | None,
+) -> dict[str, Seen]:
     """The presses for the clocks, by label; the depth that the camera read at the touch is where the force passed
     through it.
     """
@@ -168,8 +176,9 @@ def _seen(tracks: Mapping[str, PressTrack | None], windows: Mapping[str, ForceWi
     return found
 
 
-def _windows(recording: Recording, forces: ForceSeries, tracks: Mapping[str, PressTrack | None],
-             offset_s: float) -> dict[str, ForceWindow | None]:  # fmt: skip
+def _windows(
+    recording: Recording, forces: ForceSeries, tracks: Mapping[str, PressTrack | None], offset_s: float
+) -> dict[str, ForceWindow | None]:
     found: dict[str, ForceWindow | None] = {}
     for k, (name, seen) in enumerate(tracks.items()):
         first, last = free_span(recording.presses, k)

@@ -65,7 +65,8 @@ def _window(look: PressEvidence) -> tuple[Pair, Pair] | None:
     along = np.array(SIDES[look.track.side])
     across = np.array([-along[1], along[0]])
     middle = np.array(face.centre_mm) + look.distance_mm * along
-    corners = np.array([middle - EDGE_MM * along - HALF_WIDTH_MM * across,
-                        middle + EDGE_MM * along + HALF_WIDTH_MM * across])  # fmt: skip
+    corners = np.array(
+        [middle - EDGE_MM * along - HALF_WIDTH_MM * across, middle + EDGE_MM * along + HALF_WIDTH_MM * across]
+    )
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     return (float(x0), float(y0)), (float(x1), float(y1))

@@ -34,11 +34,15 @@ def recording_statistics(looks: Mapping[str, PressEvidence]) -> RecordingStatist
     relief = [relief_mm(track.face_map, face) for track, face in faces]
     rest = [look.rest_s for look in looks.values() if np.isfinite(look.rest_s)]
     return RecordingStatistics(
-        radius=_radius_ratios(seen), tilt=np.asarray(tilt), tilt_scatter=scatter,
+        radius=_radius_ratios(seen),
+        tilt=np.asarray(tilt),
+        tilt_scatter=scatter,
         interval_s=float(np.median(finite)) if finite else float("inf"),
-        rest_s=float(np.median(rest)) if rest else 0.0, equal=_equal(looks),
-        uneven_mm=_median(uneven), relief_mm=_median(relief),
-    )  # fmt: skip
+        rest_s=float(np.median(rest)) if rest else 0.0,
+        equal=_equal(looks),
+        uneven_mm=_median(uneven),
+        relief_mm=_median(relief),
+    )
 
 
 def _median(values: Sequence[float]) -> float:

@@ -253,5 +253,12 @@ def rests(presses: Sequence[Press]) -> list[float]:
 
 
 ORDER: tuple[Callable[[PressEvidence, RecordingStatistics, ForceSeries], Finding | None], ...] = (
-    _border, _footprint, _saturated, _tilt, _tangential, _dropped, _not_touched, _short_rest,
-)  # fmt: skip
+    _border,
+    _footprint,
+    _saturated,
+    _tilt,
+    _tangential,
+    _dropped,
+    _not_touched,
+    _short_rest,
+)

@@ -56,8 +56,11 @@ def diagnose(
         )
     steps = [Step(key, "") for key in known or ()]
     named = {e.key: e for e in found.fitted.model.effects}
-    steps += [Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
-              for e in found.effects if e.key in named]  # fmt: skip
+    steps += [
+        Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
+        for e in found.effects
+        if e.key in named
+    ]
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
@@ -97,8 +100,10 @@ def compare(
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
-    steps = [Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
-             for before, model in pairwise(found.models)]  # fmt: skip
+    steps = [
+        Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
+        for before, model in pairwise(found.models)
+    ]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
@@ -195,11 +200,15 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
-        console.say(f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
-                    f"{1e3 * step.rms_after_N:.2f} mN")  # fmt: skip
+        console.say(
+            f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
+            f"{1e3 * step.rms_after_N:.2f} mN"
+        )
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
     console.say(script.splitlines()[-1])
     if (undo or redo) and (folder / "calibration.json").is_file():
-        console.say(f"{folder / 'calibration.json'} is as --apply wrote it: steps change no calibration. Diagnose "
-                    "again without --apply, or calibrate, for one without the effect.")  # fmt: skip
+        console.say(
+            f"{folder / 'calibration.json'} is as --apply wrote it: steps change no calibration. Diagnose "
+            "again without --apply, or calibrate, for one without the effect."
+        )

@@ -21,13 +21,7 @@ RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % i
 
 def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    from calibration.report.drawing import (
-        confusability,
-        drawn_points,
-        fitted_lines,
-        own_offsets,
-        residual_panels,
-    )
+    from calibration.report.drawing import confusability, drawn_points, fitted_lines, own_offsets, residual_panels
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots.indentation import draw_fit
 
@@ -114,8 +108,15 @@ def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:
             if not point.accepted or evidence is None or evidence.height_map is None or evidence.footprint is None:
                 continue
             indenter = one.recording.indenters[point.indenter]
-            surfaces.append(Surface(evidence.height_map, evidence.footprint.centre_mm, indenter.radius_mm,
-                                    point.depth_mm, indenter.bevel))  # fmt: skip
+            surfaces.append(
+                Surface(
+                    evidence.height_map,
+                    evidence.footprint.centre_mm,
+                    indenter.radius_mm,
+                    point.depth_mm,
+                    indenter.bevel,
+                )
+            )
         left = residual_map(surfaces, one.recording.sensor.gel)
         found += [left] if left is not None else []
     return found

@@ -38,13 +38,18 @@ def train(
 
     if method not in PHOTOMETRIC:
         raise InputError(
-            "no photometric method of that name", where="--method", value=method,
+            "no photometric method of that name",
+            where="--method",
+            value=method,
             remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
-        )  # fmt: skip
+        )
     source = read_recording(recording)
     if not source.balls:
-        raise InputError("no ball presses to train on", where=recording / "reference" / "ball",
-                         remedy="Press a ball of known radius all over the gel, twenty times.")  # fmt: skip
+        raise InputError(
+            "no ball presses to train on",
+            where=recording / "reference" / "ball",
+            remedy="Press a ball of known radius all over the gel, twenty times.",
+        )
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])

@@ -121,8 +121,13 @@ def _search(x: Floats, y: Floats, noise: float, *, growth: Growth, amplitude: Pa
     flat = float(((y / noise) ** 2).sum() - flat_answer @ right[-1, :3])
     chi2 = np.where(coefficients[:, 3] > 0, chi2, np.maximum(chi2, flat))
     spread = np.sqrt(np.linalg.inv(normal)[:, 3, 3])
-    return _Search(places, np.asarray(chi2, dtype=np.float64), np.asarray(coefficients, dtype=np.float64),
-                   np.asarray(spread, dtype=np.float64), flat)  # fmt: skip
+    return _Search(
+        places,
+        np.asarray(chi2, dtype=np.float64),
+        np.asarray(coefficients, dtype=np.float64),
+        np.asarray(spread, dtype=np.float64),
+        flat,
+    )
 
 
 def _basis(x: Floats, places: Floats, growth: Growth) -> Floats:
@@ -143,11 +148,16 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
     step = float(search.places[1] - search.places[0])
     variance = float(np.average((search.places - at) ** 2, weights=likelihood)) + step**2 / 12
     return Onset(
-        at=at, std=float(np.sqrt(variance)), amplitude=amplitude,
-        amplitude_std=float(search.amplitude_std[best]), growth=growth, grown=amplitude *
-        float(growth(float(x.max()) - at)), noise=noise, gain=search.flat - float(search.chi2[best]),
+        at=at,
+        std=float(np.sqrt(variance)),
+        amplitude=amplitude,
+        amplitude_std=float(search.amplitude_std[best]),
+        growth=growth,
+        grown=amplitude * float(growth(float(x.max()) - at)),
+        noise=noise,
+        gain=search.flat - float(search.chi2[best]),
         chi2=float(search.chi2[best]),
-    )  # fmt: skip
+    )
 
 
 def _scatter(x: Floats, y: Floats) -> float:

@@ -31,8 +31,12 @@ def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
     """
     writer = EXPORTS.get(form)
     if writer is None:
-        raise InputError("no such format of height maps", where="export", value=form,
-                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
+        raise InputError(
+            "no such format of height maps",
+            where="export",
+            value=form,
+            remedy="Known are " + ", ".join(EXPORTS) + ".",
+        )
     path = Path(folder) / f"{Path(height.name).stem or 'height'}.{form}"
     writer(path, height)
     return path

@@ -53,8 +53,14 @@ class FrameForce:
 
     def as_row(self) -> Row:
         """As text, every digit kept, without what is put beside it later."""
-        numbers = (self.time_s, *self.resultant_N, *self.resultant_std_N, *self.moment_Nmm, self.depth_mm,
-                   *self.place_mm)  # fmt: skip
+        numbers = (
+            self.time_s,
+            *self.resultant_N,
+            *self.resultant_std_N,
+            *self.moment_Nmm,
+            self.depth_mm,
+            *self.place_mm,
+        )
         return (self.frame, *(repr(float(number)) for number in numbers), self.flags, self.why)
 
     @classmethod
@@ -141,8 +147,10 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
     if total > 0:
         rows, columns = np.indices(pressure.shape)
         step_x, step_y = found.mm_per_px
-        place = (found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
-                 found.first_mm[1] + step_y * float((rows * pressure).sum()) / total)  # fmt: skip
+        place = (
+            found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
+            found.first_mm[1] + step_y * float((rows * pressure).sum()) / total,
+        )
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags))  # fmt: skip
 

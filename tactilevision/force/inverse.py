@@ -122,8 +122,9 @@ def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std
     return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, poisson_ratio, adhesive)
 
 
-def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float,
-            adhesive: bool) -> Solution:  # fmt: skip
+def _narrow(
+    whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float, adhesive: bool
+) -> Solution:
     """Solve, leave out the cells that pull, again, until none does. No cell is left where all of them would
     pull.
     """
@@ -142,8 +143,9 @@ def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floa
     raise ConvergenceError(f"the contact did not settle in {MAX_ITERATIONS} rounds")
 
 
-def _solved(whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float,
-            noise: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+def _solved(
+    whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float, noise: Floats
+) -> tuple[Floats, Floats]:
     count, parts = len(active), len(u)
     every = np.concatenate([active + k * len(cells) for k in range(parts)])
     matrix = whole.copy() if count == len(cells) else whole[np.ix_(every, every)]

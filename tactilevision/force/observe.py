@@ -48,8 +48,9 @@ class PixelNoise:
     away_mm: float
 
 
-def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise,
-            inside: Bools) -> Observation:  # fmt: skip
+def observe(
+    grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise, inside: Bools
+) -> Observation:
     """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
 
     Raises InputError where the maps do not belong to the grid or carry no number at all.
@@ -86,8 +87,9 @@ def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, 
         u_x, u_y = (np.where(shear.valid, u, np.float32(0)) for u in (u_x, u_y))
     map_x = u_x * np.float32(1 / shear.mm_per_px[0]) + np.arange(columns, dtype=np.float32)[None, :]
     map_y = u_y * np.float32(1 / shear.mm_per_px[1]) + np.arange(rows, dtype=np.float32)[:, None]
-    moved = cv2.remap(np.asarray(depth, dtype=np.float32), map_x, map_y, cv2.INTER_LINEAR,
-                      borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+    moved = cv2.remap(
+        np.asarray(depth, dtype=np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     if known.all():
         return moved, known
     there = cv2.remap(known.astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
@@ -209,7 +211,10 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             remedy="Make a ForceField for this sensor; a calibration holds for its own alone.",
         )
     if height.depth_mm.shape != grid.view_px:
-        raise InputError("the height map has another size than the force field was made for", where=height.name,
-                         value=(height.depth_mm.shape, grid.view_px))  # fmt: skip
+        raise InputError(
+            "the height map has another size than the force field was made for",
+            where=height.name,
+            value=(height.depth_mm.shape, grid.view_px),
+        )
     if shear is not None and shear.u_x_mm.shape != grid.view_px:
         raise InputError("shear and height map have one size", where=height.name, value=shear.u_x_mm.shape)

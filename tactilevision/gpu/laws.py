@@ -45,8 +45,10 @@ def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
 
 def _lookup(evaluate: LookupEvaluator, device: str) -> Law:
     table = torch.from_numpy(evaluate.slopes.view(np.float32).reshape(-1, 2).T.copy()).to(device)
-    per, shift = (torch.as_tensor(v, dtype=torch.float32, device=device)[:, None, None]
-                  for v in (evaluate.per, evaluate.shift))  # fmt: skip
+    per, shift = (
+        torch.as_tensor(v, dtype=torch.float32, device=device)[:, None, None]
+        for v in (evaluate.per, evaluate.shift)
+    )
 
     def slopes(change: torch.Tensor) -> torch.Tensor:
         cells = torch.round(change * per + shift).clamp(0, FINE - 1).long()

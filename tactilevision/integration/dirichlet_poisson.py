@@ -32,17 +32,27 @@ def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     p, q = np.asarray(slopes.dz_dx, np.float64), np.asarray(slopes.dz_dy, np.float64)
     known = np.isfinite(p) & np.isfinite(q) & (True if slopes.valid is None else slopes.valid)
     if min(p.shape) < 3 or not known.all():
-        raise InputError("a flat border needs slopes everywhere, on 3 by 3 pixels at least", where="integrate",
-                         value=p.shape, remedy="Leave the border free.")  # fmt: skip
+        raise InputError(
+            "a flat border needs slopes everywhere, on 3 by 3 pixels at least",
+            where="integrate",
+            value=p.shape,
+            remedy="Leave the border free.",
+        )
     right = edge_divergence(p, q, np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
-    bend = [(2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
-            for count, step in zip(right.shape, mm_per_px[::-1], strict=True)]  # fmt: skip
+    bend = [
+        (2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
+        for count, step in zip(right.shape, mm_per_px[::-1], strict=True)
+    ]
     modes = fft.dstn(right, type=1) / -(bend[0][:, None] + bend[1][None, :])
     depth = np.pad(fft.idstn(modes, type=1), 1)
     rises, deep = _rises_mm(p, q, mm_per_px), float(np.abs(depth).max())
     if rises > LEVEL * deep:
-        raise InputError("the border is not flat", where="integrate", value=f"{rises:.3f} mm up and down it",
-                         remedy="Leave the border free.")  # fmt: skip
+        raise InputError(
+            "the border is not flat",
+            where="integrate",
+            value=f"{rises:.3f} mm up and down it",
+            remedy="Leave the border free.",
+        )
     return np.asarray(depth)
 
 

@@ -28,9 +28,13 @@ FLOOR = 1e-4  # weight of an edge that is not known: it only keeps an island's l
 
 
 def integrate(
-    slopes: SlopeMap, mm_per_px: Pair, *, weights: Array | None = None, tolerance: float = 1e-6,
+    slopes: SlopeMap,
+    mm_per_px: Pair,
+    *,
+    weights: Array | None = None,
+    tolerance: float = 1e-6,
     border: Literal["free", "flat"] = "free",
-) -> Array:  # fmt: skip
+) -> Array:
     """Depth (H, W) in mm of `slopes`, its mean 0; float32 slopes are integrated in float32, others in float64.
 
     `weights` (H, W) in [0, 1] says how far each pixel's slopes are to be trusted (0: not at all; the surface is

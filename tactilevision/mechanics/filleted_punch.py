@@ -77,8 +77,9 @@ def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
     x = np.sqrt((r - b) * (r + b)) / b
     small = x < 0.05  # where the differences below cancel
     gap = np.where(small, x**3 * (1 / 3 - x**2 * (1 / 5 - x**2 / 7)), x - np.arctan(x))
-    lost = np.where(small, x**5 * (1 / 15 - x**2 * (1 / 35 - x**2 / 63)),
-                    x**3 / 3 + x / 2 - (1 + x**2) / 2 * np.arctan(x))  # fmt: skip
+    lost = np.where(
+        small, x**5 * (1 / 15 - x**2 * (1 / 35 - x**2 / 63)), x**3 / 3 + x / 2 - (1 + x**2) / 2 * np.arctan(x)
+    )
     return np.array([r * b * gap, b**3 * lost / r]) / edge_mm
 
 

@@ -52,10 +52,22 @@ def base_stress(u: Floats, poisson_ratio: float) -> tuple[Floats, Floats]:
     k, nu = 3 - 4 * poisson_ratio, poisson_ratio
     lame, one, zero, fall = 2 * nu / (1 - 2 * nu), np.ones_like(u), np.zeros_like(u), np.exp(-u)
     # u_z = (A + B z) exp(-z) + (C + D z) exp(z - u), u_x = i g; rows: u_z, g, their z-derivatives
-    top = np.array([[one, zero, fall, zero], [-one, k * one, fall, k * fall],
-                    [-one, one, fall, fall], [one, -(1 + k) * one, fall, (1 + k) * fall]])  # fmt: skip
-    low = np.array([[fall, u * fall, one, u], [-fall, (k - u) * fall, one, k + u],
-                    [-fall, (1 - u) * fall, one, 1 + u], [fall, (u - 1 - k) * fall, one, 1 + k + u]])  # fmt: skip
+    top = np.array(
+        [
+            [one, zero, fall, zero],
+            [-one, k * one, fall, k * fall],
+            [-one, one, fall, fall],
+            [one, -(1 + k) * one, fall, (1 + k) * fall],
+        ]
+    )
+    low = np.array(
+        [
+            [fall, u * fall, one, u],
+            [-fall, (k - u) * fall, one, k + u],
+            [-fall, (1 - u) * fall, one, 1 + u],
+            [fall, (u - 1 - k) * fall, one, 1 + k + u],
+        ]
+    )
     pressed = -(lame * (top[2] - top[1]) + 2 * top[2])
     matrix = np.moveaxis(np.stack([low[0], low[1], pressed, top[3] + top[0]]), -1, 0)
     load = np.zeros((len(u), 4, 1))
@@ -85,6 +97,9 @@ def equivalent_thickness(
     seen = float(weight.sum()) * mm_per_px[0] * mm_per_px[1]
     whole = float(np.trapezoid(2 * np.pi * grid * energy, grid))
     if seen < 0.9 * whole:
-        raise InputError("the thickness map misses more than a tenth of what the punch feels",
-                         where="equivalent_thickness", value=seen / whole)  # fmt: skip
+        raise InputError(
+            "the thickness map misses more than a tenth of what the punch feels",
+            where="equivalent_thickness",
+            value=seen / whole,
+        )
     return float(weight @ values / weight.sum())

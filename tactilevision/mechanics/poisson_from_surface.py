@@ -131,8 +131,9 @@ def fit_poisson_ratio(
     if not (thickness_mm > 0 and thickness_std_mm >= 0):
         raise InputError("the gel's thickness lies above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
     if settings.guard_mm < 3 * settings.blur_mm:
-        raise InputError("the guard band spans three times the blur", where="fit_poisson_ratio",
-                         value=settings.guard_mm)  # fmt: skip
+        raise InputError(
+            "the guard band spans three times the blur", where="fit_poisson_ratio", value=settings.guard_mm
+        )
     thickness = (thickness_mm, thickness_std_mm)
     if model is not None:
         return _fit(views, thickness, model, settings)
@@ -166,8 +167,9 @@ def _presses(
     for view in views:
         reach = view.radius_mm + settings.reach * thickness_mm
         blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
-        press = prepare(blocks, blur_mm=settings.blur_mm, step_std=settings.step_std,
-                        bowl_std_per_mm=settings.bowl_std_per_mm)  # fmt: skip
+        press = prepare(
+            blocks, blur_mm=settings.blur_mm, step_std=settings.step_std, bowl_std_per_mm=settings.bowl_std_per_mm
+        )
         low, high = model.a_over_h_range
         if press is None or not low <= view.radius_mm / thickness_mm <= high:
             continue
@@ -191,9 +193,12 @@ def _task(
 ) -> _Task:
     presses = _presses(views, thickness[0], model, settings)
     if not presses:
-        raise InputError("no height map within the profile's range shows both the face and the gel beside it",
-                         where="fit_poisson_ratio", value=len(views),
-                         remedy="Take a wider view, other depths, or the linear model.")  # fmt: skip
+        raise InputError(
+            "no height map within the profile's range shows both the face and the gel beside it",
+            where="fit_poisson_ratio",
+            value=len(views),
+            remedy="Take a wider view, other depths, or the linear model.",
+        )
     friction_std = SHARE_STD if model.frictional else PINNED
     shape = [std for _, std in model.shape_error]
     std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])

@@ -54,8 +54,9 @@ def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
 
 def make_table(path: Path = TABLE) -> None:
     """Solve anew and write tilted_punch.csv."""
-    rows = [f"{ratio:g},{x:.3f},{f:.5f}" for ratio in RATIOS
-            for x, f in zip(PLACES, solve(PLACES, ratio), strict=True)]  # fmt: skip
+    rows = [
+        f"{ratio:g},{x:.3f},{f:.5f}" for ratio in RATIOS for x, f in zip(PLACES, solve(PLACES, ratio), strict=True)
+    ]
     head = (
         "# A flat punch askew by theta: upright depth over a theta; made by mechanics.tilted_punch.make_table,\n"
         f"# {SQUARES} squares across the face, nu = {NU}, 2026-11-21. a_over_h 0 is the half-space.\n"
@@ -80,8 +81,9 @@ def _influence(squares: int, side: float, a_over_h: float) -> Floats:
     steps = np.minimum(np.arange(2 * squares), 2 * squares - np.arange(2 * squares)) * side
     x, y = np.meshgrid(steps, steps)
     b = side / 2
-    table = sum(sign * _corner(x + i * b, y + j * b) for i, j, sign in ((1, 1, 1), (1, -1, -1), (-1, 1, -1),
-                                                                      (-1, -1, 1)))  # fmt: skip
+    table = sum(
+        sign * _corner(x + i * b, y + j * b) for i, j, sign in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
+    )
     table = np.asarray(table) / np.pi
     if a_over_h > 0:
         k = (np.arange(1200) + 0.5) * 12 * a_over_h / 1200

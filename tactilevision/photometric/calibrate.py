@@ -144,19 +144,24 @@ def calibrate_from_balls(
     if touched:
         card["contact_in_reference_px"] = touched
     return Calibration(
-        CalibratedMethod(law, reference, relative, background, card), tuple(balls),
-        direction, error, tuple(warnings),
-        tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
-    )  # fmt: skip
+        CalibratedMethod(law, reference, relative, background, card),
+        tuple(balls),
+        direction,
+        error,
+        tuple(warnings),
+        tuple(doubt.unseen.get(number) for number in range(len(pictures))),
+        tuple(others),
+    )
 
 
 def _enough(usable: int, of: int, why: Sequence[str]) -> None:
     if usable < MIN_BALLS:
         raise InputError(
-            f"too few ball presses that can be used; {MIN_BALLS} are the least", where="reference/ball",
+            f"too few ball presses that can be used; {MIN_BALLS} are the least",
+            where="reference/ball",
             value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
             remedy="Press the ball at more places, over the whole picture.",
-        )  # fmt: skip
+        )
 
 
 def _choose(

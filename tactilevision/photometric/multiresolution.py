@@ -82,8 +82,10 @@ class TiledEvaluator:
         self.size = width // px, height // px
         self.even = slice(0, px * self.size[1]), slice(0, px * self.size[0])
         full = method.change.maps
-        x, y = (np.asarray(places[:end].reshape(-1, px).mean(axis=1))
-                for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop)))  # fmt: skip
+        x, y = (
+            np.asarray(places[:end].reshape(-1, px).mean(axis=1))
+            for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop))
+        )
         self.maps = ChangeMaps(self._over(full.mean), x, y)
         noise = self._over(method.change.noise)
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
@@ -162,8 +164,9 @@ class TiledEvaluator:
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
         step, found = self.px * self.block, []
         for left, top, right, bottom in _apart(stats[1:, :4].tolist()):
-            found.append((slice(step * top, min(step * bottom, height)),
-                          slice(step * left, min(step * right, width))))  # fmt: skip
+            found.append(
+                (slice(step * top, min(step * bottom, height)), slice(step * left, min(step * right, width)))
+            )
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
         return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
 

@@ -107,8 +107,12 @@ def _law(card: Mapping[str, Any], held: Mapping[str, npt.NDArray[Any]], path: Pa
     if name == Polynomial.name:
         coefficients = held["law_coefficients"]
         if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
-            raise InputError("a polynomial of another order than this version's", where=path,
-                             value=coefficients.shape, remedy="Calibrate again.")  # fmt: skip
+            raise InputError(
+                "a polynomial of another order than this version's",
+                where=path,
+                value=coefficients.shape,
+                remedy="Calibrate again.",
+            )
         return Polynomial(coefficients, float(held["law_steepest"]))
     if name == Lookup.name:
         return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])

@@ -60,8 +60,10 @@ def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pa
         with suppress(InputError):
             found = reader.rectified_map(pictures[k])
             if found.std_mm is not None:
-                depth, std = (cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
-                              for a in (found.depth_mm, found.std_mm))  # fmt: skip
+                depth, std = (
+                    cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
+                    for a in (found.depth_mm, found.std_mm)
+                )
                 strange = ~tracker.measure(pictures[k]).untouched
                 maps.append((depth, std, strange & tracker.usable.reshape(strange.shape)))
     if len(maps) < MIN_FRAMES:

@@ -62,8 +62,9 @@ class ReferenceMatch:
     def made_in(self, light: npt.ArrayLike) -> tuple[str, ...]:
         """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
         card = self.method.card
-        told = other_light(light, self.method.reference,
-                           float(card.get("held_out_gain_std", self.method.relative_error)))  # fmt: skip
+        told = other_light(
+            light, self.method.reference, float(card.get("held_out_gain_std", self.method.relative_error))
+        )
         self.elsewhere = bool(told)
         return told
 

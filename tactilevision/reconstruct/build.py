@@ -131,8 +131,12 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
     if path.with_suffix(".onnx").is_file():
         return _without_balls(sensor, path, flats)
-    raise InputError("no photometric method of that name, nor a saved one there", where="method", value=name,
-                     remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
+    raise InputError(
+        "no photometric method of that name, nor a saved one there",
+        where="method",
+        value=name,
+        remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
+    )
 
 
 def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
@@ -141,9 +145,11 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     if path is None or not flats:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
         raise InputError(
-            f"no {missing}", where=recording.path / "reference" / ("ball" if flats else "flat"),
-            value=f"sensor {sensor.kind}", remedy="Add them to the recording, or name a saved method.",
-        )  # fmt: skip
+            f"no {missing}",
+            where=recording.path / "reference" / ("ball" if flats else "flat"),
+            value=f"sensor {sensor.kind}",
+            remedy="Add them to the recording, or name a saved method.",
+        )
     found = _without_balls(sensor, path, flats)
     found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return found
@@ -164,8 +170,12 @@ def _check_kind(card: Mapping[str, Any], sensor: Sensor) -> None:
     """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
     kinds = _family(str(card.get("sensor", "custom"))), _family(sensor.kind)
     if "custom" not in kinds and kinds[0] != kinds[1]:
-        raise InputError("the method was made for another sensor", where="method", value=f"{kinds[0]}, the "
-                         f"recording's is {kinds[1]}", remedy="Train one on this sensor's balls.")  # fmt: skip
+        raise InputError(
+            "the method was made for another sensor",
+            where="method",
+            value=f"{kinds[0]}, the recording's is {kinds[1]}",
+            remedy="Train one on this sensor's balls.",
+        )
 
 
 def _family(kind: str) -> str:

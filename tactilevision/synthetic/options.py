@@ -106,5 +106,8 @@ class SimulationOptions:
                 remedy=f"Choose among {', '.join(FAULTS)}.",
             )
         if self.presses < 0 or not self.indenters.heights_mm:
-            raise InputError("a recording needs at least one indenter and a number of presses not below 0",
-                             where="SimulationOptions", value=self.presses)  # fmt: skip
+            raise InputError(
+                "a recording needs at least one indenter and a number of presses not below 0",
+                where="SimulationOptions",
+                value=self.presses,
+            )

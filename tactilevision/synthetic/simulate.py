@@ -51,8 +51,11 @@ def _clear(folder: Path) -> None:
     if not folder.is_dir() or not any(folder.iterdir()):
         return
     if not (folder / TRUTH).is_file():
-        raise OutputError("the folder holds files that no simulation wrote", where=folder,
-                          remedy="Name a folder that is empty or not there yet.")  # fmt: skip
+        raise OutputError(
+            "the folder holds files that no simulation wrote",
+            where=folder,
+            remedy="Name a folder that is empty or not there yet.",
+        )
     tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
     try:
         for name in (layout.SETTINGS, *tables):  # the settings first: without them it is no recording
@@ -62,8 +65,9 @@ def _clear(folder: Path) -> None:
                 shutil.rmtree(folder / name)
         (folder / layout.BALL_TABLE).unlink(missing_ok=True)
     except OSError as fault:
-        raise OutputError(f"cannot be cleared: {fault.strerror or fault}", where=folder,
-                          remedy="Choose another folder.") from fault  # fmt: skip
+        raise OutputError(
+            f"cannot be cleared: {fault.strerror or fault}", where=folder, remedy="Choose another folder."
+        ) from fault
 
 
 def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
@@ -138,5 +142,10 @@ def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
 def _balls(scenario: Scenario) -> tuple[BallPress, ...]:
     camera = scenario.options.camera
     half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
-    return plan_balls(scenario.options.balls, scenario.options.ball_radii_mm, half, scenario.options.gel,
-                      stream(scenario.seed, 5))  # fmt: skip
+    return plan_balls(
+        scenario.options.balls,
+        scenario.options.ball_radii_mm,
+        half,
+        scenario.options.gel,
+        stream(scenario.seed, 5),
+    )

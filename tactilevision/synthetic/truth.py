@@ -40,8 +40,11 @@ def _hidden(sight: SlopeResponse) -> dict[str, Any]:
         "photometric_drift": (sight.drift, "1"),
         "slope_saturation": (0.0 if math.isinf(sight.steepest) else sight.steepest, "mm/mm"),
     }
-    tables = {key: {"amount": amount, "unit": unit, "catalogued": True} for key, (amount, unit) in amounts.items()
-              if amount}  # fmt: skip
+    tables = {
+        key: {"amount": amount, "unit": unit, "catalogued": True}
+        for key, (amount, unit) in amounts.items()
+        if amount
+    }
     return {"hidden": tables} if tables else {}
 
 

@@ -123,8 +123,12 @@ def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
     """A picture by its suffix; JPEG keeps the colours at full resolution, which photometry needs."""
     settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
     if path.suffix == ".jpg":
-        settings = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality,
-                cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
+        settings = [
+            cv2.IMWRITE_JPEG_QUALITY,
+            jpeg_quality,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+        ]
     _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), settings)
     with replacing(path) as temporary:
         temporary.write_bytes(data.tobytes())

@@ -83,8 +83,10 @@ def held_out_depth(
 def told(name: str, contacts: Sequence[Known]) -> dict[str, Any]:
     """Entries of a card: each contact as `name`, and their errors in bands of depth and of contact size."""
     shown = {by: [asdict(band) for band in bands(contacts, by)] for by in ("true_mm", "radius_px")}
-    return {name: [_rounded(asdict(contact)) for contact in contacts],
-            f"{name}_by": {by: [_rounded(band) for band in found] for by, found in shown.items()}}  # fmt: skip
+    return {
+        name: [_rounded(asdict(contact)) for contact in contacts],
+        f"{name}_by": {by: [_rounded(band) for band in found] for by, found in shown.items()},
+    }
 
 
 def bands(contacts: Sequence[Known], by: str) -> list[Band]:

@@ -38,9 +38,17 @@ from tactilevision.recording import read_recording
 from tactilevision.records import Floats
 
 DIAGNOSIS_KEYS = {
-    "verdict", "effects", "candidates", "not_testable", "rms_error_N", "material", "covariates", "measure_next",
-    "change_point", "flags",
-}  # fmt: skip
+    "verdict",
+    "effects",
+    "candidates",
+    "not_testable",
+    "rms_error_N",
+    "material",
+    "covariates",
+    "measure_next",
+    "change_point",
+    "flags",
+}
 
 
 def noisy(data: Observations, force_N: Floats, seed: int) -> Observations:
@@ -229,10 +237,14 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
     rows = Comparison((base, better)).as_json()
     for row, model in zip(rows, (base, better), strict=True):
         assert row["rms_error_N"] == {
-            "before": base.rms_N, "after": model.rms_N, "held_out_before": base.held_out_N,
-            "held_out_after": model.held_out_N, "floor": model.floor_N,
-            "in_sample": model.rms_N, "held_out": model.held_out_N,
-        }  # fmt: skip
+            "before": base.rms_N,
+            "after": model.rms_N,
+            "held_out_before": base.held_out_N,
+            "held_out_after": model.held_out_N,
+            "floor": model.floor_N,
+            "in_sample": model.rms_N,
+            "held_out": model.held_out_N,
+        }
     assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
 
 

@@ -62,8 +62,9 @@ def test_corners_that_no_sample_hit_are_found() -> None:
     data = one_press(depth, time, phase=phase)
     for later in (-0.05, 0.05, 0.15):
         inside = slice(1, -1)
-        np.testing.assert_allclose(depth_at(data, later)[inside], np.interp(time + later, path_t, path_w)[inside],
-                                   atol=1e-12)  # fmt: skip
+        np.testing.assert_allclose(
+            depth_at(data, later)[inside], np.interp(time + later, path_t, path_w)[inside], atol=1e-12
+        )
 
 
 def test_a_positive_clock_offset_is_the_force_sensors_clock_running_ahead() -> None:

@@ -141,8 +141,12 @@ def test_the_jacobian_of_a_fit_is_the_difference_quotient(effect: Effect) -> Non
 @pytest.mark.parametrize("effect", CLEAR)
 def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: Effect) -> None:
     poor = observations([np.array([0.3]), np.array([0.5])], [indenter()] * 2, time_s=[np.array([np.nan])] * 2)
-    poor = replace(poor, depth_source="gauge", gel=replace(GEL, shape="unbounded"),
-                   presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)))  # fmt: skip
+    poor = replace(
+        poor,
+        depth_source="gauge",
+        gel=replace(GEL, shape="unbounded"),
+        presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)),
+    )
     needs_nothing = {"depth_zero", "force_bias", "tilt", "edge_fillet", "thickness", "stiffening", "mullins"}
     assert bool(effect.missing(poor)) == (effect.key not in needs_nothing) or effect.key == "mullins"
 

@@ -45,9 +45,10 @@ def solve(name: str, start: Floats) -> Minimum:
     problem, curve = PROBLEMS[name], CURVES[name]
     x, y = np.array(problem["x"]), np.array(problem["y"])
     box = Box(
-        np.array(LOW.get(name, [-np.inf] * start.size)), np.array(HIGH.get(name, [np.inf] * start.size)),
+        np.array(LOW.get(name, [-np.inf] * start.size)),
+        np.array(HIGH.get(name, [np.inf] * start.size)),
         np.maximum(np.abs(start), 1e-8),
-    )  # fmt: skip
+    )
 
     def residual(b: Floats) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):

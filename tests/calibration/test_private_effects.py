@@ -25,7 +25,7 @@ from tactilevision.errors import InputError, OutputError
         ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
         ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
     ],
-)  # fmt: skip
+)
 def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Path, body: str, why: str) -> None:
     file = tmp_path / "mine.py"
     new_effect(file, "my_effect")

@@ -48,7 +48,10 @@ def test_the_source_is_the_tightest_route(std: float, source: str) -> None:
     assert (result.poisson_ratio.std or 1) < min(std, STATED.poisson_std)
     content = result.as_json()
     assert {r["route"]: r["used"] for r in content["poisson_ratio_routes"]} == {
-        "bulge": True, "prior": True, "beta": False}  # fmt: skip
+        "bulge": True,
+        "prior": True,
+        "beta": False,
+    }
     assert content["routes_apart_sigma"] < 3
 
 

@@ -17,12 +17,7 @@ from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Linear, Noise, Whitener
-from calibration.repeats.repeat_noise import (
-    beyond_stated,
-    refit_with_pure_noise,
-    renewed_noise,
-    repeat_noise,
-)
+from calibration.repeats.repeat_noise import beyond_stated, refit_with_pure_noise, renewed_noise, repeat_noise
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
@@ -133,8 +128,9 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     effects = [EFFECTS[key] for key in ("depth_zero", "viscoelasticity", "recovery", "ageing", "clock_offset")]
     quiet = 0
     for seed in range(6):
-        found = score_test(pure(measured(data, clean, np.random.default_rng(seed))), effects,
-                       np.random.default_rng(0), draws=99)  # fmt: skip
+        found = score_test(
+            pure(measured(data, clean, np.random.default_rng(seed))), effects, np.random.default_rng(0), draws=99
+        )
         quiet += min(s.p_adjusted for s in found.effects) > 0.05
     assert quiet >= 4
     shifted = MODEL.predict(TRUTH, data.shifted(0.012))
@@ -183,7 +179,8 @@ def test_a_noise_that_was_stated_too_small_is_told_from_one_that_was_not(
     data = presses()
     noisy = replace(
         measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(3)),
-        force_std_N=np.full(data.size, stated_N), depth_std_mm=np.zeros(data.size),
-    )  # fmt: skip
+        force_std_N=np.full(data.size, stated_N),
+        depth_std_mm=np.zeros(data.size),
+    )
     found = beyond_stated(pure(noisy))
     assert found is None if said is None else found == pytest.approx(said, rel=0.06)

@@ -74,8 +74,9 @@ def points(ratio: Floats, std: float) -> Observations:
     rng = np.random.default_rng(3)
     picture = depth * ratio + 0.004 * rng.standard_normal(15)
     force = Model(FlatPunch()).predict(np.array([0.2, 0.48, 0.85]), data) * (1 + 0.003 * rng.standard_normal(15))
-    return replace(data.with_force(force), depth_source="gauge", reconstructed_mm=picture,
-                   reconstructed_std_mm=std * picture)  # fmt: skip
+    return replace(
+        data.with_force(force), depth_source="gauge", reconstructed_mm=picture, reconstructed_std_mm=std * picture
+    )
 
 
 def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it_does() -> None:

@@ -29,8 +29,11 @@ def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> O
     """Twelve presses of a gel of friction .25: faces with walls read 2 % low, rings with 2 % noise of a press."""
     rng = np.random.default_rng(seed)
     size = DEPTHS.size
-    data = observations([np.array([d]) for d in DEPTHS], [indenter(f"A{k % 4}") for k in range(size)],
-                        time_s=[np.array([7.0 * k]) for k in range(size)])  # fmt: skip
+    data = observations(
+        [np.array([d]) for d in DEPTHS],
+        [indenter(f"A{k % 4}") for k in range(size)],
+        time_s=[np.array([7.0 * k]) for k in range(size)],
+    )
     factor = gain * (1 + 0.01 * rng.standard_normal(size))
     falls = []
     for k, depth in enumerate(DEPTHS):
@@ -43,8 +46,9 @@ def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> O
                 falls.append(EdgeDrop(0, data.presses.label[k], azimuth, *ends, fall + noise, 0.05, 0.6))
     walls = np.tanh(1.5 * DEPTHS / ceiling) / (1.5 * DEPTHS / ceiling) if np.isfinite(ceiling) else 1.0
     face = DEPTHS * factor * walls * 0.98 + 0.002 * rng.standard_normal(size)
-    return replace(data, depth_source="gauge", reconstructed_mm=face, reconstructed_std_mm=0.05 * face,
-                   falls=tuple(falls))  # fmt: skip
+    return replace(
+        data, depth_source="gauge", reconstructed_mm=face, reconstructed_std_mm=0.05 * face, falls=tuple(falls)
+    )
 
 
 def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:

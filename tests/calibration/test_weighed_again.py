@@ -33,7 +33,9 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)))
     noise, about = fitted.noise, fitted.about
     same = fitted.data.press[:, None] == fitted.data.press
-    covariance = same * (noise.gain**2 * np.outer(about.force_N, about.force_N)
-                         + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm))  # fmt: skip
+    covariance = same * (
+        noise.gain**2 * np.outer(about.force_N, about.force_N)
+        + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm)
+    )
     covariance += np.diag((noise.scale * about.base_N) ** 2)
     assert module._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)

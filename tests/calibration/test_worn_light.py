@@ -25,10 +25,16 @@ def options(sight: SlopeResponse) -> SimulationOptions:
     return SimulationOptions(
         gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, friction=0.25, prior=0.48, prior_std=0.005),
         camera=CameraOptions(width_px=240, height_px=180, mm_per_px=(0.1125, 0.1125), distortion_px=0.0),
-        sight=sight, indenters=IndenterOptions(heights_mm=(0.2, 0.3, 0.4, 0.5)),
+        sight=sight,
+        indenters=IndenterOptions(heights_mm=(0.2, 0.3, 0.4, 0.5)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=22),
-        presses=3, faults=(), frames="jpeg", flats=2, balls=16, torn_frame=False,
-    )  # fmt: skip
+        presses=3,
+        faults=(),
+        frames="jpeg",
+        flats=2,
+        balls=16,
+        torn_frame=False,
+    )
 
 
 @pytest.mark.slow

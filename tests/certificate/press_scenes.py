@@ -138,8 +138,9 @@ def forces(made: list[Made], rng: np.random.Generator) -> ForceSeries:
     return ForceSeries(time + OFFSET_S, force + noise + [0.1, -0.2, 0.3], (0.00625, 0.00625, 0.0125))
 
 
-def recording(folder: Path, made: list[Made], *, seed: int = 0, rate_Hz: float = 30.0,
-              state_place: bool = True) -> tuple[Recording, Drawn]:  # fmt: skip
+def recording(
+    folder: Path, made: list[Made], *, seed: int = 0, rate_Hz: float = 30.0, state_place: bool = True
+) -> tuple[Recording, Drawn]:
     """The recording, its empty pictures written to `folder`, and what draws its height maps."""
     rng = np.random.default_rng(seed)
     times: list[float] = []
@@ -174,9 +175,16 @@ def recording(folder: Path, made: list[Made], *, seed: int = 0, rate_Hz: float =
     presses = tuple(Press(str(k + 1), _name(p), p.start_s, p.end_s) for k, p in enumerate(made))
     drawn = Drawn(sensor, made, seed)
     return Recording(
-        path=folder, name="drawn", sensor=sensor, indenters=indenters, presses=presses, frames_path=folder,
-        frame_names=names, frame_times_s=np.array(times), forces=forces(made, rng),
-    ), drawn  # fmt: skip
+        path=folder,
+        name="drawn",
+        sensor=sensor,
+        indenters=indenters,
+        presses=presses,
+        frames_path=folder,
+        frame_names=names,
+        frame_times_s=np.array(times),
+        forces=forces(made, rng),
+    ), drawn
 
 
 def _name(press: Made) -> str:

@@ -66,7 +66,9 @@ def test_presses_of_another_law_or_too_few_keep_their_own() -> None:
 
 
 def test_without_noise_nothing_moves() -> None:
-    exact = {name: replace(one, time_s=0.0, law=np.array([B1 * PACE, B2 * PACE**2]))
-             for name, one in together(np.random.default_rng(0), 0.0).items()}  # fmt: skip
+    exact = {
+        name: replace(one, time_s=0.0, law=np.array([B1 * PACE, B2 * PACE**2]))
+        for name, one in together(np.random.default_rng(0), 0.0).items()
+    }
     known = shared_contact_law(exact, dict.fromkeys(exact, PACE))
     assert max(abs(one.time_s) for one in known.values()) < 1e-12

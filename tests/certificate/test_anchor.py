@@ -54,11 +54,16 @@ def recorded(folder: Path) -> Recording:
             level = np.uint8(round(100 * depth) + j - 2)
             cv2.imwrite(str(folder / "frames" / names[-1]), np.full((*map(int, SIZE[::-1]), 3), level, np.uint8))
     return Recording(
-        path=folder, name="short", sensor=Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM)),
-        presses=tuple(presses), frames_path=folder / "frames", frame_names=tuple(names),
-        frame_times_s=np.array(times), frame_size_px=(int(SIZE[0]), int(SIZE[1])),
+        path=folder,
+        name="short",
+        sensor=Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM)),
+        presses=tuple(presses),
+        frames_path=folder / "frames",
+        frame_names=tuple(names),
+        frame_times_s=np.array(times),
+        frame_size_px=(int(SIZE[0]), int(SIZE[1])),
         indenters={"A": Indenter("A", "flat_cylinder", RADIUS)},
-    )  # fmt: skip
+    )
 
 
 def certified() -> tuple[Certified, ...]:

@@ -53,12 +53,32 @@ def certified(made: list[Made], record: Recording) -> Certificate:
         times = times[(times > press.start_s) & (times < press.end_s)]
         force = np.zeros((times.size, 3))
         curves.append(Curve(row.press, times, press.depth(times), force, np.full(times.size, "load")))
-        points.append(CertifiedPoint(row.press, row.indenter, press.touch_mm, 1.0, 0.003, time_s=press.touch_s,
-                                     depth_uncorrected_mm=press.height_mm))  # fmt: skip
+        points.append(
+            CertifiedPoint(
+                row.press,
+                row.indenter,
+                press.touch_mm,
+                1.0,
+                0.003,
+                time_s=press.touch_s,
+                depth_uncorrected_mm=press.height_mm,
+            )
+        )
         evidence[row.press] = Evidence(
-            row.press, 0, "", face, None, None, times, press.depth(times), None, None, press.touch_s,
-            nothing, nothing,
-        )  # fmt: skip
+            row.press,
+            0,
+            "",
+            face,
+            None,
+            None,
+            times,
+            press.depth(times),
+            None,
+            None,
+            press.touch_s,
+            nothing,
+            nothing,
+        )
     known = Estimate(0.0, 0.0, (0.0, 0.0), "s")
     rise = PileUp(0.1, 0.02, None, (0.1, 0.02))
     return Certificate(tuple(points), tuple(curves), known, evidence, rise, 5.0)

@@ -28,9 +28,14 @@ def depth_at(time: Floats, start: float, top: float, speed: float = 0.25) -> Flo
 
 
 def presses(
-    offset_s: float, rng: np.random.Generator, *, rate_Hz: float = 30.0, frames: int | None = None,
-    relaxing: float = 0.0, crooked: float = 0.4,
-) -> tuple[list[Seen], ForceSeries]:  # fmt: skip
+    offset_s: float,
+    rng: np.random.Generator,
+    *,
+    rate_Hz: float = 30.0,
+    frames: int | None = None,
+    relaxing: float = 0.0,
+    crooked: float = 0.4,
+) -> tuple[list[Seen], ForceSeries]:
     """Presses every seven seconds; the camera reads depths crookedly, at jittered and thinned times."""
     force_time = np.arange(0, 7.0 * len(TOPS) + 2, 0.005)
     depth = np.sum([depth_at(force_time, 2 + 7 * k, top) for k, top in enumerate(TOPS)], axis=0)

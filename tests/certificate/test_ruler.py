@@ -95,8 +95,10 @@ def test_a_face_that_leans_is_believed_as_far_as_the_touches_say() -> None:
         for seed in range(40):
             rng = np.random.default_rng(seed)
             lean = 0.005 * rng.standard_normal(3 * len(HEIGHTS))
-            leaning = [replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, lean_mm=t)
-                       for mark, t in zip(marks(rng, late=0.002), lean, strict=True)]  # fmt: skip
+            leaning = [
+                replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, lean_mm=t)
+                for mark, t in zip(marks(rng, late=0.002), lean, strict=True)
+            ]
             ruler = fit_travel_scale(leaning)
             assert ruler is not None
             errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
@@ -120,8 +122,9 @@ def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> 
     assert window is not None
     stop_s, top_s_ = 1.2345 + 0.3 / 0.25, 1.2345 + 0.5 / 0.25 + 1.0
     times = np.arange(0.0, 8.0, 0.01)
-    place = 7.0 + np.interp(times, [0.0, 1.2345, stop_s, stop_s + 1.0, top_s_, 8.0],
-                            [-0.1, 0.0, 0.3, 0.3, 0.5, 0.5])  # fmt: skip
+    place = 7.0 + np.interp(
+        times, [0.0, 1.2345, stop_s, stop_s + 1.0, top_s_, 8.0], [-0.1, 0.0, 0.3, 0.3, 0.5, 0.5]
+    )
     begun = begin_of(window, top_s_ - 0.2)
     assert begun is not None
     for stage, pace in ((StageSeries(times, place), float("nan")), (None, 0.25)):
@@ -153,8 +156,10 @@ def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
     errors, stds = [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        leaning = [replace(mark, travel_mm=mark.travel_mm + 0.006 * rng.standard_normal())
-                   for mark in marks(rng, late=float(rng.normal(0, TOGETHER)))]  # fmt: skip
+        leaning = [
+            replace(mark, travel_mm=mark.travel_mm + 0.006 * rng.standard_normal())
+            for mark in marks(rng, late=float(rng.normal(0, TOGETHER)))
+        ]
         ruler = fit_travel_scale(leaning, even=True)
         assert ruler is not None
         errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)

@@ -12,12 +12,7 @@ import pytest
 
 from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    CalibratedMethod,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Frame

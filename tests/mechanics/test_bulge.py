@@ -102,8 +102,11 @@ def test_one_depth_alone_is_trusted_less() -> None:
 
 def test_nu_that_changes_with_depth_widens_the_interval_by_what_it_changes() -> None:
     rng = np.random.default_rng(10)
-    made = [view for nu, w in ((0.47, 0.2), (0.475, 0.35), (0.48, 0.5), (0.485, 0.6))
-            for view in views(nu, rng, depths_mm=(w,), noise_mm=1e-4)]  # fmt: skip
+    made = [
+        view
+        for nu, w in ((0.47, 0.2), (0.475, 0.35), (0.48, 0.5), (0.485, 0.6))
+        for view in views(nu, rng, depths_mm=(w,), noise_mm=1e-4)
+    ]
     estimate = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=EXACT).poisson_ratio
     low, high = estimate.interval95 or (1.0, 0.0)
     assert low < 0.471

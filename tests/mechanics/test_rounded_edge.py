@@ -54,8 +54,10 @@ def test_a_sharp_edge_is_all_there_from_the_first_touch() -> None:
 def test_edges_twice_as_blunt_lose_what_elements_lose(outer: float) -> None:
     """Force of an edge of .2 mm over that of .1 mm, elements of a gel that slides, to 20 % of its thickness."""
     with ELEMENTS.open(newline="", encoding="utf-8") as file:
-        rows = [{k: float(v) for k, v in row.items()}
-                for row in csv.DictReader(line for line in file if not line.startswith("#"))]  # fmt: skip
+        rows = [
+            {k: float(v) for k, v in row.items()}
+            for row in csv.DictReader(line for line in file if not line.startswith("#"))
+        ]
     mine = {(row["edge_mm"], row["w_mm"]): row["P_over_w_N_per_mm"] for row in rows if row["a_mm"] == outer}
     depth = np.array([w for edge, w in mine if edge == 0.2])
     elements = np.array([mine[0.2, w] / mine[0.1, w] for w in depth])

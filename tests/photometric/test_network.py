@@ -164,8 +164,10 @@ def test_drawn_gel_is_lit_as_it_should_be() -> None:
     torch.manual_seed(4)
     scenes = draw_scenes(32, rng)
     centre = torch.zeros(32, 1, 2)
-    tilted = {name: torch.tensor(s).expand(32, 1, 2) for name, s in
-              {"flat": (0.0, 0.0), "left": (0.3, 0.0), "up": (0.0, 0.3)}.items()}  # fmt: skip
+    tilted = {
+        name: torch.tensor(s).expand(32, 1, 2)
+        for name, s in {"flat": (0.0, 0.0), "left": (0.3, 0.0), "up": (0.0, 0.3)}.items()
+    }
     light = {name: expose(scenes, shade(scenes, centre, s), rng)[:, 0] for name, s in tilted.items()}
     # gel that rises towards the camera to the right turns its face to the left, where green comes from
     assert (light["left"][:, 1] > light["flat"][:, 1]).float().mean() > 0.9

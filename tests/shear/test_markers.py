@@ -20,8 +20,9 @@ REAL = Path(__file__).parents[2] / ".." / "shared" / "real" / "gelslim3_mcubelab
 STILL = np.indices(SHAPE)[::-1].astype(float)
 
 
-def pictures(push: tuple[float, float], *, shade: float = 0.5, bulge: float = 0.0,
-             lost: Floats | None = None) -> tuple[Bytes, Bytes]:  # fmt: skip
+def pictures(
+    push: tuple[float, float], *, shade: float = 0.5, bulge: float = 0.0, lost: Floats | None = None
+) -> tuple[Bytes, Bytes]:
     rng = np.random.default_rng(4)
     before = photograph(marks(STILL[0], STILL[1]), 0.0, rng)
     skip = None if lost is None else lost.astype(bool)

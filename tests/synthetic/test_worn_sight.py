@@ -30,10 +30,19 @@ def test_gain_drift_and_ceiling_act_on_the_size_of_a_slope() -> None:
 
 def test_only_the_recording_suffers_and_the_truth_says_it(tmp_path: Path) -> None:
     """The reference pictures are from before; frames of presses differ."""
-    options = SimulationOptions(camera=CameraOptions(width_px=96, height_px=72, mm_per_px=(0.28, 0.28)), presses=1,
-                                faults=(), flats=1, balls=1, torn_frame=False)  # fmt: skip
-    options = replace(options, indenters=replace(options.indenters, heights_mm=(0.3,)),
-                      rig=replace(options.rig, frames_per_press=12))  # fmt: skip
+    options = SimulationOptions(
+        camera=CameraOptions(width_px=96, height_px=72, mm_per_px=(0.28, 0.28)),
+        presses=1,
+        faults=(),
+        flats=1,
+        balls=1,
+        torn_frame=False,
+    )
+    options = replace(
+        options,
+        indenters=replace(options.indenters, heights_mm=(0.3,)),
+        rig=replace(options.rig, frames_per_press=12),
+    )
     sound = simulate(tmp_path / "sound", seed=1, options=options)
     worn = simulate(tmp_path / "worn", seed=1, options=replace(options, sight=SlopeResponse(gain=-0.3)))
     names = sorted(path.name for path in (sound / "frames").iterdir())

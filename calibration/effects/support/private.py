@@ -34,12 +34,18 @@ def load_effect(path: Path | str) -> Effect:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as fault:  # anything may happen in somebody else's file
         raise InputError(f"the effect's file fails: {type(fault).__name__}: {fault}", where=file) from fault
-    own = [kind for _, kind in inspect.getmembers(module, inspect.isclass)
-           if issubclass(kind, EffectBase) and kind.__module__ == module.__name__]  # fmt: skip
+    own = [
+        kind
+        for _, kind in inspect.getmembers(module, inspect.isclass)
+        if issubclass(kind, EffectBase) and kind.__module__ == module.__name__
+    ]
     if len(own) != 1:
-        raise InputError("an effect's file defines one subclass of EffectBase", where=file,
-                         value=[kind.__name__ for kind in own],
-                         remedy="`tactilevision new-effect` writes one to begin from.")  # fmt: skip
+        raise InputError(
+            "an effect's file defines one subclass of EffectBase",
+            where=file,
+            value=[kind.__name__ for kind in own],
+            remedy="`tactilevision new-effect` writes one to begin from.",
+        )
     return checked(own[0], file)
 
 
@@ -53,8 +59,12 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
         raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
     if not isinstance(effect.key, str) or effect.key in EFFECTS:
-        raise InputError("an effect's key is a name that no effect of the catalogue has", where=where,
-                         value=effect.key, remedy="Give it a name of its own, in quotes.")  # fmt: skip
+        raise InputError(
+            "an effect's key is a name that no effect of the catalogue has",
+            where=where,
+            value=effect.key,
+            remedy="Give it a name of its own, in quotes.",
+        )
     if not isinstance(effect, Effect):
         raise InputError("the effect does not keep the protocol", where=where, value=kind.__name__)
     return effect
@@ -67,8 +77,12 @@ def new_effect(path: Path | str, key: str) -> None:
     exists.
     """
     if not key.isidentifier() or keyword.iskeyword(key) or key in EFFECTS:
-        raise InputError("an effect's key is one word that no effect of the catalogue has", where="--key",
-                         value=key, remedy="Use letters and underscores, as in my_effect.")  # fmt: skip
+        raise InputError(
+            "an effect's key is one word that no effect of the catalogue has",
+            where="--key",
+            value=key,
+            remedy="Use letters and underscores, as in my_effect.",
+        )
     file = Path(path)
     if file.exists():
         raise OutputError("the file exists already", where=file, remedy="Choose another name.")

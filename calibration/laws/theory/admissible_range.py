@@ -76,8 +76,11 @@ def bend_range(poisson_ratio: float, a_over_h: float, edge_over_h: float, deepes
     nu, ratio, depth = table.axes.poisson_ratios, table.axes.a_over_h, table.axes.depths
     place = (float(np.clip(poisson_ratio, nu[0], nu[-1])), float(np.clip(a_over_h, ratio[0], ratio[-1])))
     strain = np.linspace(1 / STRAINS, 1, STRAINS) * np.clip(deepest, MIN_STRAIN, float(depth[-1]))
-    bends = [bend for block in table.blocks
-             for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)]  # fmt: skip
+    bends = [
+        bend
+        for block in table.blocks
+        for bend in _bend(table, (block.law, block.friction), place, edge_over_h, strain)
+    ]
     stated = table.card["errors"]
     sharper = edge_over_h < min(block.edge_over_h for block in table.blocks) * (1 - 1e-9)
     off = stated["interpolation_force"] + (stated["sharp_limit_at_first_touch"] if sharper else 0.0)

@@ -74,8 +74,9 @@ def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, 
     return (found, sure) if sure > score else (best, score)
 
 
-def _best_correlation(offsets: Floats, time: Floats, depth: Floats, force_time: Floats,
-                      force: Floats) -> tuple[float, float]:  # fmt: skip
+def _best_correlation(
+    offsets: Floats, time: Floats, depth: Floats, force_time: Floats, force: Floats
+) -> tuple[float, float]:
     best, top, sure = float(offsets[0]), -np.inf, 0.0
     for offset in offsets:
         moved = time + offset
@@ -172,12 +173,15 @@ def _problem(presses: Sequence[Seen], forces: ForceSeries, memories: Sequence[fl
     counts = [seen.time_s.size for seen in presses]
     touch = [(seen.touch_N - zero) / scale if np.isfinite(seen.touch_N) else np.inf for seen in presses]
     return ClockProblem(
-        time_s=time, depth_mm=np.concatenate([seen.depth_mm for seen in presses]),
-        press=np.repeat(np.arange(len(presses)), counts), kind=number_of([seen.kind for seen in presses], counts),
-        touch=np.repeat(touch, counts), force_time_s=forces.time_s,
+        time_s=time,
+        depth_mm=np.concatenate([seen.depth_mm for seen in presses]),
+        press=np.repeat(np.arange(len(presses)), counts),
+        kind=number_of([seen.kind for seen in presses], counts),
+        touch=np.repeat(touch, counts),
+        force_time_s=forces.time_s,
         # a memory of the readings' own noise would smooth it, which fits better whatever the gel does
         series=np.array([normal, *(memory(forces.time_s, slow / scale, fade) for fade in memories)]),
-    )  # fmt: skip
+    )
 
 
 def _smooth(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:

@@ -128,8 +128,13 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     # near a punch, which the gel sinks in with, the depth at touch may exceed the height
     deepest = indenter.height_mm * (_SUNK if distance_mm < _SINKS * indenter.radius_mm else 1.0)
     model = profile_model(nu, indenter.radius_mm / h, deepest / h)
-    touch = touch_depth(replace(indenter, bevel_distance_mm=distance_mm), thickness_mm=h, poisson_ratio=nu,
-                        poisson_ratio_std=nu_std, model=model)  # fmt: skip
+    touch = touch_depth(
+        replace(indenter, bevel_distance_mm=distance_mm),
+        thickness_mm=h,
+        poisson_ratio=nu,
+        poisson_ratio_std=nu_std,
+        model=model,
+    )
     return touch.rise_over_depth, touch.rise_over_depth_std
 
 

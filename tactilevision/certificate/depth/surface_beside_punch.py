@@ -116,8 +116,13 @@ def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Est
             rise = blur_place(rise, known, indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + rise.ratio)
         ruler, lean = (point.extra.get(name) for name in ("ruler_std", "lean_std_mm"))
-        std = depth_std(depth, rise, height_std_mm=indenter.height_std_mm, lean_std_mm=float(lean or 0.0),
-                        ruler_std=None if ruler is None else float(ruler))  # fmt: skip
+        std = depth_std(
+            depth,
+            rise,
+            height_std_mm=indenter.height_std_mm,
+            lean_std_mm=float(lean or 0.0),
+            ruler_std=None if ruler is None else float(ruler),
+        )
         scales[point.press] = depth / point.depth_mm
         extra = {**point.extra, "rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
         points.append(replace(point, depth_mm=depth, depth_std_mm=std, extra=extra))
@@ -210,6 +215,13 @@ def _view(
         start = indenter.bevel_distance_mm or indenter.radius_mm + 2 * BEFORE_BEVEL_MM
         beside &= along[0] * x + along[1] * y < start - BEFORE_BEVEL_MM
     return SurfaceView(
-        depth, beside, scale, indenter.radius_mm, face.centre_mm, CENTRE_STD_MM, slopes.depth_mm,
-        point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm, point.press,
-    )  # fmt: skip
+        depth,
+        beside,
+        scale,
+        indenter.radius_mm,
+        face.centre_mm,
+        CENTRE_STD_MM,
+        slopes.depth_mm,
+        point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
+        point.press,
+    )

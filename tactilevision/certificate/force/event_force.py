@@ -70,8 +70,9 @@ def force_on_ramp(
     return EventForce(force, spread, rate, count, False)
 
 
-def _whole_ramp(time: Floats, force: Floats, where: Bools, ramp_s: Pair,
-                std: float) -> tuple[float, float, float, int] | None:  # fmt: skip
+def _whole_ramp(
+    time: Floats, force: Floats, where: Bools, ramp_s: Pair, std: float
+) -> tuple[float, float, float, int] | None:
     """Value, std and slope at the touch of the model from first contact on; None where it does not fit."""
     t, p = time[where], force[where]
     length = ramp_s[1] - ramp_s[0]
@@ -94,8 +95,12 @@ def _whole_ramp(time: Floats, force: Floats, where: Bools, ramp_s: Pair,
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * std**2 * max(reduced, 1.0)
     rate = float(answer[0] + 2 * answer[1] * end)
     at_touch = np.array([end, end**2, -rate])
-    return (float(answer @ at_touch[:2]), float(np.sqrt(at_touch @ covariance @ at_touch)), rate,
-            int((after > 0).sum()))  # fmt: skip
+    return (
+        float(answer @ at_touch[:2]),
+        float(np.sqrt(at_touch @ covariance @ at_touch)),
+        rate,
+        int((after > 0).sum()),
+    )
 
 
 def _last_part(

@@ -57,8 +57,13 @@ def find_phases(reading: Floats) -> Phases | None:
     hold, release = int(high[0]), int(high[-1])
     before = np.flatnonzero(~firm[:hold])
     after = np.flatnonzero(~contact[release:])
-    return Phases(int(before[-1]) + 1 if before.size else 0, hold, release,
-                  release + int(after[0]) if after.size else known.size, noise)  # fmt: skip
+    return Phases(
+        int(before[-1]) + 1 if before.size else 0,
+        hold,
+        release,
+        release + int(after[0]) if after.size else known.size,
+        noise,
+    )
 
 
 def _main_run(contact: Bools, reading: Floats) -> Bools:

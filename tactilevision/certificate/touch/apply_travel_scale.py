@@ -136,11 +136,16 @@ def _mark(chain: Chain, one: ContactTimes, travel: IndenterTravel, rise: PileUp)
     )
     lean = float(face_tilt(track) @ np.array(SIDES[track.side])) * one.touched.distance_mm
     return TravelPoint(
-        depth_mm=_height(indenter) / (1 + rise.ratio), travel_mm=there, own_std_mm=float(np.sqrt(own)),
-        shared_std_mm=float(np.sqrt(shared)), force_N=float(one.event.force_N[2]), height=indenter.name,
-        height_std_mm=indenter.height_std_mm / (1 + rise.ratio), lean_mm=lean / (1 + rise.ratio),
+        depth_mm=_height(indenter) / (1 + rise.ratio),
+        travel_mm=there,
+        own_std_mm=float(np.sqrt(own)),
+        shared_std_mm=float(np.sqrt(shared)),
+        force_N=float(one.event.force_N[2]),
+        height=indenter.name,
+        height_std_mm=indenter.height_std_mm / (1 + rise.ratio),
+        lean_mm=lean / (1 + rise.ratio),
         zero_std_mm=zero,
-    )  # fmt: skip
+    )
 
 
 def _height(indenter: Indenter) -> float:
@@ -172,9 +177,11 @@ def _moved(
         return one
     time_s = moving - chain.offset_s
     touch = replace(
-        one.touch, time_s=time_s, std_s=float(np.hypot(crossed.std_s, chain.offset.std or 0.0)),
+        one.touch,
+        time_s=time_s,
+        std_s=float(np.hypot(crossed.std_s, chain.offset.std or 0.0)),
         depth_seen_mm=float(np.interp(time_s, track.time_s, track.depth_mm)),
-    )  # fmt: skip
+    )
     return replace(one, crossed=crossed, touch=touch, event=found, ruler=ruler, stop_std_N=0.0)
 
 

@@ -91,8 +91,11 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
 def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
     """The onset of each press; None where its bevel is out of view or its signal never rises."""
     traces = [case.signal(distance_mm) for case in signals]
-    known = [(case.drive[case.use], trace[case.use]) for case, trace in zip(signals, traces, strict=True)
-             if trace is not None]  # fmt: skip
+    known = [
+        (case.drive[case.use], trace[case.use])
+        for case, trace in zip(signals, traces, strict=True)
+        if trace is not None
+    ]
     found = iter(_together(known, max(fill_mm(case.track.indenter) for case in signals)))
     return [None if trace is None else next(found) for trace in traces]
 
@@ -115,15 +118,16 @@ def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onse
         free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
         seen = [o for o in free if o is not None and o.gain > SURE]
         alike = _alike(seen)
-        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise)
-                 for x, y in traces]  # fmt: skip
+        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise) for x, y in traces]
         trials.append(trial)
         misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
     count = sum(len(x) for x, _ in traces)
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
-    return [_mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE * fill)
-            for k in range(len(traces))]  # fmt: skip
+    return [
+        _mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE * fill)
+        for k in range(len(traces))
+    ]
 
 
 def _alike(onsets: Sequence[Onset]) -> Pair | None:
@@ -154,8 +158,12 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, s
     mean = float(np.average(at, weights=share_out))
     best = kept[int(share_out.argmax())][0]
     shared = float(np.average((at - mean) ** 2, weights=share_out)) + shape_mm**2
-    return replace(best, at=mean, std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
-                   shared_std=float(np.sqrt(shared)))  # fmt: skip
+    return replace(
+        best,
+        at=mean,
+        std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
+        shared_std=float(np.sqrt(shared)),
+    )
 
 
 def find_distance(signals: Sequence[PressSignal]) -> float | None:

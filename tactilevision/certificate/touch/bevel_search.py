@@ -108,8 +108,11 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, T
             for case, onset in zip(signals.values(), onsets.values(), strict=True)
             if onset is not None and onset.gain > SURE and case.track.indenter.height_mm
         ]
-        levels = {name: float(law.force(onset.at)) for name, onset in onsets.items()
-                  if onset is not None and onset.gain > SURE}  # fmt: skip
+        levels = {
+            name: float(law.force(onset.at))
+            for name, onset in onsets.items()
+            if onset is not None and onset.gain > SURE
+        }
         used, law = law, depth_of_force(anchors) or law
     if distance is None:
         used = law

@@ -106,5 +106,7 @@ def _stopped(chain: Chain, timed: dict[str, ContactTimes]) -> dict[str, ContactT
         return timed
     distance, own, _ = np.array(list(apart.values())).T
     open_mm = float(np.sqrt(max(distance.var(ddof=1) - own.mean(), 0.0)))
-    return {name: replace(one, stop_std_N=open_mm * apart[name][2]) if name in apart else one
-            for name, one in timed.items()}  # fmt: skip
+    return {
+        name: replace(one, stop_std_N=open_mm * apart[name][2]) if name in apart else one
+        for name, one in timed.items()
+    }

@@ -38,8 +38,9 @@ class IndenterTravel:
         place = int(np.searchsorted(self.travel_mm, travel_mm))
         if place == 0 or place == self.time_s.size:
             return float(self.time_s[min(place, self.time_s.size - 1)])
-        return float(np.interp(travel_mm, self.travel_mm[place - 1 : place + 1],
-                               self.time_s[place - 1 : place + 1]))  # fmt: skip
+        return float(
+            np.interp(travel_mm, self.travel_mm[place - 1 : place + 1], self.time_s[place - 1 : place + 1])
+        )
 
 
 def begin_of(window: ForceWindow, touch_s: float) -> ContactPoint | None:

@@ -202,9 +202,16 @@ def _place(height: HeightMap, centre_mm: Pair, radius_mm: float, indenter: Inden
     rings = np.arange(radius, reach, GRID_MM)
     face, basis = _face_basis((rows, columns), centre_px, scale, 0.7 * radius)
     return _Place(
-        centre_px, scale, radius, indenter.bevel or "right", strip_places(reach), rings, face, basis,
+        centre_px,
+        scale,
+        radius,
+        indenter.bevel or "right",
+        strip_places(reach),
+        rings,
+        face,
+        basis,
         np.asarray(np.linalg.pinv(basis), dtype=np.float64),
-    )  # fmt: skip
+    )
 
 
 def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) -> Footprint | None:
@@ -216,9 +223,14 @@ def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) ->
     if shallow is None or abs(shallow.radius_mm - deep.radius_mm) > _SAME * deep.radius_mm:
         return deep
     return replace(
-        deep, mask=shallow.mask, centre_mm=shallow.centre_mm, centre_std_mm=shallow.centre_std_mm,
-        radius_mm=shallow.radius_mm, radius_std_mm=shallow.radius_std_mm, residual_mm=shallow.residual_mm,
-    )  # fmt: skip
+        deep,
+        mask=shallow.mask,
+        centre_mm=shallow.centre_mm,
+        centre_std_mm=shallow.centre_std_mm,
+        radius_mm=shallow.radius_mm,
+        radius_std_mm=shallow.radius_std_mm,
+        residual_mm=shallow.residual_mm,
+    )
 
 
 def _measure(
@@ -268,10 +280,13 @@ def _rings(depth: Coarse, centre_px: Pair, scale: Pair, r: Floats, side: str) ->
     along = np.arctan2(SIDES[side][1], SIDES[side][0])
     turn = np.deg2rad(np.arange(-44, 45, 8.0))
     angles = np.concatenate([along + k + turn for k in (0, np.pi, np.pi / 2, -np.pi / 2)])
-    places = np.stack([
-        centre_px[0] + scale[0] * r[None, :] * np.cos(angles)[:, None],
-        centre_px[1] + scale[1] * r[None, :] * np.sin(angles)[:, None],
-    ], axis=-1)  # fmt: skip
+    places = np.stack(
+        [
+            centre_px[0] + scale[0] * r[None, :] * np.cos(angles)[:, None],
+            centre_px[1] + scale[1] * r[None, :] * np.sin(angles)[:, None],
+        ],
+        axis=-1,
+    )
     return np.asarray(sample(depth, places).reshape(4, turn.size, r.size).mean(axis=1))
 
 

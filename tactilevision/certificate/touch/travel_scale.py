@@ -151,9 +151,11 @@ def _pace(marks: Sequence[TravelPoint]) -> float:
 def _least_squares(marks: Sequence[TravelPoint], scale: float | None, scatter: float) -> _Solution:
     """With what each touch and each height is off by taken `scatter` times as large as stated."""
     depth, travel, own, shared, force, height_std, lean = np.array(
-        [(m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.lean_mm)
-         for m in marks]
-    ).T  # fmt: skip
+        [
+            (m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.lean_mm)
+            for m in marks
+        ]
+    ).T
     alike = np.array([[a.height == b.height for a in marks] for b in marks])
     pace = _pace(marks)
     apart = np.diag(own**2) + alike * np.outer(height_std, height_std) * pace**2
@@ -161,8 +163,9 @@ def _least_squares(marks: Sequence[TravelPoint], scale: float | None, scatter: f
     weight = np.linalg.inv(covariance)
     design = np.column_stack([depth, force, lean])
     expected = np.array([scale or 0.0, 0.0, 0.0])
-    held = np.array([0.0 if scale is None else (scale * STAGE_STD) ** -2,
-                     (pace * GIVE_MM_PER_N) ** -2, (pace * _TRUST) ** -2])  # fmt: skip
+    held = np.array(
+        [0.0 if scale is None else (scale * STAGE_STD) ** -2, (pace * GIVE_MM_PER_N) ** -2, (pace * _TRUST) ** -2]
+    )
     inverse = np.linalg.inv(design.T @ weight @ design + np.diag(held))
     answer = inverse @ (design.T @ weight @ travel + held * expected)
     residual = travel - design @ answer

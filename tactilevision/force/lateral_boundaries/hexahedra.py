@@ -73,8 +73,9 @@ def _element_matrices(corners: Floats, poisson_ratio: float) -> Floats:
     m = len(corners)
     # 2 mu eps(u):eps(v) = mu (u_i,j v_i,j + u_i,j v_j,i): `same` is the first, `cross` the second
     same = np.einsum("mpna,mpka->mnk", weighted, gradient, optimize=True)
-    cross = np.matmul(weighted.transpose(0, 2, 3, 1).reshape(m, 81, 27),
-                      gradient.transpose(0, 1, 2, 3).reshape(m, 27, 81))  # fmt: skip
+    cross = np.matmul(
+        weighted.transpose(0, 2, 3, 1).reshape(m, 81, 27), gradient.transpose(0, 1, 2, 3).reshape(m, 27, 81)
+    )
     matrix = mu * cross.reshape(m, 27, 3, 27, 3).transpose(0, 1, 4, 3, 2)
     for i in range(3):
         matrix[:, :, i, :, i] += mu * same

@@ -55,8 +55,9 @@ class LayerStress:
         return tensor
 
 
-def layer_stress(depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float,
-                 reach_mm: float) -> LayerStress:  # fmt: skip
+def layer_stress(
+    depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float, reach_mm: float
+) -> LayerStress:
     """Stress at `depths_mm` of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
     step = STEP_MM_OF_CELL * cell_mm
     count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
@@ -119,8 +120,9 @@ def _turned(waves: Floats, across: tuple[Floats, Floats], c: Floats, s: Floats) 
     return [by_x, by_y, normal]
 
 
-def _rotated(ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats,
-             s: Floats) -> list[Waves]:  # fmt: skip
+def _rotated(
+    ll: Waves, tt: Waves, zz: Waves, lt: Waves, lz: Waves, tz: Waves, c: Floats, s: Floats
+) -> list[Waves]:
     """xx yy zz xy xz yz of a tensor given along L = (c, s) and T = (-s, c)."""
     return [
         c * c * ll + s * s * tt - 2 * c * s * lt,

@@ -141,8 +141,13 @@ def _local(corners: Floats, place: Floats) -> Floats:
     for _ in range(12):
         value, slope = quadratic(local)
         shape = np.outer(value[:, 1], value[:, 0]).ravel() @ corners
-        by = np.stack([np.outer(value[:, 1], slope[:, 0]).ravel() @ corners,
-                       np.outer(slope[:, 1], value[:, 0]).ravel() @ corners], axis=1)  # fmt: skip
+        by = np.stack(
+            [
+                np.outer(value[:, 1], slope[:, 0]).ravel() @ corners,
+                np.outer(slope[:, 1], value[:, 0]).ravel() @ corners,
+            ],
+            axis=1,
+        )
         step = np.linalg.solve(by, place - shape)
         local = np.clip(local + step, -2, 2)
         if np.abs(step).max() < 1e-10:

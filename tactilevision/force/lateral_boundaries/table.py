@@ -99,14 +99,20 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
     mesh = gel_mesh(gel, element_mm or _element_mm(gel))
     wall = wall_points(mesh)
     near = _distance(gel, places_mm) < FORGETS * gel.thickness_mm
-    field = layer_stress(wall.depths_mm, LOAD_MM, thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio,
-                         reach_mm=FORGETS * gel.thickness_mm)  # fmt: skip
+    field = layer_stress(
+        wall.depths_mm,
+        LOAD_MM,
+        thickness_mm=gel.thickness_mm,
+        poisson_ratio=poisson_ratio,
+        reach_mm=FORGETS * gel.thickness_mm,
+    )
     loads = -_wall_forces(mesh, wall, field, places_mm[near])
     shapes, sizes, mix = np.linalg.svd(loads, full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
     matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio)[mesh.free][:, mesh.free]
-    factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                  options={"SymmetricMode": True})  # fmt: skip
+    factor = splu(
+        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
     answers = []
     for first in range(0, rank, AT_ONCE):  # whole fields are large, and of each only the stations are kept
         shape = shapes[:, first : min(first + AT_ONCE, rank)]

@@ -72,9 +72,10 @@ def odd_balls(
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     all_of = np.array(list(scale.values()))
     usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * _scatter(all_of))
-    odd = sorted((number for number in scale
-                  if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
-                 key=lambda number: -abs(scale[number] - usual))  # fmt: skip
+    odd = sorted(
+        (number for number in scale if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
+        key=lambda number: -abs(scale[number] - usual),
+    )
     told = []
     for number in odd[:MAX_NAMED]:
         ball, share = balls[number], np.exp(scale[number] - usual)

@@ -95,9 +95,12 @@ def find_ball(
             again = found(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, again, key=lambda one: one.residual)
     if ball.contact_radius_px > most_px:
-        raise InputError("the contact is as wide as the whole ball", where="ball press",
-                         value=f"ball_radius_mm = {radius_mm:g}",
-                         remedy="State the ball's radius in mm, and mm_per_px as rectified.")  # fmt: skip
+        raise InputError(
+            "the contact is as wide as the whole ball",
+            where="ball press",
+            value=f"ball_radius_mm = {radius_mm:g}",
+            remedy="State the ball's radius in mm, and mm_per_px as rectified.",
+        )
     return ball
 
 

@@ -55,7 +55,8 @@ def check_view(before: tuple[int, int], after: tuple[int, int]) -> None:
     """Raises InputError where two pictures (height, width) cannot be one view at two sizes."""
     if abs(before[1] * after[0] / (before[0] * after[1]) - 1) > SAME_SHAPE:
         raise InputError(
-            "the method was made for pictures of another shape", where="method",
+            "the method was made for pictures of another shape",
+            where="method",
             value=f"{before[1]} x {before[0]}, the recording's are {after[1]} x {after[0]}",
             remedy="Rectify alike, or train a method on this sensor's balls.",
-        )  # fmt: skip
+        )

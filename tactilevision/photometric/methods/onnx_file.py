@@ -27,8 +27,9 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     import onnxruntime
 
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError("the network does not match its card", where=where,
-                         remedy="Copy both files together, or train again.")  # fmt: skip
+        raise InputError(
+            "the network does not match its card", where=where, remedy="Copy both files together, or train again."
+        )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
@@ -52,8 +53,11 @@ def require_exporter() -> None:
     try:
         import onnx  # noqa: F401 -- torch's exporter asks for it
     except ImportError as fault:
-        raise InputError("a network is written by the package onnx, which is missing", where="train",
-                         remedy="Install onnx, or take polynomial.") from fault  # fmt: skip
+        raise InputError(
+            "a network is written by the package onnx, which is missing",
+            where="train",
+            remedy="Install onnx, or take polynomial.",
+        ) from fault
 
 
 def export_network(
@@ -69,7 +73,13 @@ def export_network(
     with replacing(target) as temporary, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter that needs no further package says it is the older one
         torch.onnx.export(
-            module, (example,), temporary, dynamo=False, opset_version=OPSET,
-            input_names=["x"], output_names=["y"], dynamic_axes={"x": free_axes, "y": free_axes},
-        )  # fmt: skip
+            module,
+            (example,),
+            temporary,
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["x"],
+            output_names=["y"],
+            dynamic_axes={"x": free_axes, "y": free_axes},
+        )
     return hashlib.sha256(target.read_bytes()).hexdigest()
