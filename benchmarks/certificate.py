@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.press import Certificate, certify
+from tactilevision.certificate import Certificate, certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.synthetic import GelOptions, IndenterOptions, RigOptions, SimulationOptions, simulate
@@ -72,13 +72,15 @@ def _errors(truth: dict[str, Any], certificate: Certificate) -> list[dict[str, f
         point = points[press["press"]]
         if press["reason"] or not point.accepted:
             continue
-        rows.append({
-            "touch (ms)": 1e3 * (point.time_s - press["touch_time_s"]),
-            "depth (%)": 100 * (point.depth_mm / press["depth_mm"] - 1),
-            "depth (sigma)": (point.depth_mm - press["depth_mm"]) / point.depth_std_mm,
-            "force (%)": 100 * (point.fz_N / press["force_N"] - 1),
-            "force (sigma)": (point.fz_N - press["force_N"]) / point.fz_std_N,
-        })  # fmt: skip
+        rows.append(
+            {
+                "touch (ms)": 1e3 * (point.time_s - press["touch_time_s"]),
+                "depth (%)": 100 * (point.depth_mm / press["depth_mm"] - 1),
+                "depth (sigma)": (point.depth_mm - press["depth_mm"]) / point.depth_std_mm,
+                "force (%)": 100 * (point.fz_N / press["force_N"] - 1),
+                "force (sigma)": (point.fz_N - press["force_N"]) / point.fz_std_N,
+            }
+        )
     return rows
 
 
@@ -87,8 +89,13 @@ def _reasons(truth: dict[str, Any], certificate: Certificate) -> list[tuple[str,
     return [(press["reason"] or "good", points[press["press"]].reason or "good") for press in truth["press"]]
 
 
-def _print(name: str, rows: list[dict[str, float]], told: Counter[tuple[str, str]], clocks: list[float],
-           seconds: list[float]) -> None:  # fmt: skip
+def _print(
+    name: str,
+    rows: list[dict[str, float]],
+    told: Counter[tuple[str, str]],
+    clocks: list[float],
+    seconds: list[float],
+) -> None:
     right = sum(count for (true, got), count in told.items() if true == got)
     print(
         f"\n{name}: {right} of {sum(told.values())} presses judged rightly, {np.mean(seconds):.1f} s of CPU each"

@@ -2,7 +2,8 @@
 
     python -m benchmarks.default_method
 
-Trained on gel drawn under many lights like GelSlim 3.0's (tactilevision/photometric/drawn_lights.py), some two
+Trained on gel drawn under many lights like GelSlim 3.0's (tactilevision/photometric/training/random_lights.py),
+some two
 minutes on one core. Where real frames lie at ../shared/real its card says how far it is off on them, beside a
 polynomial calibrated on their own balls; nothing of them is learnt.
 """
@@ -16,15 +17,15 @@ import cv2
 import numpy as np
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball.samples import Samples, inside_ball, join
 from tactilevision.photometric.calibrate import direction_error_deg, locate
 from tactilevision.photometric.card import provenance
-from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.drawn_samples import draw_samples
-from tactilevision.photometric.network import Network
-from tactilevision.photometric.network_training import fit_network
-from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import Samples, inside_ball, join
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.storage import save_network
+from tactilevision.photometric.training.network_training import fit_network
+from tactilevision.photometric.training.random_samples import draw_samples
 from tactilevision.records import Bytes, Floats
 
 ROOT = Path(__file__).parents[1]

@@ -207,12 +207,7 @@ def solve_case(case: Case) -> Floats:
         press_to_depths,
     )
 
-    laws: dict[str, Law] = {
-        "neo-hooke": NeoHooke(),
-        "yeoh": Yeoh(c2=0.05),
-        "gent": Gent(30.0),
-        "hencky": Hencky(),
-    }
+    laws: dict[str, Law] = {"neo-hooke": NeoHooke(), "yeoh": Yeoh(c2=0.05), "gent": Gent(30.0), "hencky": Hencky()}
     punch = RoundedPunch(RADIUS_MM, case.edge_mm, case.friction)
     problem = PunchProblem(Material(1.0, case.poisson_ratio), punch, case.thickness_mm, PAD_MM, law=laws[case.law])
     for count in range(len(DEPTHS_MM), 0, -1):

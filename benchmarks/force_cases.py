@@ -53,9 +53,12 @@ class Forward:
         k_y = 2 * np.pi * np.fft.fftfreq(self.count[0], step)[:, None]
         k_x = 2 * np.pi * np.fft.fftfreq(self.count[1], step)[None, : self.count[1] // 2 + 1]
         self.compliance = surface_compliance(
-            k_x, k_y, youngs_modulus_MPa=material.youngs_modulus_MPa, poisson_ratio=material.poisson_ratio,
+            k_x,
+            k_y,
+            youngs_modulus_MPa=material.youngs_modulus_MPa,
+            poisson_ratio=material.poisson_ratio,
             thickness_mm=gel.thickness_mm,
-        )  # fmt: skip
+        )
 
     def __call__(self, traction: Floats) -> Floats:
         """Mean displacement of each pixel's material."""
@@ -87,8 +90,10 @@ def at_camera(u: Floats, view: View) -> Floats:
     for _ in range(8):
         step = [cv2.remap(g, from_x, from_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for g in go]
         from_x, from_y = x - step[0], y - step[1]
-    return np.asarray(cv2.remap(u[2].astype(np.float32), from_x, from_y, cv2.INTER_CUBIC,
-                                borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)  # fmt: skip
+    return np.asarray(
+        cv2.remap(u[2].astype(np.float32), from_x, from_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE),
+        dtype=np.float64,
+    )
 
 
 def draw_case(kind: str, view: View, rng: np.random.Generator) -> Floats:

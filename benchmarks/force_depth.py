@@ -46,11 +46,24 @@ class Case:
         return f"{shape} {self.a_mm} mm, friction {self.friction}, nu {self.nu}, {type(self.law).__name__}"
 
 
-SEEN = (Case(1.5, 0.3, 0.48), Case(2.5, 0.0, 0.48), Case(2.5, 0.3, 0.45), Case(2.5, 0.3, 0.48),
-        Case(2.5, np.inf, 0.48), Case(4.0, 0.3, 0.48))  # fmt: skip
-HELD_OUT = (Case(4.0, 0.3, 0.48, ball=True), Case(6.0, 0.0, 0.48, ball=True), Case(6.0, np.inf, 0.46, ball=True),
-            Case(1.1, 0.3, 0.47), Case(3.2, 0.6, 0.46), Case(3.2, 0.15, 0.42), Case(5.0, 0.3, 0.475),
-            Case(2.5, 0.3, 0.48, law=Hencky(), depths_mm=(0.15, 0.3, 0.45)))  # fmt: skip
+SEEN = (
+    Case(1.5, 0.3, 0.48),
+    Case(2.5, 0.0, 0.48),
+    Case(2.5, 0.3, 0.45),
+    Case(2.5, 0.3, 0.48),
+    Case(2.5, np.inf, 0.48),
+    Case(4.0, 0.3, 0.48),
+)
+HELD_OUT = (
+    Case(4.0, 0.3, 0.48, ball=True),
+    Case(6.0, 0.0, 0.48, ball=True),
+    Case(6.0, np.inf, 0.46, ball=True),
+    Case(1.1, 0.3, 0.47),
+    Case(3.2, 0.6, 0.46),
+    Case(3.2, 0.15, 0.42),
+    Case(5.0, 0.3, 0.475),
+    Case(2.5, 0.3, 0.48, law=Hencky(), depths_mm=(0.15, 0.3, 0.45)),
+)
 
 
 def press_and_look(case: Case, *, depths_mm: Sequence[float], std_mm: float = 0.002) -> Floats:
@@ -59,8 +72,9 @@ def press_and_look(case: Case, *, depths_mm: Sequence[float], std_mm: float = 0.
     material = Material(0.2, case.nu)
     edge = 0.98 * case.a_mm if case.ball else EDGE_MM
     mesh = MeshSettings(0.12, 0.5, inside_mm=0.999 * case.a_mm, outside_mm=0.1) if case.ball else None
-    problem = PunchProblem(material, RoundedPunch(case.a_mm, edge, case.friction), GEL.thickness_mm, 15.0,
-                           law=case.law, mesh=mesh)  # fmt: skip
+    problem = PunchProblem(
+        material, RoundedPunch(case.a_mm, edge, case.friction), GEL.thickness_mm, 15.0, law=case.law, mesh=mesh
+    )
     press = press_to_depths(problem, list(depths_mm))
     scale = (VIEW.mm_per_px, VIEW.mm_per_px)
     settings = [ForceSettings(depth_correlation_px=1, large_depth=large) for large in (True, False)]
@@ -73,8 +87,9 @@ def press_and_look(case: Case, *, depths_mm: Sequence[float], std_mm: float = 0.
         maps = seen(u, VIEW, std_mm=std_mm, rng=np.random.default_rng(step))
         found = [field(*maps).resultant_N[2] for field in fields]
         blind = fields[0](maps[0])
-        rows.append([press.depth_mm[step], press.force_N[step], *found, blind.resultant_N[2],
-                     blind.resultant_std_N[2]])  # fmt: skip
+        rows.append(
+            [press.depth_mm[step], press.force_N[step], *found, blind.resultant_N[2], blind.resultant_std_N[2]]
+        )
     return np.array(rows)
 
 
@@ -88,8 +103,11 @@ def report(title: str, cases: Sequence[Case]) -> None:
         except ConvergenceError as fault:
             print(f"    {case.name}: no solution to compare with: {fault}")
             continue
-        off = [f"w/h {w / 3:.2f}: {100 * (a / p - 1):+.1f} ({100 * (b / p - 1):+.1f}) [{100 * (c / p - 1):+.1f}, "
-               f"{(c - p) / s:+.1f}]" for w, p, a, b, c, s in rows]  # fmt: skip
+        off = [
+            f"w/h {w / 3:.2f}: {100 * (a / p - 1):+.1f} ({100 * (b / p - 1):+.1f}) [{100 * (c / p - 1):+.1f}, "
+            f"{(c - p) / s:+.1f}]"
+            for w, p, a, b, c, s in rows
+        ]
         worst = max(worst, float(np.abs(rows[:, 2] / rows[:, 1] - 1).max()))
         print(f"    {case.name}: " + "   ".join(off), flush=True)
     print(f"    largest with shear: {100 * worst:.1f} %")

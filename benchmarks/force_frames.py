@@ -26,7 +26,7 @@ from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 
 BANDS_MM = (0.03, 0.12, 0.2, 0.3, 0.4, 0.8)
-FREE_N, LEAST_N = 0.02, 0.05
+FREE_N, MIN_N = 0.02, 0.05
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 
 
@@ -55,7 +55,7 @@ def report(rows: Sequence[FrameForce], accepted: Sequence[str]) -> None:
     print(f"    the largest force of the others, touched or not, {pushed.max():.3f} N")
     left = residuals(rows, flagged=(CUT,))
     assert left is not None
-    good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > LEAST_N)
+    good = left.usable & np.isin(left.press, accepted) & (left.measured_N[:, 2] > MIN_N)
     pull = left.residual_N[:, 2] / left.std_N[:, 2]
     for low, high in pairwise(BANDS_MM):
         band = good & (left.depth_mm >= low) & (left.depth_mm < high)

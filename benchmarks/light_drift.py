@@ -49,14 +49,14 @@ STEP = 0.01  # of slope, over which grey levels answer straight
 
 def main(arguments: Sequence[str] = ()) -> None:
     count, first = (int(given) for given in (*arguments, *("2", str(FIRST_SEED))[len(arguments) :]))
-    plain, strange = Told(), Told()
+    plain, strange = Observability(), Observability()
     for seed in range(first, first + count):
         read_light(seed, plain, strange)
     plain.show("all lamps 7 % up, 7 % down or as they were")
     strange.show("six kinds of drift under uneven stray light")
 
 
-def read_light(seed: int, plain: Told, strange: Told) -> None:
+def read_light(seed: int, plain: Observability, strange: Observability) -> None:
     """Read the presses of one light: `plain` drift, and `strange` ones."""
     rng = np.random.default_rng(seed)
     camera = _camera(seed, rng)
@@ -64,7 +64,7 @@ def read_light(seed: int, plain: Told, strange: Told) -> None:
     _strange_light(seed, np.random.default_rng([seed, 1]), strange)
 
 
-class Told(dict[str, list[tuple[float, ...]]]):
+class Observability(dict[str, list[tuple[float, ...]]]):
     """Presses by what they are: peak over the true one, shares of the depths under and beside that lie within one
     and two deviations."""
 
@@ -102,7 +102,7 @@ def _camera(seed: int, rng: np.random.Generator) -> Camera:
     return build_camera(options, rng)
 
 
-def _strange_light(seed: int, rng: np.random.Generator, told: Told) -> None:
+def _strange_light(seed: int, rng: np.random.Generator, told: Observability) -> None:
     """Every other press under each kind of drift."""
     camera = uneven(_camera(seed, rng), rng)
     reader = _calibrated(camera, rng)
@@ -111,9 +111,12 @@ def _strange_light(seed: int, rng: np.random.Generator, told: Told) -> None:
         for kind, centre, contact, press in presses[(number + seed) % 2 :: 2]:
             rgb = camera.expose(drifted(camera, press, what, leans=leans, rng=rng), rng)
             told.add(
-                reader.height_map(Frame(rgb)), press.depth_mm(camera.grid), camera.grid.distance(centre),
-                contact=contact, kind=kind,
-            )  # fmt: skip
+                reader.height_map(Frame(rgb)),
+                press.depth_mm(camera.grid),
+                camera.grid.distance(centre),
+                contact=contact,
+                kind=kind,
+            )
 
 
 def _calibrated(camera: Camera, rng: np.random.Generator) -> Reconstructor:
@@ -138,7 +141,9 @@ def _presses(gel: PunchProfile) -> Iterator[tuple[str, Pair, float, BallPress | 
             yield "steps", centre, FACE_MM, PunchPress(gel, depth, centre)
 
 
-def _one_light(seed: int, camera: Camera, reader: Reconstructor, *, rng: np.random.Generator, told: Told) -> None:
+def _one_light(
+    seed: int, camera: Camera, reader: Reconstructor, *, rng: np.random.Generator, told: Observability
+) -> None:
     """Read one light's presses into `told`, and print what it gives."""
     scale = VIEW_MM / SIZE[0]
     ratios: dict[str, dict[float, list[float]]] = {"balls": defaultdict(list), "steps": defaultdict(list)}

@@ -31,23 +31,29 @@ def options_of(seed: int, dwell_s: float = 0.0) -> SimulationOptions:
     rng = np.random.default_rng([seed, 17])
     plain = SimulationOptions(name=f"seed-{seed}", frames="jpeg", jpeg_quality=92, presses=3, balls=14)
     gel = replace(
-        plain.gel, youngs_modulus_MPa=float(rng.uniform(0.12, 0.3)), poisson_ratio=float(rng.uniform(0.465, 0.49)),
-        friction=float(rng.uniform(0.2, 0.7)), prior_std=0.002,
-    )  # fmt: skip
+        plain.gel,
+        youngs_modulus_MPa=float(rng.uniform(0.12, 0.3)),
+        poisson_ratio=float(rng.uniform(0.465, 0.49)),
+        friction=float(rng.uniform(0.2, 0.7)),
+        prior_std=0.002,
+    )
     edge_mm = float(rng.uniform(0.035, 0.065))
     indenters = replace(plain.indenters, bevel=SIDES[seed % 4], edge_radius_mm=edge_mm)
     return replace(
-        plain, gel=gel, indenters=indenters, camera=replace(plain.camera, light_seed=seed),
+        plain,
+        gel=gel,
+        indenters=indenters,
+        camera=replace(plain.camera, light_seed=seed),
         rig=replace(plain.rig, frames_per_press=48, protocol=replace(plain.rig.protocol, dwell_s=dwell_s)),
-    )  # fmt: skip
+    )
 
 
 def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     """Simulate, calibrate, hold against the truth."""
-    from calibration.calibrate import calibrate
-    from calibration.data import Measured
-    from tactilevision.press.beside import with_nu
-    from tactilevision.press.certify import certify
+    from calibration.inputs.observations import Measured
+    from calibration.tasks.calibrate import calibrate
+    from tactilevision.certificate.certify import certify
+    from tactilevision.certificate.depth.surface_beside_punch import with_nu
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 
@@ -90,10 +96,15 @@ def main(arguments: Sequence[str] = ()) -> None:
         for row in pool.map(partial(run, dwell_s=dwell_s), range(FIRST_SEED, FIRST_SEED + count)):
             rows.append(row)
             wrong = {f"{a or 'good'}->{b or 'accepted'}": n for (a, b), n in row["reasons"].items() if a != b}
-            covered = "".join("y" if row[f"{key} covered"] else "n" for key in
-                              ("c_N_per_mm", "youngs_modulus_MPa", "poisson_ratio"))  # fmt: skip
-            print(f"{row['seed']:>6}{row['c_N_per_mm']:>9.2f}{row['youngs_modulus_MPa']:>9.2f}{row['clock_ms']:>10.2f}"
-                  f"  {covered:18s} {json.dumps(wrong) if wrong else ''}", flush=True)  # fmt: skip
+            covered = "".join(
+                "y" if row[f"{key} covered"] else "n"
+                for key in ("c_N_per_mm", "youngs_modulus_MPa", "poisson_ratio")
+            )
+            print(
+                f"{row['seed']:>6}{row['c_N_per_mm']:>9.2f}{row['youngs_modulus_MPa']:>9.2f}{row['clock_ms']:>10.2f}"
+                f"  {covered:18s} {json.dumps(wrong) if wrong else ''}",
+                flush=True,
+            )
     _totals(rows)
 
 

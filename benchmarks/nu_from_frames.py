@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.main_job import SIDES
-from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
+from calibration.tasks.calibrate import calibrate
+from tactilevision.certificate.certify import certify
+from tactilevision.certificate.depth.surface_beside_punch import with_nu
 from tactilevision.errors import ConvergenceError, TactilevisionError
-from tactilevision.press.beside import with_nu
-from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.records import Estimate
@@ -76,8 +76,10 @@ def main(arguments: list[str] | None = None) -> None:
         said = f"{nu + errors[-1]:8.4f} {found.std or np.nan:7.4f} {errors[-1]:+7.4f} {verdict:>6}  {source:>6}"
         print(f"{seed:4d} {nu:.4f} {friction:8.2f} {said} {paper.value or np.nan:10.4f}", flush=True)
     within = sum(abs(error) <= 0.01 for error in errors)
-    print(f"within .01: {within} of {len(errors)}; intervals cover {sum(covered)} of {len(errors)}; "
-          f"rms {np.sqrt(np.mean(np.square(errors))):.4f}")  # fmt: skip
+    print(
+        f"within .01: {within} of {len(errors)}; intervals cover {sum(covered)} of {len(errors)}; "
+        f"rms {np.sqrt(np.mean(np.square(errors))):.4f}"
+    )
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from tactilevision.errors import ConvergenceError
-from tactilevision.mechanics.bulge import fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import fit_poisson_ratio
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.punch_fem import PunchProblem, PunchSolution, RoundedPunch, press_to_depths
 from tactilevision.mechanics.surface_view import SurfaceView

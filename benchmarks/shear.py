@@ -56,8 +56,12 @@ class Look:
     markers: bool = False
 
 
-LOOKS = (Look("grain .012 (the sample's)", 0.012), Look("grain .03", 0.03), Look("grain .08", 0.08),
-         Look("markers", 0.012, markers=True))  # fmt: skip
+LOOKS = (
+    Look("grain .012 (the sample's)", 0.012),
+    Look("grain .03", 0.03),
+    Look("grain .08", 0.08),
+    Look("markers", 0.012, markers=True),
+)
 
 
 def shear_errors(look: Look, *, cases: int, seed: int) -> Floats:
@@ -66,8 +70,14 @@ def shear_errors(look: Look, *, cases: int, seed: int) -> Floats:
     rng, forward = np.random.default_rng(seed), Forward(VIEW, GEL, MATERIAL)
     scale = (VIEW.mm_per_px, VIEW.mm_per_px)
     field = ForceField(GEL, MATERIAL, scale, view_px=VIEW.shape, settings=SETTINGS)
-    options = CameraOptions(width_px=VIEW.shape[1], height_px=VIEW.shape[0], mm_per_px=scale, texture=look.texture,
-                            markers=look.markers, distortion_px=0.0)  # fmt: skip
+    options = CameraOptions(
+        width_px=VIEW.shape[1],
+        height_px=VIEW.shape[0],
+        mm_per_px=scale,
+        texture=look.texture,
+        markers=look.markers,
+        distortion_px=0.0,
+    )
     rows = []
     for number in range(cases):
         camera = build_camera(options, np.random.default_rng([seed, number]))
@@ -109,8 +119,11 @@ def main(arguments: Sequence[str]) -> None:
             middle, most = np.percentile(off, [50, 95])
             real, said = np.nanmedian(rows[known, :2], axis=0)
             print(f"    shear in the contact off by {real:.0f} um rms (it says {said:.0f})")
-            print(f"    fx, fy off by {middle:.1f} % of the force (median), {most:.1f} % (95th); "
-                  f"{100 * inside.mean():.0f} % inside the 95 % interval", flush=True)  # fmt: skip
+            print(
+                f"    fx, fy off by {middle:.1f} % of the force (median), {most:.1f} % (95th); "
+                f"{100 * inside.mean():.0f} % inside the 95 % interval",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.records import Bytes, Frame, Gel
 from tactilevision.sensors import get_sensor
-from tactilevision.surface import integrate
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
 from tactilevision.synthetic.gel import Flat
@@ -76,8 +76,10 @@ def accuracy(light: int | None) -> None:
         face, std = found.depth_mm[r < 2.2].mean() / depth, 1e3 * found.std_mm[r < 2.2].mean()
         plain = plain_depth(reconstructor, camera.picture(punch, np.random.default_rng(1)))
         missed = plain[r < 2.2].mean() - plain[r > 8.0].mean()
-        print(f"  punch {depth} mm: face {face:.3f} of true (std {std:.0f} um; plain {missed / depth:.3f}), "
-              f"rise off {rise} um at 3.5 4 5 6 8 mm")  # fmt: skip
+        print(
+            f"  punch {depth} mm: face {face:.3f} of true (std {std:.0f} um; plain {missed / depth:.3f}), "
+            f"rise off {rise} um at 3.5 4 5 6 8 mm"
+        )
 
 
 def plain_depth(reconstructor: Reconstructor, rgb: Bytes) -> npt.NDArray[np.floating[Any]]:
@@ -103,8 +105,10 @@ def honesty(light: int | None) -> None:
             kind = "ball" if isinstance(surface, BallPress) else "step"
             for where, mask in (("under", r < 0.9 * edge), ("beside", (r > 1.15 * edge) & (r < edge + 4))):
                 shares.setdefault(f"{where} a {kind}", []).append(float(covered[mask & found.valid].mean()))
-    print(f"light {light}: within one stated deviation "
-          + ", ".join(f"{100 * np.mean(share):.0f} % {where}" for where, share in shares.items()))  # fmt: skip
+    print(
+        f"light {light}: within one stated deviation "
+        + ", ".join(f"{100 * np.mean(share):.0f} % {where}" for where, share in shares.items())
+    )
 
 
 def speed(size: tuple[int, int]) -> None:
@@ -121,9 +125,11 @@ def speed(size: tuple[int, int]) -> None:
             spent.append(milliseconds(lambda r=reconstructor, f=frame: r.height_map(f), 60))  # type: ignore[misc]
         times = " ".join(f"{one:.2f}" for one in spent)
         parts = " ".join(f"{usual / one:.1f}" for one in spent)
-        print(f"{size[0]}x{size[1]} {method}: free gel, press of .1 mm, press of .4 mm with its wall {times} ms; "
-              f"network and float64 transforms {usual:.1f} ms, {parts} times as long; "
-              f"one pass and one transform pair {floor:.2f} ms")  # fmt: skip
+        print(
+            f"{size[0]}x{size[1]} {method}: free gel, press of .1 mm, press of .4 mm with its wall {times} ms; "
+            f"network and float64 transforms {usual:.1f} ms, {parts} times as long; "
+            f"one pass and one transform pair {floor:.2f} ms"
+        )
 
 
 def least(size: tuple[int, int]) -> Callable[[], object]:

@@ -11,8 +11,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
+from calibration.tasks.calibrate import calibrate
 from tactilevision import CertifiedPoint, read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"

@@ -15,11 +15,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.calibrate import observe
-from calibration.compare import compare
-from calibration.data import Measured, Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.observations import Measured, Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
+from calibration.tasks.calibrate import observe
+from calibration.tasks.compare import compare
 from tactilevision import read_recording
 from tactilevision.records import Floats
 
@@ -73,8 +73,10 @@ def main() -> None:
     found = dict(added.parameters)["clamp_creep.amplitude"]
     draw(found.value, found.std)
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
-    print(f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
-          f"the repeats' own scatter {1e3 * added.floor_N:.0f} mN")  # fmt: skip
+    print(
+        f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
+        f"the repeats' own scatter {1e3 * added.floor_N:.0f} mN"
+    )
 
 
 if __name__ == "__main__":

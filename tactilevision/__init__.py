@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tactilevision.batch.folder import reconstruct_folder
+    from tactilevision.certificate.certify import certify
     from tactilevision.errors import (
         ConvergenceError,
         InputError,
@@ -17,9 +19,7 @@ if TYPE_CHECKING:
         RecordingError,
         TactilevisionError,
     )
-    from tactilevision.folder import reconstruct_folder
-    from tactilevision.height_files import read_tiff, write_tiff
-    from tactilevision.press.certify import certify
+    from tactilevision.exports.tiff import read_tiff, write_tiff
     from tactilevision.reconstruct import Reconstructor, build_reconstructor
     from tactilevision.recording import Recording, iter_frames, read_folder, read_frame, read_recording
     from tactilevision.records import (
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 _PLACES = {
     "errors": ("ConvergenceError", "InputError", "NothingCertified", "OutputError", "RecordingError",
                "TactilevisionError"),
-    "folder": ("reconstruct_folder",),
-    "height_files": ("read_tiff", "write_tiff"),
-    "press.certify": ("certify",),
+    "batch.folder": ("reconstruct_folder",),
+    "exports.tiff": ("read_tiff", "write_tiff"),
+    "certificate.certify": ("certify",),
     "reconstruct": ("Reconstructor", "build_reconstructor"),
     "recording": ("Recording", "iter_frames", "read_folder", "read_frame", "read_recording"),
     "records": ("CertifiedPoint", "Curve", "Estimate", "Footprint", "ForceSeries", "Frame", "Gel", "HeightMap",

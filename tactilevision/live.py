@@ -14,16 +14,16 @@ import numpy as np
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import at_border
 from tactilevision.errors import InputError
-from tactilevision.flags import BORDER, add
 from tactilevision.gpu.device import find_gpu
-from tactilevision.middle import median
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
-from tactilevision.touching import untouched_std
+from tactilevision.records.flags import BORDER, add
+from tactilevision.robust import median
+from tactilevision.uncertainty.untouched_noise import untouched_std
 
 SIGMAS = 5.0  # depth over its deviation at which there is contact
 EVERY = 2  # pixels along each side, of which one is looked at
-LEAST_PIXELS = 20  # that reach it; fewer are noise
+MIN_PIXELS = 20  # that reach it; fewer are noise
 UNKNOWN_MM = 0.02  # deviation of a map that states none
 BLIND_MM = 0.5  # a picture in which a contact as deep may hide says nothing of the untouched gel
 RENEW = 0.002  # five seconds at 90 frames a second: lamps warm in minutes, presses take less
@@ -74,8 +74,12 @@ class Stream:
     def take(self, frame: Frame) -> Moment:
         """The next frame. Raises InputError for one that cannot be read; the stream goes on with the one after."""
         if not isinstance(frame, Frame):
-            raise InputError("a stream takes frames", where="Stream.take", value=type(frame).__name__,
-                             remedy="Hand over Frame(rgb).")  # fmt: skip
+            raise InputError(
+                "a stream takes frames",
+                where="Stream.take",
+                value=type(frame).__name__,
+                remedy="Hand over Frame(rgb).",
+            )
         began = time.perf_counter()
         if self.frames == 0:  # for all that come: it takes longer than a frame
             self.reconstructor.look([self.reconstructor.rectified(frame)])
@@ -104,7 +108,7 @@ class Stream:
             spread = np.full(depth.shape, UNKNOWN_MM)
         least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > SIGMAS * spread) & valid
-        if EVERY**2 * np.count_nonzero(pressed) < LEAST_PIXELS:
+        if EVERY**2 * np.count_nonzero(pressed) < MIN_PIXELS:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(p for room in ("tactilevision", "calibration") for p in (ROOT / room).rglob("*.py"))
-FOR_READERS = "pages"  # the one room of calibration that may use figures, and that no other room knows
+FOR_READERS = "report"  # the one room of calibration that may use figures, and that no other room knows
 HEAVY = {"torch", "kornia", "matplotlib", "skimage"}
 
 

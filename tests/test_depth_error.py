@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from tactilevision.depth_error import ROOM, untouched_std_mm
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_frame, read_recording
+from tactilevision.uncertainty.depth import ROOM, untouched_std_mm
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 TORN = ("00017.jpg",)

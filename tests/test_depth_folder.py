@@ -12,8 +12,8 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.folder import COLUMNS, measure, reconstruct_folder, std_at
-from tactilevision.height_files import read_tiff, write_tiff
+from tactilevision.batch.folder import COLUMNS, measure, reconstruct_folder, std_at
+from tactilevision.exports.tiff import read_tiff, write_tiff
 from tactilevision.photometric.method import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import tifffile
 
-from tactilevision.height_files import read_tiff, write_tiff
+from tactilevision.exports.tiff import read_tiff, write_tiff
 from tactilevision.records import HeightMap
 
 

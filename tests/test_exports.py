@@ -14,10 +14,10 @@ import zarr
 
 from tactilevision.errors import InputError, OutputError
 from tactilevision.exports import EXPORTS, export
+from tactilevision.exports.tiff import read_tiff
 from tactilevision.exports.zarr_store import begin_frames, write_frame
-from tactilevision.flags import LIGHT
-from tactilevision.height_files import read_tiff
 from tactilevision.records import HeightMap
+from tactilevision.records.flags import LIGHT
 
 SCALE = (0.05, 0.08)
 

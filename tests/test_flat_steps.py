@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.flat_steps import flat_steps
-from tactilevision.held_out_depth import Known, told
+from tactilevision.certificate.step_validation import flat_steps
 from tactilevision.plots.depth_report import draw_depth_report
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import Recording, read_recording
+from tactilevision.uncertainty.ball_validation import Known, told
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 

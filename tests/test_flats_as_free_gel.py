@@ -26,8 +26,10 @@ def written(path: Path, rgb: Bytes) -> Path:
 @pytest.mark.parametrize("flats", [3, 6])
 def test_four_flats_or_more_serve_where_no_press_tells_when_the_gel_is_free(flats: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
-    balls = tuple(BallPress(written(tmp_path / f"b{k}.png", shot.rgb), shot.radius_mm)
-                  for k, shot in enumerate(ball_pictures(8, rng)))  # fmt: skip
+    balls = tuple(
+        BallPress(written(tmp_path / f"b{k}.png", shot.rgb), shot.radius_mm)
+        for k, shot in enumerate(ball_pictures(8, rng))
+    )
     pictures = tuple(written(tmp_path / f"f{k}.png", flat(rng)) for k in range(flats))
     found = build_reconstructor(Recording(tmp_path, "flats", SENSOR, flats=pictures, balls=balls))
     assert (found.grids is not None) == (flats >= 4)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.depth_error import gain_std, place_gain_std
-from tactilevision.held_out_depth import Known, bands, dent_mm, told
-from tactilevision.photometric.ball import Ball
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.uncertainty.ball_validation import Known, bands, dent_mm, told
+from tactilevision.uncertainty.depth import gain_std, place_gain_std
 
 
 @pytest.mark.parametrize("scale", [(0.06, 0.06), (0.05, 0.07)])

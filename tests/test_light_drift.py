@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.light_drift import Told, read_light
+from benchmarks.light_drift import Observability, read_light
 
 
 @pytest.mark.slow
 def test_depths_and_deviations_under_drift_stay_as_good_as_they_are() -> None:
     """Of balls 68 and 95 % should lie within one and two deviations; two lights leave room for chance."""
-    plain, strange = Told(), Told()
+    plain, strange = Observability(), Observability()
     for seed in (2101, 2102):
         read_light(seed, plain, strange)
     for told, most, least in ((plain, (0.013, 0.026), (0.6, 0.94)), (strange, (0.035, 0.06), (0.45, 0.8))):

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -23,6 +22,7 @@ from tactilevision.photometric import (
 from tactilevision.reconstruct import Reconstructor, build_reconstructor, tuned
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Frame, Pair
+from tactilevision.records.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses
@@ -76,8 +76,11 @@ def test_a_lamp_that_was_moved_is_another_light() -> None:
 
 def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
     rng = np.random.default_rng(SEED + 9)
-    corner = [BallPicture(picture(*ball((x, y), 1.4, 4.0)[1:], rng, gain=grain()), 4.0)
-              for x in (-7.0, -5.5, -4.0) for y in (-4.5, -3.0, -2.0)]  # fmt: skip
+    corner = [
+        BallPicture(picture(*ball((x, y), 1.4, 4.0)[1:], rng, gain=grain()), 4.0)
+        for x in (-7.0, -5.5, -4.0)
+        for y in (-4.5, -3.0, -2.0)
+    ]
     method = made().method
     assert isinstance(method, CalibratedMethod)
     calibration = calibrate_from_balls(method.reference, corner, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
@@ -109,8 +112,14 @@ def recording(folder: Path, frames: list[Bytes]) -> Recording:
     names = [f"{k}.png" for k in range(len(frames))]
     for name, rgb in zip(names, frames, strict=True):
         cv2.imwrite(str(folder / "frames" / name), rgb[..., ::-1])
-    return Recording(folder, "r", SENSOR, frames_path=folder / "frames", frame_names=tuple(names),
-                     frame_times_s=np.arange(len(frames), dtype=np.float64))  # fmt: skip
+    return Recording(
+        folder,
+        "r",
+        SENSOR,
+        frames_path=folder / "frames",
+        frame_names=tuple(names),
+        frame_times_s=np.arange(len(frames), dtype=np.float64),
+    )
 
 
 def test_a_recording_whose_camera_was_knocked_says_by_how_much(tmp_path: Path) -> None:

@@ -13,17 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactilevision.batch.folder import measure
 from tactilevision.errors import InputError
-from tactilevision.folder import measure
-from tactilevision.free_gel import settle
 from tactilevision.live import Stream
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    CalibratedMethod,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Bytes, Frame, Indenter
 
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
@@ -95,9 +90,9 @@ def test_a_frame_of_another_kind_is_refused_and_the_next_one_read(said: str, hal
     live = stream(0.1)
     if halved:
         reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=False)
-        method = settle(calibrated().with_reference(reference), [flat(rng) for _ in range(4)])
+        method = subtract_background(calibrated().with_reference(reference), [flat(rng) for _ in range(4)])
         live = Stream(Reconstructor(SENSOR, method))
-        assert method.calm_reader is not None
+        assert method.tiled_evaluator is not None
     good = live.take(Frame(flat(rng)))
     with pytest.raises(InputError, match=said):
         live.take(Frame(BAD[said](flat(rng))))

@@ -12,15 +12,9 @@ import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
-from tactilevision.free_gel import settle, tare
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    BallPicture,
-    Calibration,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
+from tactilevision.reconstruct.untouched_frames import subtract_background, tare
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
@@ -145,16 +139,16 @@ def test_a_reference_is_renewed_by_free_frames_only() -> None:
 def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     rng = np.random.default_rng(10)
     free = [flat(rng) for _ in range(12)]
-    quiet = calibrated().method.quiet_now
+    quiet = calibrated().method.current_background
     leaning = dataclasses.replace(
         calibrated().method, quiet=dataclasses.replace(quiet, bias_x=quiet.bias_x - 0.01)
     )
-    settled = settle(leaning, free)
+    settled = subtract_background(leaning, free)
     fresh = [flat(rng) for _ in range(6)]
     means = [np.mean([method.slopes(rgb).dz_dx for rgb in fresh]) for method in (leaning, settled)]
     assert means[0] > 0.008
     assert abs(means[1]) < 0.001
-    assert settle(leaning, free[:2]) is leaning
+    assert subtract_background(leaning, free[:2]) is leaning
 
 
 def test_a_frame_of_another_size_is_refused() -> None:

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.integration.poisson import divergence, gradient, integrate, solve_edges, weighted
 from tactilevision.records import Floats, SlopeMap
-from tactilevision.surface import divergence, gradient, integrate, solve_edges, weighted
 
 SHAPE = (240, 320)
 
@@ -173,8 +173,14 @@ def test_it_says_what_is_wrong() -> None:
         integrate(SlopeMap(flat, flat), (1.0, 1.0), weights=np.ones((3, 3)))
     rng = np.random.default_rng(1)
     with pytest.raises(ConvergenceError, match="after 2 iterations"):
-        weighted(rng.normal(size=(40, 40)), rng.normal(size=(40, 40)), rng.uniform(size=(40, 40)) ** 8,
-                 mm_per_px=(1.0, 1.0), tolerance=1e-9, max_iterations=2)  # fmt: skip
+        weighted(
+            rng.normal(size=(40, 40)),
+            rng.normal(size=(40, 40)),
+            rng.uniform(size=(40, 40)) ** 8,
+            mm_per_px=(1.0, 1.0),
+            tolerance=1e-9,
+            max_iterations=2,
+        )
 
 
 def test_it_starts_from_where_it_is_told() -> None:

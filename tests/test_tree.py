@@ -18,12 +18,12 @@ import pytest
 import zarr
 from test_depth_folder import SENSOR, RedIsSlope
 
+from tactilevision.batch.folder import reconstruct_folder
+from tactilevision.batch.tree import find_sources, reconstruct_tree
 from tactilevision.errors import InputError, OutputError, RecordingError
-from tactilevision.folder import reconstruct_folder
-from tactilevision.height_files import read_tiff
+from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_folder
-from tactilevision.tree import find_sources, reconstruct_tree
 
 ROOT = Path(__file__).parents[1]
 
@@ -92,8 +92,12 @@ def test_a_mixed_tree_becomes_maps_and_one_table(tmp_path: Path) -> None:
         root, out, read=read, light=light, workers=1, progress=lambda done, of, what: told.append((done, of))
     )
     assert [(branch.name, len(branch.rows)) for branch in branches] == [
-        (".", 2), ("b", 3), ("c/d", 3), ("e.avi", 4), ("f", 0)
-    ]  # fmt: skip
+        (".", 2),
+        ("b", 3),
+        ("c/d", 3),
+        ("e.avi", 4),
+        ("f", 0),
+    ]
     assert "another format" in branches[-1].why
     assert told[-1] == (12, 12)
     assert told == sorted(told)
@@ -220,7 +224,7 @@ import sys, time
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_depth_folder import SENSOR, RedIsSlope
-from tactilevision.folder import reconstruct_folder
+from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import read_folder
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.change import Planes, Window
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.two_grid_poisson import TwoGridPoisson
+from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Floats, SlopeMap
-from tactilevision.surface import integrate
-from tactilevision.two_grids import TwoGrids
 
 SHAPE, STEP = (121, 163), (0.06, 0.07)
 
@@ -45,7 +45,7 @@ def window_about(centre: tuple[float, float], px: int) -> Window:
 @pytest.mark.parametrize("centre", [(4.5, 4.0), (0.6, 4.0), (9.4, 8.1), (5.0, 0.4)])
 def test_the_depth_of_a_contact_is_that_of_one_solution(px: int, centre: tuple[float, float]) -> None:
     _, slopes = punch(centre)
-    window, grids = window_about(centre, px), TwoGrids(SHAPE, px, STEP)
+    window, grids = window_about(centre, px), TwoGridPoisson(SHAPE, px, STEP)
     fine = [slopes[:, *window]]
     found = grids.whole(grids.coarse(seen(slopes, px), [window], fine), [window], fine)
     off = found - integrate(SlopeMap(*slopes), STEP)
@@ -57,7 +57,7 @@ def test_the_depth_of_a_contact_is_that_of_one_solution(px: int, centre: tuple[f
 
 def test_a_window_of_the_whole_picture_is_one_solution() -> None:
     _, slopes = punch((4.5, 4.0))
-    window, grids = (slice(0, SHAPE[0]), slice(0, SHAPE[1])), TwoGrids(SHAPE, 3, STEP)
+    window, grids = (slice(0, SHAPE[0]), slice(0, SHAPE[1])), TwoGridPoisson(SHAPE, 3, STEP)
     found = grids.whole(grids.coarse(seen(slopes, 3), [window], [slopes]), [window], [slopes])
     one = integrate(SlopeMap(*slopes), STEP)
     assert np.abs((found - found.mean()) - one).max() < 1e-6
@@ -66,7 +66,7 @@ def test_a_window_of_the_whole_picture_is_one_solution() -> None:
 @pytest.mark.parametrize("centre", [(4.5, 4.0), (0.6, 4.0)])
 def test_a_plane_taken_off_the_coarse_depth_is_off_the_whole(centre: tuple[float, float]) -> None:
     _, slopes = punch(centre)
-    window, grids, tilt = window_about(centre, 3), TwoGrids(SHAPE, 3, STEP), (0.004, -0.007)
+    window, grids, tilt = window_about(centre, 3), TwoGridPoisson(SHAPE, 3, STEP), (0.004, -0.007)
     fine = [slopes[:, *window]]
     coarse = grids.coarse(seen(slopes, 3), [window], fine)
     plain = grids.whole(coarse, [window], fine)
@@ -81,6 +81,6 @@ def test_without_windows_the_surface_is_carried_on_to_the_border() -> None:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     depth = 1e-3 * (x * STEP[0] - 5.0) ** 2 - 2e-3 * y * STEP[1]
     slopes = np.stack([2e-3 * (x * STEP[0] - 5.0), np.full(SHAPE, -2e-3)]).astype(np.float32)
-    grids = TwoGrids(SHAPE, 4, STEP)
+    grids = TwoGridPoisson(SHAPE, 4, STEP)
     off = grids.whole(grids.coarse(seen(slopes, 4), [], []), [], []) - depth
     assert np.ptp(off) < 2e-4

@@ -19,8 +19,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("wheel")
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out)],
-        cwd=ROOT, check=True, capture_output=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
     (built,) = out.glob("*.whl")
     return built
 
@@ -33,8 +35,9 @@ def test_top_level_names_are_the_two_packages(wheel: Path) -> None:
 
 
 def test_every_data_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
-    listed = subprocess.run(["git", "ls-files", "tactilevision", "calibration"], cwd=ROOT, check=True,
-                            capture_output=True, text=True).stdout.split()  # fmt: skip
+    listed = subprocess.run(
+        ["git", "ls-files", "tactilevision", "calibration"], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split()
     assert set(listed) <= set(zipfile.ZipFile(wheel).namelist())
 
 
@@ -48,14 +51,29 @@ def test_installed_alone_it_reproduces_the_papers_figures(wheel: Path, tmp_path:
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     entry = "import sys; from tactilevision.cli import main; sys.exit(main())"
     out = subprocess.run(
-        [str(home / "bin" / "python"), "-c", entry, "calibrate", str(ROOT / "sample_frames" / "paper_points"),
-         "--law", "paper", "--out", str(tmp_path / "out")],
-        cwd=tmp_path, check=False, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            str(home / "bin" / "python"),
+            "-c",
+            entry,
+            "calibrate",
+            str(ROOT / "sample_frames" / "paper_points"),
+            "--law",
+            "paper",
+            "--out",
+            str(tmp_path / "out"),
+        ],
+        cwd=tmp_path,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     assert out.returncode == 0, out.stderr
     assert "0.1988" in out.stdout
     where = subprocess.run(
         [str(home / "bin" / "python"), "-c", "import tactilevision, calibration; print(tactilevision.__file__)"],
-        cwd=tmp_path, check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     assert where.startswith(str(home))

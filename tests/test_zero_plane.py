@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tactilevision.integration.zero_plane import find_zero_plane, level
 from tactilevision.records import Bools, Floats
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Grid
-from tactilevision.zero_plane import find_zero_plane, level
 
 SHAPE, STEP = (160, 240), 0.1
 

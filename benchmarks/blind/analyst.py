@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.data import Measured, Observations
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.gather import observe_curves
+from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.model import Model
-from calibration.noise import Noise
-from calibration.observe import observe_curves
+from calibration.model.composition import Model
+from calibration.noise.model import Noise
 from tactilevision.errors import ConvergenceError
 from tactilevision.recording import read_recording
 from tactilevision.records import Pair
@@ -52,7 +52,7 @@ def observed(folder: Path) -> Observations:
 
 def diagnosing(folder: Path) -> Finding:
     """The library's own diagnosis."""
-    from calibration.diagnose import diagnose
+    from calibration.tasks.diagnose import diagnose
 
     data = observed(folder)
     start = time.perf_counter()
@@ -60,10 +60,17 @@ def diagnosing(folder: Path) -> Finding:
     seconds = time.perf_counter() - start
     modulus = found.after.youngs_modulus
     return Finding(
-        found.verdict, tuple(e.key for e in found.effects), tuple(found.candidates), modulus.value,
-        modulus.interval95, found.errors.held_out_after, found.errors.floor, seconds,
-        lack_of_fit_p=found.lack_of_fit_p, std_MPa=modulus.std or float("nan"),
-    )  # fmt: skip
+        found.verdict,
+        tuple(e.key for e in found.effects),
+        tuple(found.candidates),
+        modulus.value,
+        modulus.interval95,
+        found.errors.held_out_after,
+        found.errors.floor,
+        seconds,
+        lack_of_fit_p=found.lack_of_fit_p,
+        std_MPa=modulus.std or float("nan"),
+    )
 
 
 def naive(folder: Path) -> dict[str, Finding]:

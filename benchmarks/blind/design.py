@@ -65,9 +65,16 @@ def rich(rng: np.random.Generator) -> Design:
     kinds += [Touch(a, depth[a], 0.5, 30.0) for a in (1.5, 2.5, 2.5, 3.5)]
     days = np.sort(rng.integers(0, 3, len(kinds))) * 9
     order = [kinds[k] for k in rng.permutation(len(kinds))]
-    touches = [replace(touch, rest_s=_rest(rng), shear=_pair(rng), day=int(day),
-                       temperature_C=round(float(rng.uniform(19, 27)), 1))
-               for touch, day in zip(order, days, strict=True)]  # fmt: skip
+    touches = [
+        replace(
+            touch,
+            rest_s=_rest(rng),
+            shear=_pair(rng),
+            day=int(day),
+            temperature_C=round(float(rng.uniform(19, 27)), 1),
+        )
+        for touch, day in zip(order, days, strict=True)
+    ]
     return Design("rich", tuple(touches), True, _even(0.05, 0.97, 9), (0.1, 0.45, 1.0), (0.75, 0.4, 0.1, -1.0))
 
 
@@ -109,8 +116,13 @@ def _one(design: Design, touch: Touch, start: float) -> tuple[Floats, Floats, Fl
     down = np.linspace(0, ramp, 140)
     still = ramp + touch.hold_s * np.linspace(0, 1, 61)[1:] ** 2
     up = ramp + touch.hold_s + np.linspace(0, ramp, 100)[1:]
-    depth = np.concatenate([AIR_MM + down * touch.speed_mm_s, np.full(60, touch.target_mm),
-                            touch.target_mm - (up - ramp - touch.hold_s) * touch.speed_mm_s])  # fmt: skip
+    depth = np.concatenate(
+        [
+            AIR_MM + down * touch.speed_mm_s,
+            np.full(60, touch.target_mm),
+            touch.target_mm - (up - ramp - touch.hold_s) * touch.speed_mm_s,
+        ]
+    )
     samples = [0.0] * design.air
     samples += [(share * touch.target_mm - AIR_MM) / touch.speed_mm_s for share in design.load]
     samples += [ramp + share * touch.hold_s for share in design.hold]

@@ -70,8 +70,9 @@ def _creep(world: World, motion: Motion) -> Floats:
     size = world.amount("sensor_creep")
     if not size:
         return np.zeros_like(motion.sample_s)
-    touch = np.array([np.interp(0.0, d[:100], t[:100])
-                      for d, t in zip(motion.depth_mm, motion.time_s, strict=True)])  # fmt: skip
+    touch = np.array(
+        [np.interp(0.0, d[:100], t[:100]) for d, t in zip(motion.depth_mm, motion.time_s, strict=True)]
+    )
     age = np.maximum(motion.sample_s - touch[:, None], 0)
     return np.asarray(size * (1 - np.exp(-age / world.shape("creep_s"))))
 

@@ -24,12 +24,15 @@ def run_case(case: Case, *, with_naive: bool) -> dict[str, Result]:
         said = {"diagnose": _said(made.folder)}
         if with_naive:
             said |= naive(made.folder)
-    return {who: Result(case, made.strength, made.rivals, made.world.modulus_MPa, finding)
-            for who, finding in said.items()}  # fmt: skip
+    return {
+        who: Result(case, made.strength, made.rivals, made.world.modulus_MPa, finding)
+        for who, finding in said.items()
+    }
 
 
-def run(cases: Sequence[Case], log: Path | None = None, *, jobs: int = 1,
-        with_naive: bool = True) -> Iterator[dict[str, Result]]:  # fmt: skip
+def run(
+    cases: Sequence[Case], log: Path | None = None, *, jobs: int = 1, with_naive: bool = True
+) -> Iterator[dict[str, Result]]:
     """All cases, in order; `log` keeps them as lines of JSON, and those found in it are not run again."""
     done = {} if log is None or not log.exists() else _kept(log.read_text(encoding="utf-8").splitlines())
     left = [case for case in cases if case not in done]

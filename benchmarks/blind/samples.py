@@ -50,8 +50,14 @@ def make_rig(folder: Path) -> None:
         camera=CameraOptions(width_px=280, height_px=210, mm_per_px=(0.0965, 0.0965), distortion_px=0.0),
         indenters=IndenterOptions(heights_mm=(0.25, 0.4, 0.55)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=18),
-        presses=3, faults=(), frames="jpeg", jpeg_quality=84, flats=1, balls=20, torn_frame=False,
-    )  # fmt: skip
+        presses=3,
+        faults=(),
+        frames="jpeg",
+        jpeg_quality=84,
+        flats=1,
+        balls=20,
+        torn_frame=False,
+    )
     simulate(folder, seed=SEED, options=options)
     balls = read_recording(folder).balls
     write_balls(

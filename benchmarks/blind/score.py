@@ -163,8 +163,14 @@ def _named_and_sure(result: Result) -> bool:
     return result.finding.verdict != "UNKNOWN" and bool(result.finding.named)
 
 
-def _line(what: str, target: str, results: Sequence[Result], of: Callable[[Result], float], *,
-          middle: bool | None = False) -> Line:  # fmt: skip
+def _line(
+    what: str,
+    target: str,
+    results: Sequence[Result],
+    of: Callable[[Result], float],
+    *,
+    middle: bool | None = False,
+) -> Line:
     """The mean of a figure over results; `middle` the median, None the largest."""
     values = np.array([float(of(r)) for r in results if not r.finding.failed or "raised" in what])
     values = values[np.isfinite(values)]

@@ -29,8 +29,13 @@ def full_set(repeats: int = 4, first_seed: int = 1) -> tuple[Case, ...]:
 
 def small_set(first_seed: int = 1) -> tuple[Case, ...]:
     """A few seeds of what matters most: nothing, plain effects, a pair and one outside the catalogue."""
-    drawn = [Case(0), Case(0), *(Case(0, hidden=(key,)) for key in ("depth_zero", "mullins", "clock_offset")),
-             Case(0, hidden=("temperature", "lateral_boundary")), Case(0, hidden=("periodic_stage",))]  # fmt: skip
+    drawn = [
+        Case(0),
+        Case(0),
+        *(Case(0, hidden=(key,)) for key in ("depth_zero", "mullins", "clock_offset")),
+        Case(0, hidden=("temperature", "lateral_boundary")),
+        Case(0, hidden=("periodic_stage",)),
+    ]
     return _numbered(drawn, first_seed)
 
 
@@ -48,8 +53,12 @@ def _rich(repeats: int, rng: np.random.Generator) -> Iterator[Case]:
 
 
 def _others(repeats: int, rng: np.random.Generator) -> Iterator[Case]:
-    settings = [Case(0, design=design, level=level) for design in ("plain", "medium", "rich") for level in LEVELS
-                if (design, level) != ("rich", "one")]  # fmt: skip
+    settings = [
+        Case(0, design=design, level=level)
+        for design in ("plain", "medium", "rich")
+        for level in LEVELS
+        if (design, level) != ("rich", "one")
+    ]
     settings += [Case(0, noise="ar1"), Case(0, noise="heavy"), Case(0, gel="fem")]
     for setting in settings:
         for _ in range(repeats):

@@ -93,22 +93,30 @@ HIDDEN = _all(
     Hidden("sensor_creep", 0.002, 0.2, "N", signed=True, catalogued=False),
     Hidden("stick_slip", 0.005, 0.3, "N", catalogued=False),
     Hidden("backlash", 0.0003, 0.05, "mm", source="stage", catalogued=False),
-)  # fmt: skip
+)
 
 
 def draw_world(rng: np.random.Generator, *, straight: bool = True) -> World:
     """A gel with everything in order, and the shapes of whatever may be hidden in it."""
     azimuth = rng.uniform(0, 2 * np.pi, 2)
     shapes = {
-        "azimuth": azimuth[0], "wedge_azimuth": azimuth[1], "tau_s": np.exp(rng.uniform(np.log(0.3), np.log(3.0))),
-        "recovery_s": np.exp(rng.uniform(np.log(25), np.log(150))), "damage_mm": rng.uniform(0.2, 0.4),
-        "ageing_day": np.exp(rng.uniform(np.log(0.3), np.log(10))), "skin_mm": rng.uniform(0.02, 0.05),
-        "period_mm": rng.uniform(0.08, 0.25), "creep_s": np.exp(rng.uniform(np.log(0.5), np.log(5))),
-        "gent": float(rng.random() < 0.5), "slip_seed": float(rng.integers(2**31)),
+        "azimuth": azimuth[0],
+        "wedge_azimuth": azimuth[1],
+        "tau_s": np.exp(rng.uniform(np.log(0.3), np.log(3.0))),
+        "recovery_s": np.exp(rng.uniform(np.log(25), np.log(150))),
+        "damage_mm": rng.uniform(0.2, 0.4),
+        "ageing_day": np.exp(rng.uniform(np.log(0.3), np.log(10))),
+        "skin_mm": rng.uniform(0.02, 0.05),
+        "period_mm": rng.uniform(0.08, 0.25),
+        "creep_s": np.exp(rng.uniform(np.log(0.5), np.log(5))),
+        "gent": float(rng.random() < 0.5),
+        "slip_seed": float(rng.integers(2**31)),
         "rise": rng.uniform(0.08, 0.11),
-    }  # fmt: skip
+    }
     return World(
-        modulus_MPa=float(np.exp(rng.uniform(np.log(0.12), np.log(0.3)))), nu=float(rng.uniform(0.47, 0.49)),
-        thickness_mm=round(float(rng.uniform(2.8, 3.3)), 2), straight=straight,
+        modulus_MPa=float(np.exp(rng.uniform(np.log(0.12), np.log(0.3)))),
+        nu=float(rng.uniform(0.47, 0.49)),
+        thickness_mm=round(float(rng.uniform(2.8, 3.3)), 2),
+        straight=straight,
         shapes={name: float(value) for name, value in shapes.items()},
-    )  # fmt: skip
+    )

@@ -32,8 +32,8 @@ from calibration.effects.temperature import Temperature
 from calibration.effects.thickness import Thickness
 from calibration.effects.thickness_wedge import ThicknessWedge
 from calibration.effects.tilt import Tilt
-from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
-from calibration.stages import Effect
+from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.model.stages import Effect
 from tactilevision.errors import InputError
 
 _BUILT: tuple[Effect, ...] = (
@@ -72,11 +72,15 @@ def get_effect(key: str) -> Effect:
     Raises InputError for an unknown key.
     """
     name, _, terms = key.partition(":")
-    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MOST_TERMS)}:
+    if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
         return Viscoelasticity(terms=int(terms))
     if key not in EFFECTS:
-        raise InputError("there is no effect of this name", where="effect", value=key,
-                         remedy=f"Choose among: {', '.join(EFFECTS)}.")  # fmt: skip
+        raise InputError(
+            "there is no effect of this name",
+            where="effect",
+            value=key,
+            remedy=f"Choose among: {', '.join(EFFECTS)}.",
+        )
     return EFFECTS[key]
 
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
-from calibration.stiffness import punch_stiffness
+from calibration.inputs.observations import Observations
+from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 SPREAD, OPEN = 0.1, 3.0  # std of the depth at which the face lets go, and how many of them the reading decides

@@ -13,9 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Floats
 
@@ -76,9 +76,13 @@ def supposed(data: Observations) -> Observations:
     """
     if data.depth_source != "gauge":
         return replace(data, indenters=tuple(replace(i, bevel_distance_mm=None) for i in data.indenters))
-    return replace(data, indenters=tuple(
-        i if i.bevel_distance_mm is not None else replace(i, bevel_distance_mm=USUAL_DISTANCE * i.radius_mm)
-        for i in data.indenters))  # fmt: skip
+    return replace(
+        data,
+        indenters=tuple(
+            i if i.bevel_distance_mm is not None else replace(i, bevel_distance_mm=USUAL_DISTANCE * i.radius_mm)
+            for i in data.indenters
+        ),
+    )
 
 
 @lru_cache(maxsize=64)

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.measured.depths import steady_depth
-from calibration.measured.path import depth_at
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.denoised_depth import denoised_depth
+from calibration.inputs.depth_path import depth_at
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 
@@ -38,14 +38,7 @@ class ClockOffset(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """dt."""
         return (
-            Parameter(
-                "offset_s",
-                "s",
-                0.0,
-                (-0.2, 0.2),
-                "F/T clock minus camera clock, left in the data",
-                0.02,
-            ),
+            Parameter("offset_s", "s", 0.0, (-0.2, 0.2), "F/T clock minus camera clock, left in the data", 0.02),
         )
 
     def missing(self, data: Observations) -> str:
@@ -58,5 +51,5 @@ class ClockOffset(EffectBase):
         """Read the depth at another time."""
         if values[0] == 0:
             return state
-        steady = replace(data, depth_mm=steady_depth(data))  # differences of readings are of their noise
+        steady = replace(data, depth_mm=denoised_depth(data))  # differences of readings are of their noise
         return replace(state, depth_mm=state.depth_mm + depth_at(steady, -values[0]) - steady.depth_mm)

@@ -2,7 +2,8 @@
 
     edge -> edge + rho
 
-The contact of a rounded edge: tactilevision.mechanics.rounded_edge, between a gel that slides (t = 0) and one that
+The contact of a rounded edge (tactilevision.mechanics.filleted_punch) lies
+between a gel that slides (t = 0) and one that
 sticks (t = 1) to the edge. Vanishes at rho = 0.
 Sources: Sneddon, Int. J. Eng. Sci. 3 (1965) 47; Hayes et al., J. Biomech. 5 (1972) 541.
 """
@@ -13,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 
@@ -36,8 +37,10 @@ class EdgeFillet(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """rho, t."""
         sticks = "0: the gel slides over the edge; 1: it sticks"
-        return (Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
-                Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3))  # fmt: skip
+        return (
+            Parameter("edge_radius_mm", "mm", 0.0, (0.0, 0.8), "rounding beyond what is stated", 0.1),
+            Parameter("sticking", "1", 0.0, (0.0, 1.0), sticks, 0.3),
+        )
 
     def missing(self, data: Observations) -> str:
         """Only a flat punch has an edge."""

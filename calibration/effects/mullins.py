@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.measured.depths import nominal_depth
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.denoised_depth import nominal_depth
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 SPOT_MM = 0.5  # presses nearer than this share what the gel went through

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 

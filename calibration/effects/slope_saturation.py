@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
 from calibration.effects.photometric_gain import NOT_VISION
-from calibration.parameters import Parameter, Prior
-from calibration.stages import EffectBase, Stage, State
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 WALLS_PER_MM = 1.5, 0.5  # and std: a wall's height over two thirds of a millimetre
@@ -80,8 +80,10 @@ class SlopeCeiling(SlopeSaturation):
         """1/S, m."""
         ceiling, walls = "one over the largest slope that can be read", "slope of a face's walls over its depth"
         usual = Prior(*WALLS_PER_MM, "what pixels and blur leave of a wall")
-        return (Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
-                Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual))  # fmt: skip
+        return (
+            Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
+            Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual),
+        )
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""

@@ -5,7 +5,7 @@
 w = w_read - t a theta the depth of the face's centre: t is 1 where the depth counts from the first touch of the
 lower edge, as a stage's does, and 0 where it counts from the gel's own base; of other depths nobody says which. f
 is the exact contact without tension of a rigid flat face on a bonded layer, from the table of
-tactilevision.mechanics.askew. The whole face lies on from w = 2 a theta: its pressure
+tactilevision.mechanics.tilted_punch. The whole face lies on from w = 2 a theta: its pressure
 (w + 2 theta x)/sqrt(a^2 - r^2) is then nowhere negative. Below -a theta nothing presses, and what clings to the
 face is drawn by all of w. Vanishes at theta = 0.
 Source: Johnson, Contact Mechanics (1985), secs. 3.8 and 5.1.
@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
-from tactilevision.mechanics.askew import upright
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
+from tactilevision.mechanics.tilted_punch import upright
 from tactilevision.records import Floats
 
 
@@ -41,8 +41,10 @@ class Tilt(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """theta, t."""
         counts = "0: depth of the centre; 1: since the first touch"
-        return (Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
-                Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3))  # fmt: skip
+        return (
+            Parameter("angle_rad", "rad", 0.0, (0.0, 0.1), "angle between the face and the gel", 0.01),
+            Parameter("from_touch", "1", 0.0, (0.0, 1.0), counts, 0.3),
+        )
 
     def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
         """The same; a stage's depth counts from the first touch."""

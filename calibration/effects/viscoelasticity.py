@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.hereditary import relaxed
-from calibration.parameters import Parameter
-from calibration.stages import EffectBase, Stage, State
+from calibration.effects.support.hereditary import relaxed
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
 TAU_S = (0.05, 100.0)
-MOST_TERMS, FASTER = 3, 8.0
+MAX_TERMS, FASTER = 3, 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Viscoelasticity(EffectBase):
 
     def richer(self) -> Viscoelasticity | None:
         """One with another term, for gels relax over decades of time; None beyond the most."""
-        return replace(self, terms=self.terms + 1) if self.terms < MOST_TERMS else None
+        return replace(self, terms=self.terms + 1) if self.terms < MAX_TERMS else None
 
     def richer_starts(self, values: Floats) -> Floats:
         """Where a fit with another term begins: from these values, a third of them slower or faster besides."""

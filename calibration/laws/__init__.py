@@ -9,7 +9,7 @@ from calibration.laws.cone import Cone
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.paper import Paper
 from calibration.laws.sphere import Sphere
-from calibration.stages import Law
+from calibration.model.stages import Law
 from tactilevision.errors import InputError
 
 LAWS: Mapping[str, Law] = MappingProxyType({law.key: law for law in (FlatPunch(), Paper(), Sphere(), Cone())})
@@ -33,6 +33,10 @@ def get_law(key: str) -> Law:
     """The law of this key; "default" is flat_punch. Raises InputError for an unknown key."""
     name = "flat_punch" if key == "default" else key
     if name not in LAWS:
-        raise InputError("there is no contact law of this name", where="law", value=key,
-                         remedy=f"Choose among: default, {', '.join(LAWS)}.")  # fmt: skip
+        raise InputError(
+            "there is no contact law of this name",
+            where="law",
+            value=key,
+            remedy=f"Choose among: default, {', '.join(LAWS)}.",
+        )
     return LAWS[name]

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.round_body import apply_round, round_parameters
-from calibration.model import Composable
-from calibration.parameters import Parameter
-from calibration.stages import State
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter
+from calibration.model.stages import State
 from tactilevision.errors import InputError
 from tactilevision.mechanics.round_contact import Cone as ConeBody
 from tactilevision.records import Floats, Indenter
@@ -41,6 +41,9 @@ class Cone(Composable):
 
 def _body(indenter: Indenter) -> ConeBody:
     if indenter.half_angle_deg is None:
-        raise InputError("a cone needs its angle", where=f"[indenter.{indenter.name}]",
-                         remedy="State half_angle_deg, between its axis and its side.")  # fmt: skip
+        raise InputError(
+            "a cone needs its angle",
+            where=f"[indenter.{indenter.name}]",
+            remedy="State half_angle_deg, between its axis and its side.",
+        )
     return ConeBody(indenter.half_angle_deg)

@@ -4,9 +4,9 @@
 
 P force (N), w depth (mm), a radius, h thickness, E (MPa). kappa from the integral equation at the true a/h:
 small strain, frictionless, layer far wider than the punch. Where the edge is stated to be rounded, the contact
-begins smaller and grows (tactilevision.mechanics.rounded_edge); c and beta stay the sharp punch's. beta holds what
-large strain and friction add; theory gives it no single value, so it is free, and as it changes with a/h each
-radius has its own.
+begins smaller and grows (tactilevision.mechanics.filleted_punch); c and beta stay the sharp punch's.
+beta holds what large strain and friction add. Theory gives it no single value, so it is free; as it changes with
+a/h, each radius has its own.
 No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form of the bracket: Zhang, Zheng, Mak,
 Med. Eng. Phys. 19 (1997) 57.
 
@@ -20,15 +20,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
-from calibration.model import Composable
-from calibration.parameters import Parameter, Prior
-from calibration.stages import State
-from calibration.sticking import sticking_surplus
-from calibration.stiffness import punch_stiffness
-from calibration.theory import RUBBING, bend_range, beta_range
+from calibration.inputs.observations import Observations
+from calibration.laws.theory.admissible_range import RUBBING, bend_range, beta_range
+from calibration.laws.theory.sticking import sticking_surplus
+from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import State
 from tactilevision.errors import InputError
-from tactilevision.mechanics.rounded_edge import rounded_contact
+from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)
@@ -57,8 +57,14 @@ class FlatPunch(Composable):
 
     def parameters(self, data: Observations) -> tuple[Parameter, ...]:
         """E, nu, then beta for each radius in rising order, then gamma for each, if bent."""
-        modulus = Parameter("youngs_modulus_MPa", "MPa", starting_modulus(data), (1e-5, 1e4),
-                            "Young's modulus of the gel", starting_modulus(data))  # fmt: skip
+        modulus = Parameter(
+            "youngs_modulus_MPa",
+            "MPa",
+            starting_modulus(data),
+            (1e-5, 1e4),
+            "Young's modulus of the gel",
+            starting_modulus(data),
+        )
         curvature = betas_of_theory(data) if self.one_depth else betas(data)
         known = (modulus, poisson_parameter(data.gel, self.free_poisson_ratio), *curvature)
         return (*known, *bends(data)) if self.bent else known
@@ -121,9 +127,12 @@ def betas_of_theory(data: Observations) -> tuple[Parameter, ...]:
     for plain, radius in zip(betas(data), np.unique(data.presses.radius_mm), strict=True):
         known = beta_range(SILICONE_NU, float(radius) / data.gel.thickness_mm)
         if known is None:
-            raise InputError("presses of one depth need theory's curvature, which is not known at this a/h",
-                             where=f"radius {radius:g} mm", value=float(radius) / data.gel.thickness_mm,
-                             remedy="Press to two depths at least, one twice the other.")  # fmt: skip
+            raise InputError(
+                "presses of one depth need theory's curvature, which is not known at this a/h",
+                where=f"radius {radius:g} mm",
+                value=float(radius) / data.gel.thickness_mm,
+                remedy="Press to two depths at least, one twice the other.",
+            )
         low, high = known if np.all(data.presses.lubricated == 1) else (RUBBING, known[1])
         prior = Prior((low + high) / 2, (high - low) / 4, "finite elements")
         held.append(replace(plain, default=prior.mean, prior=prior))
@@ -155,8 +164,15 @@ def poisson_parameter(gel: Gel, free: bool) -> Parameter:
         if std == 0:
             return Parameter("poisson_ratio", "1", mean, (mean, mean), "Poisson's ratio, as stated", 0.01)
         spread = STATED_NU_STD if std is None else std
-        return Parameter("poisson_ratio", "1", min(mean, 0.4999), (0.0, 0.4999), "Poisson's ratio", 0.01,
-                         Prior(mean, spread, "recording.toml"))  # fmt: skip
+        return Parameter(
+            "poisson_ratio",
+            "1",
+            min(mean, 0.4999),
+            (0.0, 0.4999),
+            "Poisson's ratio",
+            0.01,
+            Prior(mean, spread, "recording.toml"),
+        )
     bounds = (0.3, 0.4999) if free else (NOMINAL_NU, NOMINAL_NU)
     return Parameter("poisson_ratio", "1", NOMINAL_NU, bounds, "Poisson's ratio of the gel", 0.01)
 

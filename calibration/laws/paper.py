@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, betas, on_its_edge, radius_number, starting_modulus
-from calibration.model import Composable
-from calibration.parameters import Parameter
-from calibration.stages import State
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter
+from calibration.model.stages import State
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records import Floats
 

@@ -17,16 +17,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import NOMINAL_NU, poisson_parameter
-from calibration.parameters import Parameter, Prior
-from calibration.stages import State
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import State
 from tactilevision.mechanics.round_contact import Ball, Cone, contact_curve
 from tactilevision.records import Floats, Indenter
 
 BETA_STD = 0.5  # finite elements of flat punches lie between 0 and 1.3
 NODES = 4
-LEAST_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
+MIN_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
 TABLE = 60
 NU_STEP = 0.01
 STIFFNESS_STEP = 1e-4  # of the depth
@@ -42,8 +42,15 @@ def round_parameters(data: Observations, body_of: Callable[[Indenter], Body]) ->
     )
     start = max(float(data.normal_N[deep] / unit[0]), 1e-4)
     modulus = Parameter("youngs_modulus_MPa", "MPa", start, (1e-5, 1e4), "Young's modulus of the gel", start)
-    beta = Parameter("beta", "1", 0.0, (-3.0, 3.0), "what large strain adds", 1.0,
-                     Prior(0.0, BETA_STD, "round contacts have no printed value"))  # fmt: skip
+    beta = Parameter(
+        "beta",
+        "1",
+        0.0,
+        (-3.0, 3.0),
+        "what large strain adds",
+        1.0,
+        Prior(0.0, BETA_STD, "round contacts have no printed value"),
+    )
     return (modulus, poisson_parameter(data.gel, free=False), beta)
 
 
@@ -100,7 +107,7 @@ def _force_over_E(body: Body, thickness_mm: float, nu: float, depth_mm: Floats) 
 
 @lru_cache(maxsize=512)
 def _table(body: Body, thickness_mm: float, nu: float, deepest_mm: float) -> tuple[Floats, Floats]:
-    depth = np.geomspace(LEAST_SHARE * deepest_mm, deepest_mm, TABLE)
+    depth = np.geomspace(MIN_SHARE * deepest_mm, deepest_mm, TABLE)
     return depth, contact_curve(body, depth, thickness_mm=thickness_mm, poisson_ratio=nu).force_over_E_mm2
 
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibration.data import Observations
+from calibration.inputs.observations import Observations
 from calibration.laws.round_body import apply_round, round_parameters
-from calibration.model import Composable
-from calibration.parameters import Parameter
-from calibration.stages import State
+from calibration.model.composition import Composable
+from calibration.model.parameters import Parameter
+from calibration.model.stages import State
 from tactilevision.mechanics.round_contact import Ball
 from tactilevision.records import Floats, Indenter
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.data import Ints
-from calibration.fitting import Fit
-from calibration.measured.tolerances import HEIGHTS
+from calibration.fit.least_squares import Fit
+from calibration.fit.tolerances import HEIGHTS
+from calibration.inputs.observations import Ints
 from tactilevision.records import Floats
 
 
@@ -57,9 +57,11 @@ def allow_for_indenters(fitted: Fit) -> Fit:
         "heights off by more than stated, or an effect that the law lacks; the intervals are widened by it"
     )
     return replace(
-        fitted, covariance=_widened(fitted, ratio), noise=replace(fitted.noise, dof=float(between)),
+        fitted,
+        covariance=_widened(fitted, ratio),
+        noise=replace(fitted.noise, dof=float(between)),
         warnings=(*fitted.warnings, warning),
-    )  # fmt: skip
+    )
 
 
 def _widened(fitted: Fit, ratio: float) -> Floats:

@@ -14,7 +14,7 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
-    from calibration.material.result import CalibrationResult
+    from calibration.result.result import CalibrationResult
     from tactilevision.errors import TactilevisionError
 
 
@@ -75,7 +75,7 @@ def calibrate(
 
 def _calibrate_one(taken: Taken, law: str) -> Outcome:
     """Raises InputError where the measurements were wrong as they came, before any press was looked at."""
-    from calibration.calibrate import calibrate as fit_material
+    from calibration.tasks.calibrate import calibrate as fit_material
     from tactilevision.errors import InputError, NothingCertified
 
     clock = taken.certificate.clock_offset if taken.certificate else None
@@ -92,7 +92,7 @@ def _calibrate_one(taken: Taken, law: str) -> Outcome:
 
 def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     """calibration.json of a recording whose presses fix no material."""
-    from calibration.material.unfixed import unfixed_as_json
+    from calibration.result.undetermined import unfixed_as_json
 
     gel, certificate = taken.recording.sensor.gel, taken.certificate
     clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
@@ -101,7 +101,7 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
 
 
 def _write(outcome: Outcome, folder: Path) -> None:
-    from calibration.pages.report import calibration_page
+    from calibration.report.report import calibration_page
     from tactilevision.cli import pictures
     from tactilevision.files import write_json, write_text
     from tactilevision.recording import write_curves, write_points
@@ -154,7 +154,7 @@ def _describe(taken: Taken, folder: Path) -> None:
 
 
 def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
-    from calibration.history import history
+    from calibration.tasks.history import history
     from tactilevision.cli import pictures
     from tactilevision.recording import write_table
 
@@ -168,8 +168,8 @@ def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
 
 
 def _tell(outcome: Outcome, out: Path) -> None:
-    from calibration.material.unfixed import in_words
-    from calibration.pages.report import summary
+    from calibration.report.report import summary
+    from calibration.result.undetermined import in_words
 
     if outcome.result is not None:
         console.warn(outcome.result.warnings)

@@ -13,14 +13,14 @@ import typer
 
 from tactilevision.cli import console, source
 from tactilevision.errors import InputError
-from tactilevision.flags import MEANING
+from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
-    from tactilevision.folder import FrameResult
-    from tactilevision.press.anchor import FaceAnchor
+    from tactilevision.batch.folder import FrameResult
+    from tactilevision.batch.tree import Branch
+    from tactilevision.certificate.depth.face_depth import FaceDepthCorrection
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
-    from tactilevision.tree import Branch
 
 
 class Form(StrEnum):
@@ -49,21 +49,30 @@ def depth(
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into height maps: depth/NAME.tiff in mm (float32, NaN where invalid), and depth.csv."""
-    from tactilevision.folder import reconstruct_folder
-    from tactilevision.tree import reconstruct_tree
+    from tactilevision.batch.folder import reconstruct_folder
+    from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
     light = _teller(method, warned)
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:
-            raise InputError("a calibration belongs to one recording, not to a tree of them", where=path,
-                             remedy="Name the recording, or leave --calibration out.")  # fmt: skip
+            raise InputError(
+                "a calibration belongs to one recording, not to a tree of them",
+                where=path,
+                remedy="Name the recording, or leave --calibration out.",
+            )
         with console.progress_bar("frames") as progress:
             branches = reconstruct_tree(
-                path, out, read=lambda one: source.open_branch(one, sensor, reference), light=light,
-                form=form.value, workers=workers, progress=progress, with_std=with_std,
-            )  # fmt: skip
+                path,
+                out,
+                read=lambda one: source.open_branch(one, sensor, reference),
+                light=light,
+                form=form.value,
+                workers=workers,
+                progress=progress,
+                with_std=with_std,
+            )
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         _tell(rows, out, f"SOURCE/{maps}")
@@ -71,19 +80,26 @@ def depth(
         recording = source.open_source(path, sensor, reference)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
-            anchor = source.open_anchor(recording, reconstructor, calibration)
+            anchor = source.open_face_correction(recording, reconstructor, calibration)
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
-                recording, reconstructor, out, workers=workers, progress=progress, form=form.value, anchor=anchor,
+                recording,
+                reconstructor,
+                out,
+                workers=workers,
+                progress=progress,
+                form=form.value,
+                anchor=anchor,
                 with_std=with_std,
-            )  # fmt: skip
+            )
         content = {"passed_over": {}, "faces_certified": anchor.gauge is not None}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
         _tell(rows, out, maps)
     console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
-        raise InputError("no frame became a height map", where=out / "depth.csv",
-                         remedy="Its column `status` says why.")  # fmt: skip
+        raise InputError(
+            "no frame became a height map", where=out / "depth.csv", remedy="Its column `status` says why."
+        )
 
 
 def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
@@ -138,8 +154,15 @@ def _tell(rows: tuple[FrameResult, ...], out: Path, maps: str) -> None:
         console.say(f"  deepest: {best.frame}, {best.peak_mm:.3f} mm over {best.contact_area_mm2:.1f} mm²")
 
 
-def _draw(recording: Recording, reconstructor: Reconstructor, rows: tuple[FrameResult, ...], folder: Path, *,
-          most: int, anchor: FaceAnchor) -> None:  # fmt: skip
+def _draw(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    rows: tuple[FrameResult, ...],
+    folder: Path,
+    *,
+    most: int,
+    anchor: FaceDepthCorrection,
+) -> None:
     """The deepest frame of each of the deepest presses, or of stretches of the frames where there are none."""
     from tactilevision.cli import moments
     from tactilevision.plots import style

@@ -13,9 +13,9 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
-    from calibration.data import Observations
-    from calibration.stages import Effect
-    from calibration.steps import Step
+    from calibration.inputs.observations import Observations
+    from calibration.model.stages import Effect
+    from calibration.session import Step
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
@@ -41,10 +41,10 @@ def diagnose(
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     import numpy as np
 
-    from calibration import diagnose as method
     from calibration.effects import written
-    from calibration.pages.diagnosis_report import diagnosis_page, summary
-    from calibration.steps import Step
+    from calibration.report.diagnosis_report import diagnosis_page, summary
+    from calibration.session import Step
+    from calibration.tasks import diagnose as method
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
     from tactilevision.files import staged, write_json, write_text
 
@@ -56,8 +56,11 @@ def diagnose(
         )
     steps = [Step(key, "") for key in known or ()]
     named = {e.key: e for e in found.fitted.model.effects}
-    steps += [Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
-              for e in found.effects if e.key in named]  # fmt: skip
+    steps += [
+        Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
+        for e in found.effects
+        if e.key in named
+    ]
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
@@ -86,8 +89,8 @@ def compare(
     """Add effects one after the other and watch the error, in and out of sample, beside the repeats' floor."""
     import numpy as np
 
-    from calibration import compare as method
-    from calibration.steps import Step
+    from calibration.session import Step
+    from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots import style
@@ -97,8 +100,10 @@ def compare(
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
-    steps = [Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
-             for before, model in pairwise(found.models)]  # fmt: skip
+    steps = [
+        Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
+        for before, model in pairwise(found.models)
+    ]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
@@ -118,7 +123,7 @@ def new_effect(
     key: Annotated[str, typer.Option(help="The effect's name.")] = "my_effect",
 ) -> None:
     """Write a template of an effect of your own, for --effect."""
-    from calibration.private import new_effect as write
+    from calibration.effects.support.private import new_effect as write
 
     write(path, key)
     console.say(f"wrote {path}; use it with: tactilevision diagnose RECORDING --effect {path}")
@@ -131,7 +136,7 @@ def _known(keys: Sequence[str] | None) -> list[Effect]:
 
 
 def _private(paths: Sequence[Path] | None) -> list[Effect]:
-    from calibration.private import load_effect
+    from calibration.effects.support.private import load_effect
 
     return [load_effect(path) for path in paths or ()]
 
@@ -146,8 +151,8 @@ def _with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
 
 def _data(taken: Sequence[Taken]) -> Observations:
     """The curves of these recordings where there are any, else the certified points."""
-    from calibration.calibrate import observe
-    from calibration.observe import observe_all
+    from calibration.inputs.gather import observe_all
+    from calibration.tasks.calibrate import observe
 
     sets = [one.measured for one in taken]
     return observe_all(sets) if any(one.curves for one in sets) else observe(sets)
@@ -162,7 +167,7 @@ def _path_of(key: str, own: Sequence[Effect], paths: Sequence[Path] | None) -> s
 
 def _keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path, out: Path) -> None:
     """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
-    from calibration.steps import History
+    from calibration.session import History
     from tactilevision.files import write_text
 
     history = History(tuple(str(path.resolve()) for path in recordings))
@@ -183,7 +188,7 @@ def steps(
     redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
 ) -> None:
     """The steps of an analysis: show them, take one back, and write the script that repeats them (repeat.sh)."""
-    from calibration.steps import load_history
+    from calibration.session import load_history
     from tactilevision.files import write_text
 
     history = load_history(folder / "history.json")
@@ -195,11 +200,15 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
-        console.say(f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
-                    f"{1e3 * step.rms_after_N:.2f} mN")  # fmt: skip
+        console.say(
+            f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
+            f"{1e3 * step.rms_after_N:.2f} mN"
+        )
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
     console.say(script.splitlines()[-1])
     if (undo or redo) and (folder / "calibration.json").is_file():
-        console.say(f"{folder / 'calibration.json'} is as --apply wrote it: steps change no calibration. Diagnose "
-                    "again without --apply, or calibrate, for one without the effect.")  # fmt: skip
+        console.say(
+            f"{folder / 'calibration.json'} is as --apply wrote it: steps change no calibration. Diagnose "
+            "again without --apply, or calibrate, for one without the effect."
+        )

@@ -9,25 +9,19 @@ from typing import TYPE_CHECKING
 from tactilevision.cli.pictures import keep
 
 if TYPE_CHECKING:
-    from calibration.missing.diagnosis import Diagnosis
-    from calibration.missing.relief import Relief
-    from calibration.pages.diagnosis_report import Drawn
-    from calibration.pages.report import Picture
-    from calibration.stages import Effect
+    from calibration.diagnosis.diagnosis import Diagnosis
+    from calibration.diagnosis.residual_maps import ResidualMap
+    from calibration.model.stages import Effect
+    from calibration.report.diagnosis_report import Drawn
+    from calibration.report.report import Picture
     from tactilevision.cli.measure import Taken
 
 RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"
 
 
-def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
+def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    from calibration.pages.drawing import (
-        confusability,
-        drawn_points,
-        fitted_lines,
-        own_offsets,
-        residual_panels,
-    )
+    from calibration.report.drawing import confusability, drawn_points, fitted_lines, own_offsets, residual_panels
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots.indentation import draw_fit
 
@@ -65,9 +59,9 @@ def evidence(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[
     return kept
 
 
-def _of_the_picture(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -> list[Picture]:
+def _of_the_picture(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> list[Picture]:
     """The picture's depth over the certified one, and what the height maps leave, where there are any."""
-    from calibration.pages.drawing import picture_lacks, sighting
+    from calibration.report.drawing import picture_lacks, sighting
     from tactilevision.plots import diagnosis as draw
 
     kept, seen = [], sighting(found)
@@ -79,15 +73,15 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[Relief], folder: Path) -
         kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png", words))
     for number, one in enumerate(reliefs):
         p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
-        drawn = draw.draw_relief(one.residual_mm, one.axis, one.count)
+        drawn = draw.draw_residual_map(one.residual_mm, one.axis, one.count)
         kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
     return kept
 
 
 def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> list[Drawn]:
     """Each candidate with what it would leave, over what is left."""
-    from calibration.pages.diagnosis_report import Drawn
-    from calibration.pages.drawing import cards
+    from calibration.report.diagnosis_report import Drawn
+    from calibration.report.drawing import cards
     from tactilevision.plots.diagnosis import draw_overlay
 
     made = []
@@ -100,9 +94,9 @@ def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> li
     return made
 
 
-def reliefs(taken: Sequence[Taken]) -> list[Relief]:
+def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:
     """What the height maps of each recording with frames leave."""
-    from calibration.missing.relief import Surface, relief
+    from calibration.diagnosis.residual_maps import Surface, residual_map
 
     found = []
     for one in taken:
@@ -114,9 +108,16 @@ def reliefs(taken: Sequence[Taken]) -> list[Relief]:
             if not point.accepted or evidence is None or evidence.height_map is None or evidence.footprint is None:
                 continue
             indenter = one.recording.indenters[point.indenter]
-            surfaces.append(Surface(evidence.height_map, evidence.footprint.centre_mm, indenter.radius_mm,
-                                    point.depth_mm, indenter.bevel))  # fmt: skip
-        left = relief(surfaces, one.recording.sensor.gel)
+            surfaces.append(
+                Surface(
+                    evidence.height_map,
+                    evidence.footprint.centre_mm,
+                    indenter.radius_mm,
+                    point.depth_mm,
+                    indenter.bevel,
+                )
+            )
+        left = residual_map(surfaces, one.recording.sensor.gel)
         found += [left] if left is not None else []
     return found
 

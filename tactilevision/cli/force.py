@@ -53,7 +53,7 @@ def force(
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    anchor = source.open_anchor(recording, reconstructor, calibration)
+    anchor = source.open_face_correction(recording, reconstructor, calibration)
     job = replace(force_job(recording, reconstructor, material, out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
@@ -76,8 +76,9 @@ def _material(material: Material) -> dict[str, Any]:
 
     found = {}
     values = (material.youngs_modulus_MPa, material.poisson_ratio)
-    for k, (name, unit, value) in enumerate(zip(("youngs_modulus_MPa", "poisson_ratio"), ("MPa", "1"), values,
-                                                strict=True)):  # fmt: skip
+    for k, (name, unit, value) in enumerate(
+        zip(("youngs_modulus_MPa", "poisson_ratio"), ("MPa", "1"), values, strict=True)
+    ):
         std = None if material.covariance is None else float(np.sqrt(material.covariance[k, k]))
         interval = None if std is None else (value - 1.96 * std, value + 1.96 * std)
         found[name] = Estimate(value, std, interval, unit).as_json()
@@ -137,8 +138,9 @@ def _strength(rows: tuple[FrameForce, ...]) -> list[float]:
     return [row.resultant_N[2] if row.read else float("nan") for row in rows]
 
 
-def _figures(recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], folder: Path, *,
-             most: int) -> list[dict[str, Any]]:  # fmt: skip
+def _figures(
+    recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], folder: Path, *, most: int
+) -> list[dict[str, Any]]:
     """Draw the strongest frames, the course of the resultant, what E and nu do to it, and what is left."""
     from tactilevision.cli import moments
     from tactilevision.plots import force as draw
@@ -163,8 +165,9 @@ def _figures(recording: Recording, job: ForceJob, rows: tuple[FrameForce, ...], 
     return said
 
 
-def _sensitivity(job: ForceJob, found: TractionMap, ranges: tuple[Sensitivity, ...],
-                 folder: Path) -> list[dict[str, Any]]:  # fmt: skip
+def _sensitivity(
+    job: ForceJob, found: TractionMap, ranges: tuple[Sensitivity, ...], folder: Path
+) -> list[dict[str, Any]]:
     from tactilevision.plots import force as draw
     from tactilevision.plots import style
 

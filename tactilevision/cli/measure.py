@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from tactilevision.cli import console
 
 if TYPE_CHECKING:
-    from calibration.data import Measured
-    from tactilevision.press.certificate import Certificate
+    from calibration.inputs.observations import Measured
+    from tactilevision.certificate.certificate import Certificate
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint, Estimate
@@ -33,7 +33,7 @@ class Taken:
     @property
     def measured(self) -> Measured:
         """What a fit gets."""
-        from calibration.data import Measured
+        from calibration.inputs.observations import Measured
 
         curves = self.recording.curves if self.certificate is None else ()
         return Measured(self.recording, self.points, curves)
@@ -51,7 +51,7 @@ def take(paths: Sequence[Path]) -> list[Taken]:
 
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
-    from tactilevision.press.beside import with_nu
+    from tactilevision.certificate.depth.surface_beside_punch import with_nu
 
     if taken.certificate is None or taken.reconstructor is None:
         return taken, None
@@ -61,7 +61,7 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
 
 
 def _certified(recording: Recording) -> Taken:
-    from tactilevision.press.certify import certify, require_all
+    from tactilevision.certificate.certify import certify, require_all
     from tactilevision.reconstruct import build_reconstructor
 
     require_all(recording)

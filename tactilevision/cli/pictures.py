@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.pages.report import Picture
+from calibration.report.report import Picture
 from tactilevision.cli.console import Progress
 from tactilevision.files import plain_name
 from tactilevision.plots import indentation, style
@@ -15,16 +15,16 @@ from tactilevision.plots.press import draw_press
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from calibration.history import HistoryRow
-    from calibration.material.result import CalibrationResult
-    from tactilevision.press.certificate import Certificate
+    from calibration.result.result import CalibrationResult
+    from calibration.tasks.history import HistoryRow
+    from tactilevision.certificate.certificate import Certificate
     from tactilevision.recording import Recording
     from tactilevision.records import CertifiedPoint
 
 
 def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
     """Force against depth with the fitted law, and E over nu."""
-    from calibration.pages.drawing import drawn_points, fitted_lines
+    from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
@@ -38,7 +38,7 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
         return keep(indentation.draw_material(*plain), path, words)
-    from calibration.material.joint import joint_picture
+    from calibration.result.joint_region import joint_picture
     from tactilevision.plots.joint import draw_joint
 
     seen = joint_picture(result)

@@ -10,7 +10,7 @@ import typer
 from tactilevision.cli import console
 
 if TYPE_CHECKING:
-    from tactilevision.press.anchor import FaceAnchor
+    from tactilevision.certificate.depth.face_depth import FaceDepthCorrection
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
@@ -42,7 +42,7 @@ def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recor
 
 def is_tree(path: Path) -> bool:
     """Whether frames have to be looked for below `path`: not a recording, a video, or one folder of pictures."""
-    from tactilevision.tree import find_sources
+    from tactilevision.batch.tree import find_sources
 
     return path.is_dir() and find_sources(path) not in ((path,), ())
 
@@ -66,13 +66,15 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     return build_reconstructor(recording, method or ("either" if recording.balls else None))
 
 
-def open_anchor(recording: Recording, reconstructor: Reconstructor, calibration: Path | None) -> FaceAnchor:
+def open_face_correction(
+    recording: Recording, reconstructor: Reconstructor, calibration: Path | None
+) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.press.anchor import UNHELD, face_anchor, read_certified
+    from tactilevision.certificate.depth.face_depth import UNHELD, face_depth_correction, read_certified
 
     if calibration is None:
         return UNHELD
-    anchor = face_anchor(recording, reconstructor, read_certified(calibration))
+    anchor = face_depth_correction(recording, reconstructor, read_certified(calibration))
     if anchor is UNHELD:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])

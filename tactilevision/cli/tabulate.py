@@ -76,8 +76,12 @@ def _grid(
     laws = usual.laws if law is None else tuple(part.strip() for part in law.split(","))
     unknown = sorted(set(laws) - {one.name for one in LAWS})
     if unknown:
-        raise InputError("no such law", where="--law", value=", ".join(unknown),
-                         remedy="There are " + ", ".join(one.name for one in LAWS) + ".")  # fmt: skip
+        raise InputError(
+            "no such law",
+            where="--law",
+            value=", ".join(unknown),
+            remedy="There are " + ", ".join(one.name for one in LAWS) + ".",
+        )
     return Grid(
         laws=laws,
         frictions=_numbers("--friction", friction, usual.frictions, (0.0, math.inf)),

@@ -38,13 +38,18 @@ def train(
 
     if method not in PHOTOMETRIC:
         raise InputError(
-            "no photometric method of that name", where="--method", value=method,
+            "no photometric method of that name",
+            where="--method",
+            value=method,
             remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
-        )  # fmt: skip
+        )
     source = read_recording(recording)
     if not source.balls:
-        raise InputError("no ball presses to train on", where=recording / "reference" / "ball",
-                         remedy="Press a ball of known radius all over the gel, twenty times.")  # fmt: skip
+        raise InputError(
+            "no ball presses to train on",
+            where=recording / "reference" / "ball",
+            remedy="Press a ball of known radius all over the gel, twenty times.",
+        )
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
@@ -58,15 +63,13 @@ def train(
 
 def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
     """What the recording's own certified presses say of the method, for its card; doubts of the scale are told."""
-    from tactilevision.flat_steps import flat_steps
-    from tactilevision.held_out_depth import told
-    from tactilevision.press.gauge import doubt_of_scale
+    from tactilevision.certificate.depth.depth_scale import scale_warning
+    from tactilevision.certificate.step_validation import flat_steps
+    from tactilevision.uncertainty.ball_validation import told
 
     with console.progress_bar("certifying flat steps"):
         steps, why = flat_steps(source, made)
-    doubt = doubt_of_scale(
-        [(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls]
-    )
+    doubt = scale_warning([(s.found_mm, s.true_mm) for s in steps], [ball.ball_radius_mm for ball in source.balls])
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
     return {**known, "doubt_of_scale": doubt} if doubt else dict(known)

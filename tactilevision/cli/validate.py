@@ -13,7 +13,7 @@ from tactilevision.cli.measure import Taken, beside_the_punch, take
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibration.validate import Validation
+    from calibration.tasks.validate import Validation
     from tactilevision.records import Estimate, Material, Pair
 
 
@@ -34,9 +34,9 @@ def validate(
     Says where the error follows the depth. Cases beyond the shipped table are solved on the spot, which takes
     some seconds each.
     """
-    from calibration.calibrate import observe
-    from calibration.pages import validation_report as report
-    from calibration.validate import validate as compare
+    from calibration.report import validation_report as report
+    from calibration.tasks.calibrate import observe
+    from calibration.tasks.validate import validate as compare
     from tactilevision.files import staged, write_json
 
     taken, bulge = beside_the_punch(take([path])[0])
@@ -62,7 +62,7 @@ def _material(taken: Taken, calibration: Path | None, bulge: Estimate | None) ->
     beside = taken.recording.path / "calibration.json"
     if calibration is not None or beside.is_file():
         return read_material(calibration or beside)
-    from calibration.calibrate import calibrate
+    from calibration.tasks.calibrate import calibrate
 
     clock = taken.certificate.clock_offset if taken.certificate else None
     result = calibrate(taken.measured, clock_offset=clock, bulge=bulge)

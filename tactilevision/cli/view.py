@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
-from tactilevision.flags import MEANING
+from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,8 +79,12 @@ def _check_known(forms: list[str]) -> None:
 
     unknown = [form for form in forms if form not in EXPORTS]
     if unknown:
-        raise InputError("no such format of height maps", where="--export", value=unknown[0],
-                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
+        raise InputError(
+            "no such format of height maps",
+            where="--export",
+            value=unknown[0],
+            remedy="Known are " + ", ".join(EXPORTS) + ".",
+        )
 
 
 def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict[str, Figure]:
@@ -125,8 +129,12 @@ class _Opened:
         names = self.recording.frame_names
         stems = [Path(one).stem for one in names]
         if name not in names and name not in stems:
-            raise InputError("has no such frame", where=self.recording.path, value=name,
-                             remedy=f"It has {names[0]} to {names[-1]}.")  # fmt: skip
+            raise InputError(
+                "has no such frame",
+                where=self.recording.path,
+                value=name,
+                remedy=f"It has {names[0]} to {names[-1]}.",
+            )
         return names.index(name) if name in names else stems.index(name)
 
     def stretch(self, what: str) -> list[int]:
@@ -143,8 +151,12 @@ class _Opened:
             return list(range(min(first, last), max(first, last) + 1))
         press = next((one for one in recording.presses if one.press == what), None)
         if press is None:
-            raise InputError("there is no such press", where="--film", value=what,
-                             remedy="Name a press, FIRST:LAST frame, or `all`.")  # fmt: skip
+            raise InputError(
+                "there is no such press",
+                where="--film",
+                value=what,
+                remedy="Name a press, FIRST:LAST frame, or `all`.",
+            )
         times = recording.frame_times_s
         inside = np.flatnonzero((times >= press.start_s) & (times <= press.end_s))
         if not inside.size:
@@ -179,7 +191,7 @@ def _is_tiff(path: Path) -> bool:
 
 
 def _read_tiff(path: Path, mm_per_px: float | None) -> HeightMap:
-    from tactilevision.height_files import read_tiff
+    from tactilevision.exports.tiff import read_tiff
 
     return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.contact.bevel_onset import Onset
 from tactilevision.contact.edge import sample
-from tactilevision.contact.onset import Onset
 from tactilevision.records import Floats, Pair
 
 SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "bottom": (0.0, 1.0), "top": (0.0, -1.0)}

@@ -50,8 +50,14 @@ def fit_circle(
     rms = float(np.sqrt(np.average(residual**2, weights=weights)))
     information = (jacobian * weights[:, None]).T @ jacobian * min(independent / len(points_mm), 1.0)
     variance = np.diag(np.linalg.pinv(information)) * max(rms, 0.1 * scale_mm) ** 2
-    return Circle((float(centre[0]), float(centre[1])), radius, float(np.sqrt(variance[:2].max())),
-                  float(np.sqrt(variance[2])), rms, float(inside.mean()))  # fmt: skip
+    return Circle(
+        (float(centre[0]), float(centre[1])),
+        radius,
+        float(np.sqrt(variance[:2].max())),
+        float(np.sqrt(variance[2])),
+        rms,
+        float(inside.mean()),
+    )
 
 
 def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tuple[Floats, float]:

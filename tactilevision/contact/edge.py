@@ -33,9 +33,13 @@ def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
     """Bilinear values of `field` (H, W) or (H, W, C) at places (A, B, 2) in pixels; NaN outside the picture."""
     grid = places_px.astype(np.float32)
     values = cv2.remap(
-        np.asarray(field, dtype=np.float32), grid[..., 0], grid[..., 1], cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT, borderValue=(float("nan"),) * 4,
-    )  # fmt: skip
+        np.asarray(field, dtype=np.float32),
+        grid[..., 0],
+        grid[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(float("nan"),) * 4,
+    )
     return np.asarray(values, dtype=np.float64)
 
 

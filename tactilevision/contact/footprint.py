@@ -43,8 +43,9 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
         points, steepness, drawn = edge_points(height, *start)
         steep = steepness > 0.25 * np.median(steepness) if len(steepness) else np.zeros(0, dtype=bool)
         arc = 2 * np.pi * start[1] * steep.sum() / 180
-        circle = fit_circle(points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px),
-                            independent=max(arc / 0.5, 4.0))  # fmt: skip
+        circle = fit_circle(
+            points[steep], start=start, scale_mm=0.5 * max(height.mm_per_px), independent=max(arc / 0.5, 4.0)
+        )
         if circle is None or not 0.3 * start[1] < circle.radius_mm < 2.5 * start[1]:
             return None
         start = (circle.centre_mm, circle.radius_mm)
@@ -154,11 +155,17 @@ def _describe(height: HeightMap, circle: Circle, model_mm: float) -> Footprint:
     plane, std = _plane(height.depth_mm[there].astype(np.float64), face, (x, y), height.mm_per_px)
     lever = 0.4 * circle.radius_mm  # rms distance from the middle of the face along one axis
     return Footprint(
-        mask=mask, centre_mm=circle.centre_mm, centre_std_mm=circle.centre_std_mm, radius_mm=circle.radius_mm,
+        mask=mask,
+        centre_mm=circle.centre_mm,
+        centre_std_mm=circle.centre_std_mm,
+        radius_mm=circle.radius_mm,
         radius_std_mm=float(np.hypot(circle.radius_std_mm, model_mm)),
-        tilt=(float(plane[1]), float(plane[2])), tilt_std=std / lever,
-        depth_mm=float(plane[0]), depth_std_mm=std, residual_mm=circle.residual_mm,
-    )  # fmt: skip
+        tilt=(float(plane[1]), float(plane[2])),
+        tilt_std=std / lever,
+        depth_mm=float(plane[0]),
+        depth_std_mm=std,
+        residual_mm=circle.residual_mm,
+    )
 
 
 def _span(offset: Floats, reach: float) -> tuple[int, int]:
@@ -167,8 +174,7 @@ def _span(offset: Floats, reach: float) -> tuple[int, int]:
     return (int(near[0]), int(near[-1]) + 1) if near.size else (0, 0)
 
 
-def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats],
-           mm_per_px: Pair) -> tuple[Floats, float]:  # fmt: skip
+def _plane(depth_mm: Floats, face: Bools, offsets: tuple[Floats, Floats], mm_per_px: Pair) -> tuple[Floats, float]:
     """Plane (depth at the centre, d/dx, d/dy) through the face, and the standard deviation of its depth.
 
     Twice, the second time without what lies beyond 3 sigma. Residuals are alike over the length that their own

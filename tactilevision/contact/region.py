@@ -19,13 +19,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import DepthError
 from tactilevision.records import Bools, HeightMap
-from tactilevision.touching import roughness_mm, untouched_std
+from tactilevision.uncertainty.depth import DepthError
+from tactilevision.uncertainty.untouched_noise import roughness_mm, untouched_std
 
-NOISY, LEAST_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
+NOISY, MIN_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
 WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
-LEAST_PX = 16  # as deep; the outermost pixels of a map are noisier than it states
+MIN_PX = 16  # as deep; the outermost pixels of a map are noisier than it states
 STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
 SPECK = 0.1  # of the largest region
 STEEPEST, LEVELS = 0.9, 20
@@ -38,19 +38,19 @@ Array = npt.NDArray[np.floating[Any]]
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Where something presses (H, W).
 
-    A region is deeper than NOISY robust deviations of the map's shallower half, and than LEAST_MM; as slow waves
-    of untouched gel go as deep as that over wide areas, it counts where LEAST_PX of it are deeper than they are to
+    A region is deeper than NOISY robust deviations of the map's shallower half, and than MIN_MM; as slow waves
+    of untouched gel go as deep as that over wide areas, it counts where MIN_PX of it are deeper than they are to
     be expected anywhere in the picture, by the `error` of the method that made the map. Specks do not count.
     """
     from scipy.ndimage import find_objects
     from skimage.measure import label
 
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), LEAST_MM))
+    deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), MIN_MM))
     labels = label(deep, connectivity=1)
     sizes = np.bincount(labels.ravel())
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
-    sizes[surely < LEAST_PX] = 0
+    sizes[surely < MIN_PX] = 0
     sizes[0] = 0
     windows = find_objects(labels)
     for k in np.flatnonzero((sizes > 0) & (sizes >= SPECK * sizes.max())):

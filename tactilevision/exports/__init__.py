@@ -8,9 +8,9 @@ from pathlib import Path
 from tactilevision.errors import InputError
 from tactilevision.exports.npz import write_npz
 from tactilevision.exports.ply import write_ply
+from tactilevision.exports.tiff import write_tiff
 from tactilevision.exports.vtk import write_vtk
 from tactilevision.exports.zarr_store import write_zarr
-from tactilevision.height_files import write_tiff
 from tactilevision.records import HeightMap
 
 Writer = Callable[[Path, HeightMap], None]
@@ -31,8 +31,12 @@ def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
     """
     writer = EXPORTS.get(form)
     if writer is None:
-        raise InputError("no such format of height maps", where="export", value=form,
-                         remedy="Known are " + ", ".join(EXPORTS) + ".")  # fmt: skip
+        raise InputError(
+            "no such format of height maps",
+            where="export",
+            value=form,
+            remedy="Known are " + ", ".join(EXPORTS) + ".",
+        )
     path = Path(folder) / f"{Path(height.name).stem or 'height'}.{form}"
     writer(path, height)
     return path

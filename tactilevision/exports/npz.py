@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from tactilevision.exports.tiff import masked
 from tactilevision.files import replacing
-from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
 
 

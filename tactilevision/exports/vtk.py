@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.exports.mesh import about, points_mm
+from tactilevision.exports.tiff import masked
 from tactilevision.files import replacing
-from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
 
 

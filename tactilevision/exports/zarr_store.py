@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.exports.tiff import masked
 from tactilevision.files import told_as_output
-from tactilevision.height_files import masked
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -42,14 +42,21 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         _move(scratch, path)
 
 
-def begin_frames(scratch: Path, frames: Sequence[str], fields: Mapping[str, str], *, shape: tuple[int, int],
-                 about: Mapping[str, Any]) -> None:  # fmt: skip
+def begin_frames(
+    scratch: Path,
+    frames: Sequence[str],
+    fields: Mapping[str, str],
+    *,
+    shape: tuple[int, int],
+    about: Mapping[str, Any],
+) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
     with told_as_output(scratch):
         group = _new_group(scratch, about)
         for name, unit in fields.items():
-            array = group.create_array(name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4",
-                                       fill_value=np.nan)  # fmt: skip
+            array = group.create_array(
+                name, shape=(len(frames), *shape), chunks=(1, *shape), dtype="f4", fill_value=np.nan
+            )
             array.attrs.update({"unit": unit, "_ARRAY_DIMENSIONS": ["frame", "y", "x"]})
         names = np.array(list(frames), dtype=np.str_)
         listed = group.create_array("frame", shape=names.shape, dtype=names.dtype)
@@ -98,6 +105,9 @@ def _zarr() -> Any:
     try:
         import zarr
     except ImportError as fault:
-        raise InputError("the package zarr is not installed", where="--format zarr",
-                         remedy="pip install zarr, or choose another format.") from fault  # fmt: skip
+        raise InputError(
+            "the package zarr is not installed",
+            where="--format zarr",
+            remedy="pip install zarr, or choose another format.",
+        ) from fault
     return zarr

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.force.compare import LEAST_N
+from tactilevision.force.compare import MIN_N
 from tactilevision.force.field import CUT
 from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.recording import Recording, write_recording
 from tactilevision.records import Curve, Press
 
-FEWEST = 4  # frames of a press that make a curve
+MIN_COUNT = 4  # frames of a press that make a curve
 
 
 def write_beside(recording: Recording, rows: Sequence[FrameForce], folder: Path) -> Path | None:
@@ -28,7 +28,7 @@ def write_beside(recording: Recording, rows: Sequence[FrameForce], folder: Path)
     presses, curves = [], []
     for press in recording.presses:
         seen = [row for row in rows if row.press == press.press and _whole(row)]
-        if len(seen) >= FEWEST:
+        if len(seen) >= MIN_COUNT:
             curves.append(_curve(press.press, seen))
             presses.append(_placed(press, seen))
     if not curves:
@@ -44,7 +44,7 @@ def write_beside(recording: Recording, rows: Sequence[FrameForce], folder: Path)
 def _whole(row: FrameForce) -> bool:
     """Both forces are there, and neither a cut contact nor a slip of the map on a free gel."""
     touches = row.read and not nothing_touches(row) and CUT not in row.flags
-    return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > LEAST_N
+    return touches and bool(np.isfinite([row.depth_mm, *row.measured_N]).all()) and row.measured_N[2] > MIN_N
 
 
 def _curve(press: str, seen: Sequence[FrameForce]) -> Curve:

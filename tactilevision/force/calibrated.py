@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
 
-MOST_POISSON = 0.4999
+MAX_POISSON = 0.4999
 SAME_GEL = 0.01
 
 
@@ -54,8 +54,12 @@ def read_material(path: Path | str) -> Material:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:
-        raise InputError("is not a calibration that can be read", where=path, value=str(fault),
-                         remedy="Make one with `tactilevision calibrate`.") from fault  # fmt: skip
+        raise InputError(
+            "is not a calibration that can be read",
+            where=path,
+            value=str(fault),
+            remedy="Make one with `tactilevision calibrate`.",
+        ) from fault
     if not isinstance(content, dict):
         raise InputError("is not a calibration", where=path, value=type(content).__name__)
     modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", path)
@@ -63,12 +67,13 @@ def read_material(path: Path | str) -> Material:
     covariance = _covariance(content)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
-    incompressible = MOST_POISSON < poisson <= 0.5
-    return Material(modulus, MOST_POISSON if incompressible else poisson, covariance)
+    incompressible = MAX_POISSON < poisson <= 0.5
+    return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
 
 
-def material_sensitivity(field: ForceField, found: TractionMap, height: HeightMap,
-                         shear: ShearMap | None = None) -> tuple[Sensitivity, ...]:  # fmt: skip
+def material_sensitivity(
+    field: ForceField, found: TractionMap, height: HeightMap, shear: ShearMap | None = None
+) -> tuple[Sensitivity, ...]:
     """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance, the other of
     the two held; then with both, as far as they vary together (to first order). `found` is what `field` made of
     the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
@@ -77,11 +82,14 @@ def material_sensitivity(field: ForceField, found: TractionMap, height: HeightMa
     """
     material = field.material
     if material.covariance is None:
-        raise InputError("the material says nothing of its own uncertainty", where="material_sensitivity",
-                         remedy="Take it from calibration.json, or give Material a covariance.")  # fmt: skip
+        raise InputError(
+            "the material says nothing of its own uncertainty",
+            where="material_sensitivity",
+            remedy="Take it from calibration.json, or give Material a covariance.",
+        )
     half = 1.96 * np.sqrt(np.diag(material.covariance))
     moduli = tuple(max(material.youngs_modulus_MPa + s * half[0], 1e-9) for s in (-1, 1))
-    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MOST_POISSON)) for s in (-1, 1))
+    ratios = tuple(float(np.clip(material.poisson_ratio + s * half[1], 0.0, MAX_POISSON)) for s in (-1, 1))
 
     def at(poisson_ratio: float) -> tuple[float, float, float]:
         changed = replace(material, poisson_ratio=poisson_ratio, covariance=None)  # its deviation is not asked for
@@ -146,9 +154,12 @@ def check_gel(path: Path | str, gel: Gel) -> None:
     made_on = json.loads(Path(path).read_text(encoding="utf-8")).get("gel")
     thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
     if isinstance(thickness, int | float) and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
-        raise InputError("is the calibration of another gel", where=path,
-                         value=f"{thickness:g} mm thick, this one {gel.thickness_mm:g} mm",
-                         remedy="Calibrate this sensor; E and nu go with one gel.")  # fmt: skip
+        raise InputError(
+            "is the calibration of another gel",
+            where=path,
+            value=f"{thickness:g} mm thick, this one {gel.thickness_mm:g} mm",
+            remedy="Calibrate this sensor; E and nu go with one gel.",
+        )
 
 
 def read_clock_offset(path: Path | str) -> float | None:

@@ -19,7 +19,7 @@ from tactilevision.force.frame import FrameForce, nothing_touches
 from tactilevision.records import Floats
 
 AXES = ("x", "y", "z")
-LEAST_N = 0.05  # a ratio of smaller forces says nothing
+MIN_N = 0.05  # a ratio of smaller forces says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +46,14 @@ class Residuals:
     def ratio(self) -> Floats:
         """Force from the picture over the reading along z (N,); NaN where the reading is small."""
         read = self.measured_N[:, 2]
-        found = np.divide(self.force_N[:, 2], read, out=np.full(len(read), np.nan), where=read > LEAST_N)
+        found = np.divide(self.force_N[:, 2], read, out=np.full(len(read), np.nan), where=read > MIN_N)
         return np.asarray(found)
 
     @property
     def direction_deg(self) -> Floats:
         """Of the reading along the gel (N,), clockwise from x as the camera sees it; NaN where it is small."""
         x, y = self.measured_N[:, 0], self.measured_N[:, 1]
-        return np.where(np.hypot(x, y) > LEAST_N, np.degrees(np.arctan2(y, x)), np.nan)
+        return np.where(np.hypot(x, y) > MIN_N, np.degrees(np.arctan2(y, x)), np.nan)
 
 
 def residuals(rows: Sequence[FrameForce], *, flagged: Sequence[str] = ()) -> Residuals | None:

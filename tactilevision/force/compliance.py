@@ -19,8 +19,8 @@ from scipy import fft
 from tactilevision.errors import InputError
 from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import CellCompliance, layer_cells
+from tactilevision.force.lateral_boundaries.table import SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
-from tactilevision.force.sides.table import SideTable, side_table
 from tactilevision.records import Bools, Floats, Gel
 
 POISSON_STEP = 1e-3
@@ -117,8 +117,12 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
     """
     inside = _on_gel(gel, grid)
     if not inside.any():
-        raise InputError("no part of the view lies on the gel", where="gel_compliance", value=gel,
-                         remedy="Check radius_mm or size_mm of [sensor.gel].")  # fmt: skip
+        raise InputError(
+            "no part of the view lies on the gel",
+            where="gel_compliance",
+            value=gel,
+            remedy="Check radius_mm or size_mm of [sensor.gel].",
+        )
     layer = layer_cells(grid, thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio)
     table = side_table(gel, grid, poisson_ratio=poisson_ratio) if sides else None
     return GelCompliance(gel, poisson_ratio, layer, inside, table)

@@ -43,7 +43,7 @@ MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
-MOST_OF_VIEW = 0.9
+MAX_OF_VIEW = 0.9
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -72,8 +72,15 @@ class ForceSettings:
 class ForceField:
     """`ForceField(gel, material, mm_per_px)(height, shear)`; shear None leaves fx and fy unknown (NaN)."""
 
-    def __init__(self, gel: Gel, material: Material, mm_per_px: Pair, *, view_px: tuple[int, int] | None = None,
-                 settings: ForceSettings | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        gel: Gel,
+        material: Material,
+        mm_per_px: Pair,
+        *,
+        view_px: tuple[int, int] | None = None,
+        settings: ForceSettings | None = None,
+    ) -> None:
         self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
         alike = self.settings.depth_correlation_px
@@ -82,8 +89,9 @@ class ForceField:
         )
         self.compliance: GelCompliance | None = None if view_px is None else self._set_up(view_px)
 
-    def __call__(self, height: HeightMap, shear: ShearMap | None = None, *,
-                 measured: MeasuredForce | None = None) -> TractionMap:  # fmt: skip
+    def __call__(
+        self, height: HeightMap, shear: ShearMap | None = None, *, measured: MeasuredForce | None = None
+    ) -> TractionMap:
         """Traction on the gel at the moment of `height`.
 
         Raises InputError where the maps do not fit the field (another sensor's scale or size).
@@ -112,7 +120,7 @@ class ForceField:
         grid = compliance.grid
         seen = observe(grid, height, shear, noise=self._noise, inside=compliance.inside)
         flags = list(seen.flags)
-        flags += [] if compliance.inside.mean() > MOST_OF_VIEW else [SMALL_GEL]
+        flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
         cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)
         found = self._solve(compliance, seen, cells) if len(cells) else None
         if found is not None and len(found.cells):
@@ -147,8 +155,14 @@ class ForceField:
             )
         return solve_all(compliance, cells, u, seen.std_mm, poisson_ratio=nu, adhesive=adhesive)
 
-    def _report(self, compliance: GelCompliance, seen: Observation, found: Solution, height: HeightMap,
-                flags: tuple[str, ...]) -> TractionMap:  # fmt: skip
+    def _report(
+        self,
+        compliance: GelCompliance,
+        seen: Observation,
+        found: Solution,
+        height: HeightMap,
+        flags: tuple[str, ...],
+    ) -> TractionMap:
         grid, modulus, parts = compliance.grid, self.material.youngs_modulus_MPa, len(found.traction)
         stiffer, by_share = self._stiffening(compliance, seen, found)
         scale = modulus * stiffer
@@ -182,8 +196,14 @@ class ForceField:
         """Factor (C,) on the linear tractions, and how its logarithm grows with the share of friction's effect."""
         deep = np.ones(len(found.cells))
         if self.settings.large_depth:
-            deep = depth_factors(compliance.grid, found.cells, found.traction[-1], seen.displacement_mm,
-                                 gel=self.gel, poisson_ratio=self.material.poisson_ratio)  # fmt: skip
+            deep = depth_factors(
+                compliance.grid,
+                found.cells,
+                found.traction[-1],
+                seen.displacement_mm,
+                gel=self.gel,
+                poisson_ratio=self.material.poisson_ratio,
+            )
         if len(found.traction) == 3:
             return deep, np.zeros(len(deep))
         more = np.stack([deep - 1, np.full(len(deep), self._sticking(compliance, seen, found))])
@@ -193,12 +213,19 @@ class ForceField:
         """By how much of itself the normal force would be greater if the gel had not slipped at all, linearly."""
         depth = seen.displacement_mm[-1].ravel()[found.cells]
         held = np.stack([0 * depth, 0 * depth, depth])
-        stuck = solve_all(compliance, found.cells, held, np.repeat(seen.std_mm[-1:], 3),
-                          poisson_ratio=self.material.poisson_ratio, adhesive=True)  # fmt: skip
+        stuck = solve_all(
+            compliance,
+            found.cells,
+            held,
+            np.repeat(seen.std_mm[-1:], 3),
+            poisson_ratio=self.material.poisson_ratio,
+            adhesive=True,
+        )
         return max(0.0, float(stuck.traction[2].sum() / found.traction[0].sum()) - 1)
 
-    def _material_variance(self, compliance: GelCompliance, found: Solution, weights: Floats,
-                           total: Floats) -> Floats:  # fmt: skip
+    def _material_variance(
+        self, compliance: GelCompliance, found: Solution, weights: Floats, total: Floats
+    ) -> Floats:
         """Variance (6,) of force and moment that the calibration's own covariance of (E, nu) implies."""
         covariance = self.material.covariance
         if covariance is None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactilevision.batch.jobs import Journal, clear_leftovers, fingerprint_of, run_job, way_of_reading
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.force.field import ForceField, ForceSettings
@@ -25,7 +26,6 @@ from tactilevision.recording import Recording, read_image
 from tactilevision.records import Bytes, Material
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
-from tactilevision.streaming import Journal, clear_leftovers, fingerprint_of, run_job, way_of_reading
 
 TABLE, JOURNAL = "resultants.csv", ".force-journal.csv"
 AXES = ("fx", "fy", "fz")
@@ -33,9 +33,14 @@ COLUMNS = ("frame", "time_s", *(f"{a}_N" for a in AXES), *(f"{a}_std_N" for a in
            "mz_Nmm", "depth_mm", "x_mm", "y_mm", "flags", "press", *(f"ft_{a}_N" for a in AXES))  # fmt: skip
 
 
-def force_folder(recording: Recording, job: ForceJob, *, clock_offset_s: float | None = None,
-                 workers: int | None = None,
-                 progress: Callable[[int, int], None] | None = None) -> tuple[FrameForce, ...]:  # fmt: skip
+def force_folder(
+    recording: Recording,
+    job: ForceJob,
+    *,
+    clock_offset_s: float | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[FrameForce, ...]:
     """Write the tractions of every frame (store.py) and resultants.csv; returns its rows in the frames' order.
 
     `job` is what `force_job` gives. `clock_offset_s` (F/T minus camera) stands in where the recording does not
@@ -64,8 +69,11 @@ def force_job(recording: Recording, reconstructor: Reconstructor, material: Mate
     """
     sensor = recording.sensor
     if sensor.gel is None:
-        raise InputError("forces need the gel's thickness", where=recording.path / "recording.toml",
-                         remedy="Add [sensor.gel] with thickness_mm, shape and size.")  # fmt: skip
+        raise InputError(
+            "forces need the gel's thickness",
+            where=recording.path / "recording.toml",
+            remedy="Add [sensor.gel] with thickness_mm, shape and size.",
+        )
     view = (sensor.height_px, sensor.width_px)
     field = ForceField(sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings)
     assert field.compliance is not None
@@ -85,8 +93,9 @@ def beside(row: FrameForce, readings: Readings) -> FrameForce:
     press = readings.press_at(row.time_s)
     if press is None:
         return replace(row, measured_N=triple(readings.at(row.time_s)))
-    return replace(row, measured_N=triple(readings.at(row.time_s)), press=press.press,
-                   reading_clipped=readings.clipped(press))  # fmt: skip
+    return replace(
+        row, measured_N=triple(readings.at(row.time_s)), press=press.press, reading_clipped=readings.clipped(press)
+    )
 
 
 def table(rows: Sequence[FrameForce]) -> str:

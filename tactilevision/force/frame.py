@@ -7,17 +7,17 @@ from typing import Self
 
 import numpy as np
 
+from tactilevision.batch.jobs import Row
+from tactilevision.certificate.depth.face_depth import UNHELD, FaceDepthCorrection
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.flags import MEANING
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
 from tactilevision.force.store import FIELDS, TractionStore
-from tactilevision.press.anchor import UNHELD, FaceAnchor
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame
 from tactilevision.records import Frame, HeightMap, ShearMap, TractionMap
+from tactilevision.records.flags import MEANING
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
-from tactilevision.streaming import Row
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
 NOTHING = (float("nan"),) * 3
@@ -53,8 +53,14 @@ class FrameForce:
 
     def as_row(self) -> Row:
         """As text, every digit kept, without what is put beside it later."""
-        numbers = (self.time_s, *self.resultant_N, *self.resultant_std_N, *self.moment_Nmm, self.depth_mm,
-                   *self.place_mm)  # fmt: skip
+        numbers = (
+            self.time_s,
+            *self.resultant_N,
+            *self.resultant_std_N,
+            *self.moment_Nmm,
+            self.depth_mm,
+            *self.place_mm,
+        )
         return (self.frame, *(repr(float(number)) for number in numbers), self.flags, self.why)
 
     @classmethod
@@ -87,7 +93,7 @@ class ForceJob:
     untouched: Untouched | None
     store: TractionStore
     columns: int = 16
-    anchor: FaceAnchor = UNHELD
+    anchor: FaceDepthCorrection = UNHELD
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
         """Keep the tractions; the row holds the resultant, or why there is none."""
@@ -141,8 +147,10 @@ def as_force(found: TractionMap, frame: Frame) -> FrameForce:
     if total > 0:
         rows, columns = np.indices(pressure.shape)
         step_x, step_y = found.mm_per_px
-        place = (found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
-                 found.first_mm[1] + step_y * float((rows * pressure).sum()) / total)  # fmt: skip
+        place = (
+            found.first_mm[0] + step_x * float((columns * pressure).sum()) / total,
+            found.first_mm[1] + step_y * float((rows * pressure).sum()) / total,
+        )
     return FrameForce(frame.name, frame.time_s, found.resultant_N, found.resultant_std_N,
                       found.moment_Nmm or NOTHING, found.depth_mm, place, "; ".join(found.flags))  # fmt: skip
 

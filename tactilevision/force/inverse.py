@@ -35,7 +35,7 @@ from tactilevision.records import Floats
 
 SUBCELL = 0.42
 SUBCELL_STEP = 0.10
-ROUNDS = 40
+MAX_ITERATIONS = 40
 Cells = npt.NDArray[np.intp]
 
 
@@ -122,15 +122,16 @@ def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std
     return _narrow(whole, compliance.grid, cells, displacement_mm, std_mm, poisson_ratio, adhesive)
 
 
-def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float,
-            adhesive: bool) -> Solution:  # fmt: skip
+def _narrow(
+    whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floats, poisson_ratio: float, adhesive: bool
+) -> Solution:
     """Solve, leave out the cells that pull, again, until none does. No cell is left where all of them would
     pull.
     """
     unit = grid.spacing_mm * (1 - poisson_ratio**2)
     active = np.arange(len(cells))
     rms = _rms_guess(u, unit)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         factor, x = _solved(whole, grid, cells, active, u[:, active], unit, std_mm / rms)
         drop = np.zeros(len(active), dtype=bool) if adhesive else pulling(x[-1])
         rms = _rms(x, std_mm / unit)
@@ -139,11 +140,12 @@ def _narrow(whole: Floats, grid: NodeGrid, cells: Cells, u: Floats, std_mm: Floa
         active = active[~drop]
         if len(active) == 0:
             return Solution(cells[:0], x[:, :0], factor[:0, :0], SUBCELL * unit)
-    raise ConvergenceError(f"the contact did not settle in {ROUNDS} rounds")
+    raise ConvergenceError(f"the contact did not settle in {MAX_ITERATIONS} rounds")
 
 
-def _solved(whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float,
-            noise: Floats) -> tuple[Floats, Floats]:  # fmt: skip
+def _solved(
+    whole: Floats, grid: NodeGrid, cells: Cells, active: Cells, u: Floats, unit: float, noise: Floats
+) -> tuple[Floats, Floats]:
     count, parts = len(active), len(u)
     every = np.concatenate([active + k * len(cells) for k in range(parts)])
     matrix = whole.copy() if count == len(cells) else whole[np.ix_(every, every)]

@@ -31,9 +31,14 @@ THINNEST = 0.5
 
 
 def depth_factors(
-    grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], pressure: Floats, displacement_mm: Floats, *,
-    gel: Gel, poisson_ratio: float,
-) -> Floats:  # fmt: skip
+    grid: NodeGrid,
+    cells: np.ndarray[tuple[int], np.dtype[np.intp]],
+    pressure: Floats,
+    displacement_mm: Floats,
+    *,
+    gel: Gel,
+    poisson_ratio: float,
+) -> Floats:
     """Factor (C,) on the tractions of `cells`.
 
     `displacement_mm` (3 or 1, rows, columns): x, y, z, or z alone where there is no shear.
@@ -50,13 +55,19 @@ def depth_factors(
     stretch = np.zeros(count)
     if len(displacement_mm) == 3:
         stretch = np.bincount(which, surface_stretch(grid, displacement_mm).ravel()[cells], count) / size
-    factor = patch_factor(np.sqrt(size * grid.cell_mm2 / np.pi), depth, stretch,
-                          thickness_mm=gel.thickness_mm, poisson_ratio=poisson_ratio)  # fmt: skip
+    factor = patch_factor(
+        np.sqrt(size * grid.cell_mm2 / np.pi),
+        depth,
+        stretch,
+        thickness_mm=gel.thickness_mm,
+        poisson_ratio=poisson_ratio,
+    )
     return factor[which]
 
 
-def patch_factor(radius_mm: Floats, depth_mm: Floats, stretch: Floats, *, thickness_mm: float,
-                 poisson_ratio: float) -> Floats:  # fmt: skip
+def patch_factor(
+    radius_mm: Floats, depth_mm: Floats, stretch: Floats, *, thickness_mm: float, poisson_ratio: float
+) -> Floats:
     """The factor of each patch; arrays alike."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)
     thinner = thickness_mm - depth * radius_mm**2 / (radius_mm**2 + thickness_mm**2)

@@ -51,8 +51,12 @@ class NodeGrid:
 def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, spacing_mm: float) -> NodeGrid:
     """As many whole cells as fit into the view. Raises InputError on a scale or spacing that makes no grid."""
     if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
-        raise InputError("forces need the scale in mm per pixel, x and y, above 0", where="lay_grid",
-                         value=mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
+        raise InputError(
+            "forces need the scale in mm per pixel, x and y, above 0",
+            where="lay_grid",
+            value=mm_per_px,
+            remedy="Set sensor.mm_per_px in recording.toml.",
+        )
     if not spacing_mm >= max(mm_per_px):
         raise InputError("the spacing of the forces lies at or above a pixel", where="lay_grid", value=spacing_mm)
     shape = (
@@ -60,16 +64,23 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, spacing_mm: float) -> No
         int(view_px[1] * mm_per_px[0] / spacing_mm + 1e-9),
     )
     if min(shape) < 4:
-        raise InputError("the view is less than 4 cells wide", where="lay_grid", value=shape,
-                         remedy="Check mm_per_px, or choose a finer spacing.")  # fmt: skip
+        raise InputError(
+            "the view is less than 4 cells wide",
+            where="lay_grid",
+            value=shape,
+            remedy="Check mm_per_px, or choose a finer spacing.",
+        )
     return NodeGrid(shape, float(spacing_mm), view_px, mm_per_px)
 
 
 def cell_means(grid: NodeGrid, picture: Array, valid: Bools | None) -> tuple[Floats, Bools]:
     """Mean of `picture` (H, W) over each cell, and whether enough of the cell is known. Unknown cells are 0."""
     if picture.shape != grid.view_px:
-        raise InputError("the picture has the size that the force field was made for", where="cell_means",
-                         value=(picture.shape, grid.view_px))  # fmt: skip
+        raise InputError(
+            "the picture has the size that the force field was made for",
+            where="cell_means",
+            value=(picture.shape, grid.view_px),
+        )
     down, along = _overlaps(grid)
     single = np.asarray(picture, dtype=np.float32)  # a mean over a cell rounds at 1e-7 of it
     if valid is None or valid.all():

@@ -18,7 +18,7 @@ from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records import Bools, Floats, HeightMap, ShearMap
 
 MAD_TO_STD = 1.4826
-FEWEST_FAR = 50
+MIN_FAR = 50
 SAME_SCALE = 1e-3
 TINY = 1e-12
 
@@ -48,8 +48,9 @@ class PixelNoise:
     away_mm: float
 
 
-def observe(grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise,
-            inside: Bools) -> Observation:  # fmt: skip
+def observe(
+    grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise, inside: Bools
+) -> Observation:
     """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
 
     Raises InputError where the maps do not belong to the grid or carry no number at all.
@@ -86,8 +87,9 @@ def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, 
         u_x, u_y = (np.where(shear.valid, u, np.float32(0)) for u in (u_x, u_y))
     map_x = u_x * np.float32(1 / shear.mm_per_px[0]) + np.arange(columns, dtype=np.float32)[None, :]
     map_y = u_y * np.float32(1 / shear.mm_per_px[1]) + np.arange(rows, dtype=np.float32)[:, None]
-    moved = cv2.remap(np.asarray(depth, dtype=np.float32), map_x, map_y, cv2.INTER_LINEAR,
-                      borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+    moved = cv2.remap(
+        np.asarray(depth, dtype=np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     if known.all():
         return moved, known
     there = cv2.remap(known.astype(np.uint8), map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
@@ -107,13 +109,13 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     """Robust size of the depths `away_mm` and more from whatever is half as deep as the deepest cell.
 
     There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
-    Where fewer than FEWEST_FAR cells are so far, the quarter that is farthest stands in.
+    Where fewer than MIN_FAR cells are so far, the quarter that is farthest stands in.
     """
     distance = _from_deep(grid, depth, known)
     if distance is None:
         return 0.0
     far = depth[known][distance > away_mm]
-    if far.size < FEWEST_FAR:
+    if far.size < MIN_FAR:
         far = depth[known][distance >= np.quantile(distance, 0.75)]
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
@@ -122,10 +124,10 @@ def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, awa
     """By what factor, at least 1, the gel that lies still is farther from flat than the map's `std_mm` says.
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
-    FEWEST_FAR the map stands for itself.
+    MIN_FAR the map stands for itself.
     """
     distance = _from_deep(grid, depth, known)
-    if distance is None or np.count_nonzero(distance > away_mm) < FEWEST_FAR:
+    if distance is None or np.count_nonzero(distance > away_mm) < MIN_FAR:
         return 1.0
     pull = np.abs(depth[known]) / np.maximum(std_mm[known], TINY)
     return max(1.0, float(MAD_TO_STD * np.median(pull[distance > away_mm])))
@@ -209,7 +211,10 @@ def _check(grid: NodeGrid, height: HeightMap, shear: ShearMap | None) -> None:
             remedy="Make a ForceField for this sensor; a calibration holds for its own alone.",
         )
     if height.depth_mm.shape != grid.view_px:
-        raise InputError("the height map has another size than the force field was made for", where=height.name,
-                         value=(height.depth_mm.shape, grid.view_px))  # fmt: skip
+        raise InputError(
+            "the height map has another size than the force field was made for",
+            where=height.name,
+            value=(height.depth_mm.shape, grid.view_px),
+        )
     if shear is not None and shear.u_x_mm.shape != grid.view_px:
         raise InputError("shear and height map have one size", where=height.name, value=shear.u_x_mm.shape)

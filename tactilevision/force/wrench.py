@@ -33,8 +33,11 @@ class MeasuredForce:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.force_N).all() and np.isfinite(self.std_N).all() and min(self.std_N) >= 0):
-            raise InputError("a measured force is three finite numbers, its standard deviations at or above 0",
-                             where="MeasuredForce", value=(self.force_N, self.std_N))  # fmt: skip
+            raise InputError(
+                "a measured force is three finite numbers, its standard deviations at or above 0",
+                where="MeasuredForce",
+                value=(self.force_N, self.std_N),
+            )
 
 
 def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], parts: int) -> Floats:
@@ -60,8 +63,12 @@ def constrain(found: TractionMap, measured: MeasuredForce) -> TractionMap:
     pressure = np.nan_to_num(found.t_z)
     total = float(pressure.sum()) * found.mm_per_px[0] * found.mm_per_px[1]
     if not total > 0:
-        return replace(found, mismatch_N=triple(mismatch), mismatch_sigma=health,
-                       flags=(*found.flags, "measured force not used: no contact"))  # fmt: skip
+        return replace(
+            found,
+            mismatch_N=triple(mismatch),
+            mismatch_sigma=health,
+            flags=(*found.flags, "measured force not used: no contact"),
+        )
     share = np.divide(own**2, spread**2, out=np.zeros(3), where=spread > 0)
     step = -share * mismatch
     fields = [t + s * pressure / total for t, s in zip((found.t_x, found.t_y, found.t_z), step, strict=True)]

@@ -1,4 +1,4 @@
-"""The pair of cosine transforms of `tactilevision.cosine`, by complex Fourier transforms of the same length.
+"""The cosine transforms of `tactilevision.integration.dct_poisson` by complex Fourier transforms of equal length.
 
     X_k = Re(2 exp(-i pi k/2N) V_k)     V: Fourier transform of x_0 x_2 x_4 ... x_5 x_3 x_1
 and back, V_k = exp(i pi k/2N) (X_k - i X_(N-k)) / 2 with X_N = 0.
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from tactilevision.cosine import inverse_eigenvalues
+from tactilevision.integration.dct_poisson import inverse_eigenvalues
 from tactilevision.records import Pair
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from tactilevision.photometric.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.method import Evaluator
-from tactilevision.photometric.network import NetworkEvaluator
-from tactilevision.photometric.polynomial import MOST, RAISED, PolynomialEvaluator
+from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
+from tactilevision.photometric.methods.network import NetworkEvaluator
+from tactilevision.photometric.methods.polynomial import MOST, RAISED, PolynomialEvaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
 
@@ -45,8 +45,10 @@ def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
 
 def _lookup(evaluate: LookupEvaluator, device: str) -> Law:
     table = torch.from_numpy(evaluate.slopes.view(np.float32).reshape(-1, 2).T.copy()).to(device)
-    per, shift = (torch.as_tensor(v, dtype=torch.float32, device=device)[:, None, None]
-                  for v in (evaluate.per, evaluate.shift))  # fmt: skip
+    per, shift = (
+        torch.as_tensor(v, dtype=torch.float32, device=device)[:, None, None]
+        for v in (evaluate.per, evaluate.shift)
+    )
 
     def slopes(change: torch.Tensor) -> torch.Tensor:
         cells = torch.round(change * per + shift).clamp(0, FINE - 1).long()

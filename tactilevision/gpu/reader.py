@@ -11,10 +11,10 @@ import torch
 
 from tactilevision.gpu.cosine import TorchSolver
 from tactilevision.gpu.laws import Law, law_on
-from tactilevision.photometric.calm import Look, Reading
-from tactilevision.photometric.change import ChangeMaps, Planes
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
 from tactilevision.photometric.method import CalibratedMethod, Evaluator
-from tactilevision.photometric.response import SOFTENING_GREY
+from tactilevision.photometric.multiresolution import Reading, TiledSlopes
 from tactilevision.records import Bytes, Pair, SlopeMap
 
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -25,7 +25,7 @@ class TorchReader:
 
     def __init__(self, method: CalibratedMethod, mm_per_px: Pair, device: str) -> None:
         """Raises LookupError for a colour law that torch is not told of."""
-        self.method, self.device, self.calm = method, device, method.calm_reader
+        self.method, self.device, self.calm = method, device, method.tiled_evaluator
         self.solver = TorchSolver(method.reference.shape, mm_per_px, device)
         self.whole = _Maps(method.change.maps, method.evaluate, method.calm, method.bias, device=device)
         calm = self.calm
@@ -52,7 +52,7 @@ class TorchReader:
             steepest = _steepest(slopes)
         return Reading(SlopeMap(found[0], found[1], valid & method.readable), drift, steepest), depth
 
-    def look(self, rgb: Bytes) -> Look:
+    def look(self, rgb: Bytes) -> TiledSlopes:
         """What a frame says, calm gel in means, as the method's own reader of calm gel gives it."""
         assert self.calm is not None
         assert self.half is not None
@@ -67,7 +67,9 @@ class TorchReader:
             fine = [slopes[:, *window] for window in windows]
             steepest = max(_steepest(part) for part in (coarse, *fine))
         valid = valid & self.method.readable
-        return Look(coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest)
+        return TiledSlopes(
+            coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest
+        )
 
     def _greys(self) -> torch.Tensor:
         """Grey levels (3, H, W) of the frame that the method has taken in."""

@@ -56,8 +56,9 @@ def softening(
         ("a/h lies", A_OVER_H_NODES[0], A_OVER_H_NODES[-1], alpha),
     ):
         if not low - 1e-9 <= value <= high + 1e-9:
-            raise InputError(f"the table of softening has where {what} in [{low:g}, {high:g}]", where="softening",
-                             value=value)  # fmt: skip
+            raise InputError(
+                f"the table of softening has where {what} in [{low:g}, {high:g}]", where="softening", value=value
+            )
     along = np.tensordot(_weights(A_OVER_H_NODES, alpha), _table()[0], 1)
     line = np.tensordot(_weights(POISSON_NODES, poisson_ratio), along, 1)
     nodes = np.array(DISTANCES)

@@ -67,8 +67,12 @@ def write_material(path: Path | str, material: Material) -> None:
     elif suffix in WRITERS:
         write_text(path, WRITERS[suffix](material))
     else:
-        raise InputError("no material card has this suffix", where=path, value=suffix,
-                         remedy=f"Choose one of {', '.join([*WRITERS, '.json'])}.")  # fmt: skip
+        raise InputError(
+            "no material card has this suffix",
+            where=path,
+            value=suffix,
+            remedy=f"Choose one of {', '.join([*WRITERS, '.json'])}.",
+        )
 
 
 def _keywords(material: Material, name: str, hyperelastic: str) -> str:
@@ -82,6 +86,9 @@ def _origin(material: Material) -> str:
 
 def _plain(name: str) -> str:
     if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum() and name[0].isalpha()):
-        raise InputError("a material's name begins with a letter and holds letters, digits, - and _",
-                         where="material card", value=name)  # fmt: skip
+        raise InputError(
+            "a material's name begins with a letter and holds letters, digits, - and _",
+            where="material card",
+            value=name,
+        )
     return name

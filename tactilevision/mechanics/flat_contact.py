@@ -29,11 +29,18 @@ class FlatContact:
         sizes = (self.radius_mm, self.edge_radius_mm, self.thickness_mm)
         sound = np.isfinite(sizes).all() and self.thickness_mm > 0 and 0 <= self.edge_radius_mm < self.radius_mm
         if not sound:
-            raise InputError("radius and thickness lie above 0 mm, the edge's radius in [0, radius)",
-                             where="FlatContact", value=sizes)  # fmt: skip
+            raise InputError(
+                "radius and thickness lie above 0 mm, the edge's radius in [0, radius)",
+                where="FlatContact",
+                value=sizes,
+            )
         if not self.radius_mm < self.pad_radius_mm:
-            raise InputError("the punch is as wide as the gel pad", where="FlatContact", value=self.radius_mm,
-                             remedy=f"The pad reaches {self.pad_radius_mm:g} mm from its centre.")  # fmt: skip
+            raise InputError(
+                "the punch is as wide as the gel pad",
+                where="FlatContact",
+                value=self.radius_mm,
+                remedy=f"The pad reaches {self.pad_radius_mm:g} mm from its centre.",
+            )
         if not self.friction >= 0:
             raise InputError("friction is 0 or more, inf for no slip", where="FlatContact", value=self.friction)
 

@@ -100,15 +100,18 @@ def write_table(path: Path = TABLE) -> None:
     log_kappa = np.log(kappa(nu[:, None], alpha[None, :]))
     with replacing(path) as temporary:
         np.savez(temporary, log_kappa=log_kappa)
-    write_json(path.with_suffix(".json"), {
-        "what": "ln kappa on a grid of -ln(.502 - nu) by ln(a/h), both evenly spaced over the range",
-        "range": {"poisson_ratio": POISSON_RANGE, "a_over_h": A_OVER_H_RANGE},
-        "source": "integral equation of mechanics/punch_equation.py; Hayes et al., J. Biomech. 5 (1972) 541",
-        "made_by": "tactilevision.mechanics.kappa.write_table",
-        "relative_error": 1e-7,
-        "licence": "MIT",
-        "sha256": _fingerprint(log_kappa),
-    })  # fmt: skip
+    write_json(
+        path.with_suffix(".json"),
+        {
+            "what": "ln kappa on a grid of -ln(.502 - nu) by ln(a/h), both evenly spaced over the range",
+            "range": {"poisson_ratio": POISSON_RANGE, "a_over_h": A_OVER_H_RANGE},
+            "source": "integral equation of mechanics/punch_equation.py; Hayes et al., J. Biomech. 5 (1972) 541",
+            "made_by": "tactilevision.mechanics.kappa.write_table",
+            "relative_error": 1e-7,
+            "licence": "MIT",
+            "sha256": _fingerprint(log_kappa),
+        },
+    )
 
 
 def _axes() -> tuple[Floats, Floats]:
@@ -139,6 +142,10 @@ def _spline() -> RectBivariateSpline:
         log_kappa = content["log_kappa"]
     card = json.loads(TABLE.with_suffix(".json").read_text(encoding="utf-8"))
     if log_kappa.shape != TABLE_SHAPE or _fingerprint(log_kappa) != card["sha256"]:
-        raise InputError("the table differs from its card", where=TABLE, value=log_kappa.shape,
-                         remedy="Reinstall tactilevision.")  # fmt: skip
+        raise InputError(
+            "the table differs from its card",
+            where=TABLE,
+            value=log_kappa.shape,
+            remedy="Reinstall tactilevision.",
+        )
     return RectBivariateSpline(*_axes(), log_kappa, kx=5, ky=5)

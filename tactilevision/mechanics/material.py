@@ -109,8 +109,12 @@ def positive(name: str, value: npt.ArrayLike) -> Floats:
     """`value` as an array, or InputError where any of it is not a finite number above 0."""
     numbers = np.asarray(value, dtype=float)
     if not (np.isfinite(numbers) & (numbers > 0)).all():
-        raise InputError(f"{name} is a finite number above 0", where="mechanics", value=np.min(numbers).item(),
-                         remedy="Check its unit and its sign.")  # fmt: skip
+        raise InputError(
+            f"{name} is a finite number above 0",
+            where="mechanics",
+            value=np.min(numbers).item(),
+            remedy="Check its unit and its sign.",
+        )
     return numbers
 
 
@@ -137,6 +141,10 @@ def _poisson(value: npt.ArrayLike) -> Floats:
 def _compressible(value: npt.ArrayLike) -> Floats:
     nu = _poisson(value)
     if (nu >= 0.5).any():
-        raise InputError("at nu = .5 this modulus is infinite", where="mechanics", value=0.5,
-                         remedy="For a nearly incompressible gel take .4999.")  # fmt: skip
+        raise InputError(
+            "at nu = .5 this modulus is infinite",
+            where="mechanics",
+            value=0.5,
+            remedy="For a nearly incompressible gel take .4999.",
+        )
     return nu

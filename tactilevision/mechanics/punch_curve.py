@@ -64,8 +64,12 @@ def punch_curve(contact: FlatContact, material: Material, deepest_mm: float) -> 
     Raises InputError for depths outside (0, thickness), ConvergenceError where not even the first touch is solved.
     """
     if not 0 < deepest_mm < contact.thickness_mm:
-        raise InputError("a depth lies in (0, thickness)", where="punch_curve", value=deepest_mm,
-                         remedy=f"The gel is {contact.thickness_mm:g} mm thick.")  # fmt: skip
+        raise InputError(
+            "a depth lies in (0, thickness)",
+            where="punch_curve",
+            value=deepest_mm,
+            remedy=f"The gel is {contact.thickness_mm:g} mm thick.",
+        )
     kept = tabulated_curve(contact, material, deepest_mm)
     if kept is not None and not kept.ended:
         return kept
@@ -89,8 +93,11 @@ def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float)
 def _solved(contact: FlatContact, material: Material, deepest_mm: float) -> PunchCurve:
     h = contact.thickness_mm
     if not contact.edge_radius_mm > 0:
-        raise InputError("a sharp edge has no solution of its own beyond small depths", where="punch_curve",
-                         remedy="State an edge radius, say a sixtieth of the gel's thickness.")  # fmt: skip
+        raise InputError(
+            "a sharp edge has no solution of its own beyond small depths",
+            where="punch_curve",
+            remedy="State an edge radius, say a sixtieth of the gel's thickness.",
+        )
     case = Case(
         law=contact.law,
         friction=contact.friction,

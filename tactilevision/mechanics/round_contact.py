@@ -70,8 +70,12 @@ class Cone:
 
     def __post_init__(self) -> None:
         if not 0 < self.half_angle_deg < 90:
-            raise InputError("a cone's half-angle lies between 0 and 90 degrees", where="Cone",
-                             value=self.half_angle_deg, remedy="It is measured from the axis.")  # fmt: skip
+            raise InputError(
+                "a cone's half-angle lies between 0 and 90 degrees",
+                where="Cone",
+                value=self.half_angle_deg,
+                remedy="It is measured from the axis.",
+            )
 
     def sag(self, x_mm: Floats, /) -> Floats:
         """See RoundBody."""
@@ -158,7 +162,8 @@ def _bracket(body: RoundBody, depths: tuple[float, float], case: dict[str, float
         low /= 2
     while contact_at(body, high, **case)[0] < depths[1]:
         if high >= largest:
-            raise InputError("so deep, the contact outgrows ten thicknesses or the body", where="contact_curve",
-                             value=depths[1])  # fmt: skip
+            raise InputError(
+                "so deep, the contact outgrows ten thicknesses or the body", where="contact_curve", value=depths[1]
+            )
         high = min(1.5 * high, largest)
     return 0.9 * low, min(1.05 * high, largest)

@@ -145,8 +145,10 @@ def _radial(label: npt.NDArray[np.intp], at: Floats, weight: Floats, shape: tupl
 def _check(view: SurfaceView) -> None:
     where = view.name or "SurfaceView"
     if view.depth_mm.ndim != 2 or view.depth_mm.shape != view.valid.shape:
-        raise InputError("depth_mm and valid are (H, W) alike", where=where,
-                         value=(view.depth_mm.shape, view.valid.shape))  # fmt: skip
+        raise InputError(
+            "depth_mm and valid are (H, W) alike", where=where, value=(view.depth_mm.shape, view.valid.shape)
+        )
     if not min(*view.mm_per_px, view.radius_mm) > 0:
-        raise InputError("the scale and the punch radius lie above 0", where=where,
-                         value=(view.mm_per_px, view.radius_mm))  # fmt: skip
+        raise InputError(
+            "the scale and the punch radius lie above 0", where=where, value=(view.mm_per_px, view.radius_mm)
+        )

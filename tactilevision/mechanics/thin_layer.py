@@ -49,6 +49,10 @@ def garcia_cone(chi: npt.ArrayLike) -> Floats:
 def _polynomial(chi: npt.ArrayLike, terms: tuple[float, ...]) -> Floats:
     numbers = np.asarray(chi, dtype=float)
     if not ((numbers >= CHI_RANGE[0]) & (numbers <= CHI_RANGE[1])).all():
-        raise InputError("the thin-layer corrections hold for chi in [0, 1]", where="thin_layer",
-                         value=float(np.max(numbers)), remedy="Take mechanics.round_contact.")  # fmt: skip
+        raise InputError(
+            "the thin-layer corrections hold for chi in [0, 1]",
+            where="thin_layer",
+            value=float(np.max(numbers)),
+            remedy="Take mechanics.round_contact.",
+        )
     return np.asarray(np.polynomial.polynomial.polyval(numbers, (1.0, *terms)))

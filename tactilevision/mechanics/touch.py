@@ -54,11 +54,17 @@ def touch_depth(
     """
     height, distance = indenter.height_mm, indenter.bevel_distance_mm
     if height is None or distance is None:
-        raise InputError("the touch needs height_mm and bevel_distance_mm", where=f"indenter.{indenter.name}",
-                         remedy="Add them to recording.toml.")  # fmt: skip
+        raise InputError(
+            "the touch needs height_mm and bevel_distance_mm",
+            where=f"indenter.{indenter.name}",
+            remedy="Add them to recording.toml.",
+        )
     if not (0 < height < thickness_mm and distance > indenter.radius_mm):
-        raise InputError("the height lies between 0 and the gel's thickness, and the bevel beside the face",
-                         where=f"indenter.{indenter.name}", value=(height, distance))  # fmt: skip
+        raise InputError(
+            "the height lies between 0 and the gel's thickness, and the bevel beside the face",
+            where=f"indenter.{indenter.name}",
+            value=(height, distance),
+        )
 
     def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
         return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))

@@ -10,17 +10,19 @@ import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import coverage, in_reference, odd_balls, one_contact, radii_apart
-from tactilevision.photometric.change import ColourChange, Planes
-from tactilevision.photometric.drift import solid
-from tactilevision.photometric.left_out import Fitter, doubt_of, gain_std, gains_of, gains_without, held_out
-from tactilevision.photometric.marks import marked
-from tactilevision.photometric.method import CalibratedMethod, ColourLaw
-from tactilevision.photometric.power import response_of
-from tactilevision.photometric.quiet import Quiet, QuietSums
-from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.samples import (
+from tactilevision.photometric.background import BackgroundSums, SlopeBackground
+from tactilevision.photometric.ball.consistency import coverage, in_reference, odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball.cross_validation import (
+    Fitter,
+    gain_std,
+    gains_of,
+    gains_without,
+    held_out,
+    scale_uncertainty,
+)
+from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.observability import Observability, slope_observability
+from tactilevision.photometric.ball.samples import (
     CONTACT,
     RESTING,
     Samples,
@@ -31,11 +33,16 @@ from tactilevision.photometric.samples import (
     untouched,
     with_noise,
 )
-from tactilevision.photometric.two_ways import Told, told_slopes
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
+from tactilevision.photometric.illumination.drift import solid
+from tactilevision.photometric.illumination.gamma import response_of
+from tactilevision.photometric.markers import marked
+from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
-LEAST_BALLS = 3
-GHOST_SHARE = 0.85  # of the ball pictures
+MIN_BALLS = 3
+REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
 PATCHES = (8, 3)  # of a ball: round it, and outwards
@@ -90,7 +97,7 @@ def calibrate_from_balls(
     """Fit a colour law to ball presses; a third at a time is held out to choose how, and to know the error.
 
     Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than
-    LEAST_BALLS presses that can be used, naming what was wrong with the others.
+    MIN_BALLS presses that can be used, naming what was wrong with the others.
     """
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
@@ -101,14 +108,14 @@ def calibrate_from_balls(
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     (way, ridge), (found, others) = _choose(fit, touching, still)
     law = way(touching, still, ridge=ridge)
-    quiet = _listen(law, change, pictures, balls, mm_per_px)
+    background = _measure_background(law, change, pictures, balls, mm_per_px)
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    doubt = doubt_of(way, touching, still, ridge=ridge, law=law, others=others)
-    light = told_slopes(touching)
+    doubt = scale_uncertainty(way, touching, still, ridge=ridge, law=law, others=others)
+    light = slope_observability(touching)
     cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
-    touched = one_contact(balls) or _ghost(change, pictures, balls, mm_per_px)
+    touched = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
     warnings += coverage(cover) + _hidden(light)
     warnings += radii_apart(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
@@ -126,7 +133,7 @@ def calibrate_from_balls(
         "held_out_slope_rms": error,
         "held_out_gain_std": gain_std(found, touching),
         "place_gain_std": np.round(doubt.gain_std, 5).tolist(),
-        "place_gain_borne_out": doubt.borne_out,
+        "place_gain_borne_out": doubt.coverage_factor,
         "fitted_by": getattr(way, "__name__", type(way).__name__),
         "ridge": ridge,
         "slope_of_one_pixels_noise_best": light.best,
@@ -137,26 +144,32 @@ def calibrate_from_balls(
     if touched:
         card["contact_in_reference_px"] = touched
     return Calibration(
-        CalibratedMethod(law, reference, relative, quiet, card), tuple(balls), direction, error, tuple(warnings),
-        tuple(doubt.unseen.get(number) for number in range(len(pictures))), tuple(others),
-    )  # fmt: skip
+        CalibratedMethod(law, reference, relative, background, card),
+        tuple(balls),
+        direction,
+        error,
+        tuple(warnings),
+        tuple(doubt.unseen.get(number) for number in range(len(pictures))),
+        tuple(others),
+    )
 
 
 def _enough(usable: int, of: int, why: Sequence[str]) -> None:
-    if usable < LEAST_BALLS:
+    if usable < MIN_BALLS:
         raise InputError(
-            f"too few ball presses that can be used; {LEAST_BALLS} are the least", where="reference/ball",
+            f"too few ball presses that can be used; {MIN_BALLS} are the least",
+            where="reference/ball",
             value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
             remedy="Press the ball at more places, over the whole picture.",
-        )  # fmt: skip
+        )
 
 
 def _choose(
-    fit: Fitter, contact: Samples, quiet: Samples
+    fit: Fitter, contact: Samples, untouched_samples: Samples
 ) -> tuple[tuple[Fitter, float], tuple[Floats, list[ColourLaw]]]:
     """The way to fit, and its ridge, that tells balls left out best; slopes (N, 2) and laws without them."""
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(way, contact, quiet, ridge) for way, ridge in ways]
+    scores = [held_out(way, contact, untouched_samples, ridge) for way, ridge in ways]
     best = int(np.argmin([_relative_miss(found, contact) for found, _ in scores]))
     return ways[best], scores[best]
 
@@ -173,7 +186,7 @@ def _collect(
     balls: list[Ball | None] = []
     warnings: list[str] = []
     contact: list[Samples] = []
-    quiet: list[Samples] = []
+    untouched_samples: list[Samples] = []
 
     marks = change.reference.marks
 
@@ -195,20 +208,22 @@ def _collect(
         contact.append(
             inside_ball(seen, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
         )
-        quiet.append(untouched(seen, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng))
-    return balls, warnings, contact, quiet
+        untouched_samples.append(
+            untouched(seen, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+        )
+    return balls, warnings, contact, untouched_samples
 
 
-def _listen(
+def _measure_background(
     law: ColourLaw,
     change: ColourChange,
     pictures: Sequence[BallPicture],
     balls: Sequence[Ball | None],
     mm_per_px: Pair,
-) -> Quiet:
+) -> SlopeBackground:
     """Bias and noise of the law on the untouched part of the ball pictures."""
     evaluate = law.evaluator(change.reference.shape)
-    sums = QuietSums(change.reference.shape)
+    sums = BackgroundSums(change.reference.shape)
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
             seen, _, valid = change.measure(picture.rgb)
@@ -253,7 +268,7 @@ def _mean_square(found: Floats, samples: Samples) -> float:
     return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
 
 
-def _ghost(
+def _contact_in_reference(
     change: ColourChange, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
 ) -> Pair | None:
     """Where (x, y in px) the reference shows a contact: it is in every picture whose ball is elsewhere."""
@@ -265,7 +280,7 @@ def _ghost(
             free = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
             away += free
             strange += free & ~tracker.measure(picture.rgb).untouched
-    ghost = (strange > GHOST_SHARE * away) & (away >= LEAST_BALLS) & tracker.usable.reshape(away.shape)
+    ghost = (strange > REFERENCE_CONTACT_SHARE * away) & (away >= MIN_BALLS) & tracker.usable.reshape(away.shape)
     ghost &= np.pad(np.ones(np.subtract(ghost.shape, 2), bool), 1)  # light and gel change at the border first
     rows, columns = np.nonzero(solid(ghost))
     if len(rows) == 0:
@@ -274,7 +289,7 @@ def _ghost(
     return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
 
 
-def _hidden(light: Told) -> list[str]:
+def _hidden(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
     if light.worst < GENTLE:
         return []

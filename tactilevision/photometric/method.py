@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.calm import CalmReader, Reading, calm_pixels
-from tactilevision.photometric.change import ColourChange, Planes, Window, strips
-from tactilevision.photometric.quiet import Quiet, QuietSums, darkness, doubt, rest_bias
+from tactilevision.photometric.background import BackgroundSums, SlopeBackground, darkness, doubt, noise_bias
+from tactilevision.photometric.illumination.camera_response import response_in
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
+from tactilevision.photometric.multiresolution import Reading, TiledEvaluator, smooth_pixels
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.response import response_in
 from tactilevision.records import Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]
@@ -69,7 +69,7 @@ class CalibratedMethod:
     law: ColourLaw
     reference: Reference
     relative_error: float = 0.0
-    quiet: Quiet | None = None
+    quiet: SlopeBackground | None = None
     card: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -80,18 +80,18 @@ class CalibratedMethod:
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
         self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
-        self.rest = rest_bias(self.evaluate, self.change.noise)
+        self.rest = noise_bias(self.evaluate, self.change.noise)
         self.bias: Planes = np.stack([(q + r) * self.calm for q, r in zip(quiet[:2], self.rest, strict=True)])
         self.noise: Picture = quiet[2] * self.calm
         self.readable = self.reference.usable & (self.calm > 0.5)
         self.told = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA) > 0.95
 
     @property
-    def quiet_now(self) -> Quiet:
+    def current_background(self) -> SlopeBackground:
         """What is known of untouched gel, as blocks, also where no ball picture told it."""
         if self.quiet is not None:
             return self.quiet
-        return QuietSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
+        return BackgroundSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
         """Slopes (H, W) of a rectified frame (H, W, 3) uint8.
@@ -115,16 +115,16 @@ class CalibratedMethod:
         steepest = self._read_into(slopes, parts)
         return Reading(SlopeMap(slopes[0], slopes[1], valid & self.readable), drift, steepest)
 
-    def glance(self, rgb_rectified: Bytes) -> Reading:
+    def evaluate_tiled(self, rgb_rectified: Bytes) -> Reading:
         """As `read`, calm gel in means of pixels: for surfaces, in which single pixels do not matter."""
-        reader = self.calm_reader
+        reader = self.tiled_evaluator
         return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
 
     @cached_property
-    def calm_reader(self) -> CalmReader | None:
+    def tiled_evaluator(self) -> TiledEvaluator | None:
         """What reads calm gel in means; None where the method was not settled so (card)."""
         px = int(self.card.get("calm_gel_px", 1))
-        return CalmReader(self, px) if 1 < px <= calm_pixels(self) else None
+        return TiledEvaluator(self, px) if 1 < px <= smooth_pixels(self) else None
 
     def read_window(self, window: Window) -> tuple[Planes, float]:
         """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""
@@ -146,8 +146,8 @@ class CalibratedMethod:
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
         self.change.follow(rgb_rectified, share)
-        if self.calm_reader:
-            self.calm_reader.follow(rgb_rectified, share)
+        if self.tiled_evaluator:
+            self.tiled_evaluator.follow(rgb_rectified, share)
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""

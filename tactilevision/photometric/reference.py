@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import Marks, find_marks
+from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.records import Bools, Bytes
 
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
-LEAST_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
+MIN_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     noise = _noise_between(stack) if len(flats) > 1 else _noise_within(mean)
     _check_agreement(stack, noise)
     signal = np.sqrt(np.sum((mean / np.asarray(noise, np.float32)) ** 2, axis=2))
-    usable = (mean.max(axis=2) < SATURATED) & (signal > LEAST_SIGNAL)
+    usable = (mean.max(axis=2) < SATURATED) & (signal > MIN_SIGNAL)
     if usable.mean() < 0.3:
         dark = float(mean.mean()) < 100
         raise InputError(
@@ -67,8 +67,8 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
 
 def darkest_grey(noise_grey: tuple[float, float, float]) -> float:
     """Grey level of its brightest channel up to which a frame's pixel lies in shadow and tells nothing of slope: a
-    signal of LEAST_SIGNAL where all three are alike."""
-    return LEAST_SIGNAL / 3**0.5 * float(np.mean(noise_grey))
+    signal of MIN_SIGNAL where all three are alike."""
+    return MIN_SIGNAL / 3**0.5 * float(np.mean(noise_grey))
 
 
 def _noise_between(stack: npt.NDArray[np.float32]) -> tuple[float, float, float]:

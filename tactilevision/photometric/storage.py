@@ -18,14 +18,14 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
-from tactilevision.photometric.light import light_of
-from tactilevision.photometric.lookup import Lookup
-from tactilevision.photometric.marks import find_marks
+from tactilevision.photometric.background import SlopeBackground
+from tactilevision.photometric.illumination.light_match import light_of
+from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ColourLaw
-from tactilevision.photometric.network import Network
-from tactilevision.photometric.onnx_file import OPSET, open_bytes, run_network
-from tactilevision.photometric.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.photometric.quiet import Quiet
+from tactilevision.photometric.methods.lookup import Lookup
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
 
 FORMAT = 1
@@ -73,7 +73,7 @@ def load_method(path: Path | str) -> CalibratedMethod:
     red, green, blue = (float(value) for value in held["noise_grey"])
     marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
     reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
-    quiet = Quiet(*held["quiet"]) if "quiet" in held else None
+    quiet = SlopeBackground(*held["quiet"]) if "quiet" in held else None
     law = _law(card, held, target)
     return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
 
@@ -107,8 +107,12 @@ def _law(card: Mapping[str, Any], held: Mapping[str, npt.NDArray[Any]], path: Pa
     if name == Polynomial.name:
         coefficients = held["law_coefficients"]
         if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
-            raise InputError("a polynomial of another order than this version's", where=path,
-                             value=coefficients.shape, remedy="Calibrate again.")  # fmt: skip
+            raise InputError(
+                "a polynomial of another order than this version's",
+                where=path,
+                value=coefficients.shape,
+                remedy="Calibrate again.",
+            )
         return Polynomial(coefficients, float(held["law_steepest"]))
     if name == Lookup.name:
         return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])

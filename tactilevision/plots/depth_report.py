@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tactilevision.held_out_depth import Known, bands
 from tactilevision.plots import style
+from tactilevision.uncertainty.ball_validation import Known, bands
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +44,13 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
             middle, width = 0.5 * (band.low + band.high), max(band.high - band.low, 0.02 * band.high)
             axes.bar(middle, 2e3 * band.rms_mm, width, bottom=-1e3 * band.rms_mm, alpha=0.25,
                      color=style.ORANGE, label="rms of the band" if number == 0 else None)  # fmt: skip
-            axes.annotate(f"{100 * band.within:.0f} %", (middle, 0.02),
-                          xycoords=("data", "axes fraction"), ha="center", color=style.GREY)  # fmt: skip
+            axes.annotate(
+                f"{100 * band.within:.0f} %",
+                (middle, 0.02),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                color=style.GREY,
+            )
         axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", ms=4, lw=1.0,
                       color=style.BLUE, label="one contact, and one stated deviation")  # fmt: skip
         axes.axhline(0.0, color=style.GREY, lw=0.8)

@@ -91,13 +91,20 @@ def _panel(axes: Axes, panel: Panel) -> None:
             continue
         mean, spread = panel.residual[inside].mean(), panel.residual[inside].std(ddof=1)
         axes.errorbar(
-            panel.values[inside].mean(), mean, yerr=1.96 * spread / np.sqrt(count), fmt="o", ms=5,
+            panel.values[inside].mean(),
+            mean,
+            yerr=1.96 * spread / np.sqrt(count),
+            fmt="o",
+            ms=5,
             color=style.RED if telling else style.BLUE,
-        )  # fmt: skip
+        )
     axes.axhline(0, color=style.GREY, lw=0.8)
     p = f"p = {panel.p_adjusted:.2g}" if panel.p_adjusted > 1e-300 else "p < 1e-300"
-    axes.set_title(f"{'depends on' if telling else 'no pattern in'} {panel.name} ({p})",
-                   color=style.RED if telling else "black", fontsize=8.5)  # fmt: skip
+    axes.set_title(
+        f"{'depends on' if telling else 'no pattern in'} {panel.name} ({p})",
+        color=style.RED if telling else "black",
+        fontsize=8.5,
+    )
     axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
 
 
@@ -122,8 +129,14 @@ def draw_offsets(shown: Offsets) -> Figure:
                       color=style.RED, weight="bold", va="center")  # fmt: skip
     if shown.since is not None:
         axes.axvline(shown.since - 0.5, color=style.RED, ls="--", lw=1.2)
-        axes.text(shown.since - 0.4, 0.97, f"since {shown.labels[shown.since]}", color=style.RED, va="top",
-                  transform=axes.get_xaxis_transform())  # fmt: skip
+        axes.text(
+            shown.since - 0.4,
+            0.97,
+            f"since {shown.labels[shown.since]}",
+            color=style.RED,
+            va="top",
+            transform=axes.get_xaxis_transform(),
+        )
     axes.axhline(0, color=style.GREY, lw=0.8)
     step = -(-len(place) // 20)
     axes.set_xticks(place[::step], shown.labels[::step], rotation=45, ha="right")
@@ -179,8 +192,13 @@ def draw_overlay(overlay: Overlay) -> Figure:
     order = np.argsort(overlay.values)
     axes.errorbar(overlay.values, overlay.residual, yerr=overlay.error, fmt="o", ms=4, color=style.GREY,
                   label="what the base model leaves")  # fmt: skip
-    axes.plot(overlay.values[order], overlay.predicted[order], "-", color=style.RED,
-              label=f"what {overlay.key.replace('_', ' ')} would leave")  # fmt: skip
+    axes.plot(
+        overlay.values[order],
+        overlay.predicted[order],
+        "-",
+        color=style.RED,
+        label=f"what {overlay.key.replace('_', ' ')} would leave",
+    )
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.set(xlabel=f"{overlay.name} ({overlay.unit})" if overlay.unit else overlay.name, ylabel="residual / std")
     axes.legend(fontsize=7.5)
@@ -211,7 +229,7 @@ def draw_sighting(seen: Sighting) -> Figure:
 
 
 @style.house_look
-def draw_relief(residual_mm: Floats, axis: Floats, count: int) -> Figure:
+def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
     """The mean residual height map about the punch's axis; white where nothing is compared."""
     figure, (axes,) = style.new_figure(4.4, 3.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))

@@ -64,9 +64,13 @@ class _Stage:
         top = max(float(np.nanmax(self.peak, initial=0.0)), 0.02)
         self.above.set_facecolor(style.INVALID)
         self.depth = self.above.imshow(
-            _known(first), cmap=style.DEPTH_MAP, vmin=-0.15 * top, vmax=top, extent=extent_mm(first),
+            _known(first),
+            cmap=style.DEPTH_MAP,
+            vmin=-0.15 * top,
+            vmax=top,
+            extent=extent_mm(first),
             interpolation="none",
-        )  # fmt: skip
+        )
         self.figure.colorbar(self.depth, ax=self.above, label="depth into the gel (mm)")
         scale_bar(self.above, first)
         for axes in (self.frame, self.above):

@@ -51,8 +51,10 @@ def draw_force(found: TractionMap, height: HeightMap, shear: ShearMap | None = N
 def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figure:
     """How far fz moves over the 95 % interval of each parameter, beside what all the rest leaves unknown."""
     figure, (axes,) = style.new_figure(7.5, 1.3 + 0.55 * (len(ranges) + 1))
-    labels = [entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
-              for entry in ranges]  # fmt: skip
+    labels = [
+        entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
+        for entry in ranges
+    ]
     half = 1.96 * 100 * found.resultant_std_N[2] / max(found.resultant_N[2], 1e-9)
     widest = half
     for row, entry in enumerate(ranges):
@@ -83,8 +85,13 @@ def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     depth = np.where(height.valid[row], height.depth_mm[row], np.nan)
     axes.plot(x, depth, color=style.BLUE)
     axes.fill_between(x, depth, float(np.nanmax(depth, initial=0.1)) * 1.12, color=style.SKY, alpha=0.15, lw=0)
-    cell = int(np.clip(round((row * height.mm_per_px[1] - middle[1] - found.first_mm[1]) / found.mm_per_px[1]), 0,
-                       found.t_z.shape[0] - 1))  # fmt: skip
+    cell = int(
+        np.clip(
+            round((row * height.mm_per_px[1] - middle[1] - found.first_mm[1]) / found.mm_per_px[1]),
+            0,
+            found.t_z.shape[0] - 1,
+        )
+    )
     touching = np.flatnonzero(np.nan_to_num(found.t_z[cell]) > 0)
     places = found.first_mm[0] + found.mm_per_px[0] * touching + middle[0]
     if touching.size:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.flags import add
 from tactilevision.plots import style
 from tactilevision.records import Bytes, Floats, Footprint, HeightMap
+from tactilevision.records.flags import add
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,8 +133,11 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     Raises InputError for maps of two sizes or two scales.
     """
     if first.depth_mm.shape != second.depth_mm.shape or not np.allclose(first.mm_per_px, second.mm_per_px):
-        raise InputError("only maps of one size and scale have a difference", where=f"{second.name}, {first.name}",
-                         value=f"{_size_of(second)} and {_size_of(first)}")  # fmt: skip
+        raise InputError(
+            "only maps of one size and scale have a difference",
+            where=f"{second.name}, {first.name}",
+            value=f"{_size_of(second)} and {_size_of(first)}",
+        )
     change = np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
     limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
     figure, (axes,) = style.new_figure(6.2, 4.2)
@@ -252,9 +255,15 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
     rim = [withStroke(linewidth=2.0, foreground="black")] if colour == "white" else []  # seen where all is grey
     axes.plot([x, x + length], [y, y], color=colour, lw=3, solid_capstyle="butt")
     axes.text(
-        x + length / 2, y - 0.02 * tall, f"{length:g} mm", color=colour, ha="center", va="bottom", fontsize=8,
+        x + length / 2,
+        y - 0.02 * tall,
+        f"{length:g} mm",
+        color=colour,
+        ha="center",
+        va="bottom",
+        fontsize=8,
         path_effects=rim,
-    )  # fmt: skip
+    )
 
 
 def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Evidence
 from tactilevision.plots import style
 from tactilevision.plots.height import depth_image, extent_mm, overlay
-from tactilevision.press.certificate import Evidence
 from tactilevision.records import Bytes, CertifiedPoint
 
 if TYPE_CHECKING:

@@ -30,8 +30,10 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
     Pauses between frames are shortened, and presses named along the top. Frames without time go by number.
     """
     time_s = np.array([row.time_s for row in rows])
-    force, std, read = (np.array([getattr(row, name) for row in rows], dtype=float).reshape(-1, 3)
-                        for name in ("resultant_N", "resultant_std_N", "measured_N"))  # fmt: skip
+    force, std, read = (
+        np.array([getattr(row, name) for row in rows], dtype=float).reshape(-1, 3)
+        for name in ("resultant_N", "resultant_std_N", "measured_N")
+    )
     timed = bool(np.isfinite(time_s).all())
     place = _without_pauses(time_s) if timed else np.arange(len(rows), dtype=float)
     shown = [k for k in (2, 0, 1) if k == 2 or np.nan_to_num(force[:, k]).any()]
@@ -41,8 +43,14 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
         _course(axis, place, force[:, k], std[:, k], parts=parts, colour=COLOURS[k])
         if np.isfinite(read[:, k]).any():
             for part in parts:
-                axis.plot(place[part], read[part, k], color="black", lw=1, ls="--",
-                          label="F/T sensor" if part is parts[0] else None)  # fmt: skip
+                axis.plot(
+                    place[part],
+                    read[part, k],
+                    color="black",
+                    lw=1,
+                    ls="--",
+                    label="F/T sensor" if part is parts[0] else None,
+                )
         axis.set(ylabel=f"f{NAMES[k]} (N)")
         axis.margins(x=0.01)
     axes[0].legend(loc="upper left", ncols=2)

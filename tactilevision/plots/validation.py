@@ -64,8 +64,14 @@ def _against(axes: Axes, panel: Panel) -> None:
     every = np.concatenate([panel.measured, *(one.computed for one in panel.series)])
     top = float(every[np.isfinite(every)].max())
     axes.axline((0, 0), slope=1, color=style.GREY, lw=0.9, zorder=1)
-    axes.annotate("equal", (0.82 * top, 0.82 * top), xytext=(6, -10), textcoords="offset points", color=style.GREY,
-                  fontsize=8)  # fmt: skip
+    axes.annotate(
+        "equal",
+        (0.82 * top, 0.82 * top),
+        xytext=(6, -10),
+        textcoords="offset points",
+        color=style.GREY,
+        fontsize=8,
+    )
     order = np.argsort(panel.measured)
     for one, colour, marker in zip(panel.series, style.CYCLE, MARKERS, strict=False):
         axes.plot(panel.measured[order], one.computed[order], marker, ms=4.5, color=colour, mfc="none", mew=1.2)

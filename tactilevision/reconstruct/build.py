@@ -11,11 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import untouched_std_mm
 from tactilevision.errors import InputError
-from tactilevision.free_gel import free_frames, settle, tare, untouched_of
-from tactilevision.held_out_depth import held_out_depth, seen_gain_std
-from tactilevision.likeness import UNTOLD, Likeness, some_frames, usual_of
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -25,21 +21,25 @@ from tactilevision.photometric import (
     load_network,
     make_reference,
 )
-from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.light import check_view, light_of
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.samples import far_from
+from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
-from tactilevision.photometric.samples import far_from
+from tactilevision.quality.reference_match import UNTOLD, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
+from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
-from tactilevision.spread import spread_beside
+from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_std
+from tactilevision.uncertainty.depth import untouched_std_mm
+from tactilevision.uncertainty.leakage import leakage_std
 from tactilevision.weights import find_model
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 DEFAULT = "polynomial"
-MOST_WAVES = 8
+MAX_WAVES = 8
 
 
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
@@ -96,7 +96,7 @@ def tuned(
     card |= held_out_depth(calibration, pictures, sensor.mm_per_px, seen_gain=gain)
     card["spread"] = _spread(sensor, calibration, pictures)
     method = dataclasses.replace(calibration.method, card=card)
-    settled = settle(dataclasses.replace(method, reference=tare(method, free)), free)
+    settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.quiet is method.quiet:
         waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
         settled = dataclasses.replace(settled, card={**card, "untouched_depth_rms_mm": waves_mm})
@@ -105,7 +105,7 @@ def tuned(
         flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = dataclasses.replace(settled, card={**settled.card, "untouched_std_mm": std_mm})
-    usual = usual_of(Reconstructor(sensor, settled), [*(picture.rgb for picture in pictures), *free])
+    usual = baseline(Reconstructor(sensor, settled), [*(picture.rgb for picture in pictures), *free])
     settled = dataclasses.replace(settled, card={**settled.card, "usual": usual})
     return Reconstructor(sensor, settled, calibration=calibration)
 
@@ -116,7 +116,7 @@ def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPic
     others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
     maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
     gain = np.array(method.card["place_gain_std"]) / method.card["place_gain_borne_out"]
-    return spread_beside(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+    return leakage_std(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
 
 
 def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
@@ -131,8 +131,12 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
         return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
     if path.with_suffix(".onnx").is_file():
         return _without_balls(sensor, path, flats)
-    raise InputError("no photometric method of that name, nor a saved one there", where="method", value=name,
-                     remedy="Known are " + ", ".join(PHOTOMETRIC) + ".")  # fmt: skip
+    raise InputError(
+        "no photometric method of that name, nor a saved one there",
+        where="method",
+        value=name,
+        remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
+    )
 
 
 def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
@@ -141,9 +145,11 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     if path is None or not flats:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
         raise InputError(
-            f"no {missing}", where=recording.path / "reference" / ("ball" if flats else "flat"),
-            value=f"sensor {sensor.kind}", remedy="Add them to the recording, or name a saved method.",
-        )  # fmt: skip
+            f"no {missing}",
+            where=recording.path / "reference" / ("ball" if flats else "flat"),
+            value=f"sensor {sensor.kind}",
+            remedy="Add them to the recording, or name a saved method.",
+        )
     found = _without_balls(sensor, path, flats)
     found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return found
@@ -154,7 +160,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
-    found.likeness = Likeness(method, usual=UNTOLD)
+    found.likeness = ReferenceMatch(method, usual=UNTOLD)
     if "light" in method.card:  # else it was made for any light
         found.warnings = found.likeness.made_in(method.card["light"])
     return found
@@ -164,8 +170,12 @@ def _check_kind(card: Mapping[str, Any], sensor: Sensor) -> None:
     """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
     kinds = _family(str(card.get("sensor", "custom"))), _family(sensor.kind)
     if "custom" not in kinds and kinds[0] != kinds[1]:
-        raise InputError("the method was made for another sensor", where="method", value=f"{kinds[0]}, the "
-                         f"recording's is {kinds[1]}", remedy="Train one on this sensor's balls.")  # fmt: skip
+        raise InputError(
+            "the method was made for another sensor",
+            where="method",
+            value=f"{kinds[0]}, the recording's is {kinds[1]}",
+            remedy="Train one on this sensor's balls.",
+        )
 
 
 def _family(kind: str) -> str:
@@ -178,7 +188,7 @@ def untouched_rms_mm(
 ) -> float:
     """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
     found = []
-    for picture, ball in list(zip(pictures, balls, strict=True))[:MOST_WAVES]:
+    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
         if ball is not None:
             height = reconstructor.rectified_map(picture.rgb)
             away = far_from(ball, height.depth_mm.shape, reconstructor.sensor.mm_per_px) & height.valid

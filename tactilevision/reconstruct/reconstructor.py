@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.depth_error import DepthError
-from tactilevision.likeness import Likeness
+from tactilevision.integration.poisson import integrate
+from tactilevision.integration.steep_edges import PunchEdge, find_punch_edges, restore, restore_windows
+from tactilevision.integration.two_grid_poisson import TwoGridPoisson
+from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric import Calibration
-from tactilevision.photometric.calm import CalmReader
-from tactilevision.photometric.change import Planes
-from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.quality.contact_in_reference import look_at_reference
+from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
-from tactilevision.surface import integrate
-from tactilevision.touched_reference import look_at_reference
-from tactilevision.two_grids import TwoGrids
-from tactilevision.walls import Wall, find_walls, restore, restore_windows
-from tactilevision.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
+from tactilevision.uncertainty.depth import DepthError
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
@@ -51,11 +51,11 @@ class Reconstructor:
         steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
         self.readable = READABLE * float(steepest) if steepest else None
         self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
-        self.grids: TwoGrids | None = None
-        if isinstance(method, CalibratedMethod) and method.calm_reader:
-            self.grids = TwoGrids(method.reference.shape, method.calm_reader.px, sensor.mm_per_px)
+        self.grids: TwoGridPoisson | None = None
+        if isinstance(method, CalibratedMethod) and method.tiled_evaluator:
+            self.grids = TwoGridPoisson(method.reference.shape, method.tiled_evaluator.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
-        self.likeness = Likeness(method) if isinstance(method, CalibratedMethod) else None
+        self.likeness = ReferenceMatch(method) if isinstance(method, CalibratedMethod) else None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -78,9 +78,9 @@ class Reconstructor:
 
     def _mapped(self, rgb: Bytes) -> Mapped:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
-        if self.grids and isinstance(self.method, CalibratedMethod) and self.method.calm_reader:
-            return self._on_two_grids(rgb, self.method, self.method.calm_reader, self.grids)
-        slopes, untouched, drift, steepest, surface = self._glance(rgb)
+        if self.grids and isinstance(self.method, CalibratedMethod) and self.method.tiled_evaluator:
+            return self._on_two_grids(rgb, self.method, self.method.tiled_evaluator, self.grids)
+        slopes, untouched, drift, steepest, surface = self._evaluate_tiled(rgb)
         walls = self._walls(slopes, steepest)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
@@ -90,10 +90,12 @@ class Reconstructor:
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return surface, valid, std, self.likeness.flags(drift, self.zero) if self.likeness else ()
 
-    def _on_two_grids(self, rgb: Bytes, method: CalibratedMethod, reader: CalmReader, grids: TwoGrids) -> Mapped:
+    def _on_two_grids(
+        self, rgb: Bytes, method: CalibratedMethod, reader: TiledEvaluator, grids: TwoGridPoisson
+    ) -> Mapped:
         """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
-        walls: list[Wall] = []
+        walls: list[PunchEdge] = []
         if self.readable is not None and look.steepest >= self.readable:
             walls = restore_windows(look.fine, look.windows, look.valid, self.sensor.mm_per_px, self.readable)
         coarse = grids.coarse(look.coarse, look.windows, look.fine)
@@ -115,7 +117,7 @@ class Reconstructor:
         steepest: float,
         slopes: Callable[[], SlopeMap],
         *,
-        walls: list[Wall],
+        walls: list[PunchEdge],
         drift: Drift | None,
     ) -> Planes | None:
         if self.error is None or self.zero is None:
@@ -123,11 +125,11 @@ class Reconstructor:
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
         return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
 
-    def _walls(self, slopes: SlopeMap, steepest: float) -> list[Wall]:
+    def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
-        walls = find_walls(slopes, self.sensor.mm_per_px, self.readable)
+        walls = find_punch_edges(slopes, self.sensor.mm_per_px, self.readable)
         restore(slopes, walls, self.sensor.mm_per_px)
         return walls
 
@@ -159,7 +161,7 @@ class Reconstructor:
                 return True
         return False
 
-    def _glance(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
+    def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
         """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
         if not isinstance(self.method, CalibratedMethod):
             slopes = self.method.slopes(rgb)

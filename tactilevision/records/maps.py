@@ -65,11 +65,18 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         if self.depth_mm.ndim != 2 or self.valid.shape != self.depth_mm.shape:
-            raise InputError("depth_mm and valid are (H, W) alike", where="HeightMap",
-                             value=(self.depth_mm.shape, self.valid.shape))  # fmt: skip
+            raise InputError(
+                "depth_mm and valid are (H, W) alike",
+                where="HeightMap",
+                value=(self.depth_mm.shape, self.valid.shape),
+            )
         if not all(0 < s < math.inf for s in self.mm_per_px):
-            raise InputError("a height map needs its scale in mm per pixel, x and y, above 0", where="HeightMap",
-                             value=self.mm_per_px, remedy="Set sensor.mm_per_px in recording.toml.")  # fmt: skip
+            raise InputError(
+                "a height map needs its scale in mm per pixel, x and y, above 0",
+                where="HeightMap",
+                value=self.mm_per_px,
+                remedy="Set sensor.mm_per_px in recording.toml.",
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,8 +31,11 @@ def sensor_from_corners(
     if corner.shape != (4, 2) or not np.isfinite(corner).all() or min(size_mm) <= 0:
         raise InputError("four corners (x, y) and a size above 0", where="sensor_from_corners", value=corners_px)
     if not _runs_round(corner):
-        raise InputError("the corners do not run round: top left, top right, bottom right, bottom left",
-                         where="sensor_from_corners", value=corners_px)  # fmt: skip
+        raise InputError(
+            "the corners do not run round: top left, top right, bottom right, bottom left",
+            where="sensor_from_corners",
+            value=corners_px,
+        )
     across = 0.5 * (np.hypot(*(corner[1] - corner[0])) + np.hypot(*(corner[2] - corner[3])))
     down = 0.5 * (np.hypot(*(corner[3] - corner[0])) + np.hypot(*(corner[2] - corner[1])))
     scale = mm_per_px or (float(size_mm[0] / across), float(size_mm[1] / down))
@@ -71,10 +74,11 @@ def find_grid(rgb: Bytes, rows: int, columns: int) -> Floats:
         if found:
             return _upright(np.asarray(points, np.float64).reshape(rows, columns, 2))
     raise InputError(
-        f"no grid of {rows} by {columns} dots is seen", where="find_grid",
+        f"no grid of {rows} by {columns} dots is seen",
+        where="find_grid",
         value=f"{rgb.shape[1]} by {rgb.shape[0]} px",
         remedy="Count the dots, light them evenly, or click the corners instead.",
-    )  # fmt: skip
+    )
 
 
 def save_rectification(sensor: Sensor, path: Path | str) -> Path:

@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from tactilevision.records import Bools, Bytes, Floats
 
 REACH = 0.4
-ROUNDS = 12
+MAX_ITERATIONS = 12
 NEIGHBOURS = 6
 ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
 MAD_TO_STD = 1.4826
@@ -71,7 +71,7 @@ def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None 
     tree, spacing = KDTree(before_px), _spacing(before_px)
     near = np.asarray(tree.query(before_px, NEIGHBOURS + 1)[1])[:, 1:]
     after = KDTree(after_px)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         expected = before_px + motion
         distance, partner = (np.asarray(part) for part in after.query(expected))
         back = np.asarray(KDTree(expected).query(after_px)[1])

@@ -10,16 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import FEWEST, evenly_spaced
+from tactilevision.photometric.markers import MIN_COUNT, evenly_spaced
 from tactilevision.records import Bytes, Floats, Pair, ShearMap
-from tactilevision.shear.markers import (
-    MarkerMotion,
-    find_markers,
-    follow_markers,
-    hull,
-    spread_motion,
-)
-from tactilevision.shear.texture import LEAST_KNOWN, Texture, follow_texture, read_texture
+from tactilevision.shear.markers import MarkerMotion, find_markers, follow_markers, hull, spread_motion
+from tactilevision.shear.texture import MIN_KNOWN, Texture, follow_texture, read_texture
 
 STEP_PX = 4
 LOST = "markers lost"
@@ -47,8 +41,9 @@ class Untouched:
         are not found again the map is flagged. Raises InputError for a frame of another size.
         """
         if frame.shape != (*self.shape, 3):
-            raise InputError("the two frames are of one size, (H, W, 3)", where="measure_shear",
-                             value=(self.shape, frame.shape))  # fmt: skip
+            raise InputError(
+                "the two frames are of one size, (H, W, 3)", where="measure_shear", value=(self.shape, frame.shape)
+            )
         if self.markers is not None:
             return _by_markers(self.markers, frame, self.mm_per_px)
         if self.texture is None:
@@ -79,13 +74,17 @@ def read_untouched(reference: Bytes, mm_per_px: Pair, *, markers: bool | None = 
         raise InputError("a frame is (H, W, 3)", where="read_untouched", value=reference.shape)
     shape = (reference.shape[0], reference.shape[1])
     places = find_markers(reference) if markers is not False else np.zeros((0, 2))
-    if markers and len(places) < FEWEST:
-        raise InputError("too few markers in the reference frame to follow the gel", where="read_untouched",
-                         value=len(places), remedy="Say markers=False to follow the ink's texture.")  # fmt: skip
+    if markers and len(places) < MIN_COUNT:
+        raise InputError(
+            "too few markers in the reference frame to follow the gel",
+            where="read_untouched",
+            value=len(places),
+            remedy="Say markers=False to follow the ink's texture.",
+        )
     if markers or (markers is None and evenly_spaced(places)):
         return Untouched(shape, mm_per_px, markers=places)
     texture = read_texture(reference)
-    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= LEAST_KNOWN else None)
+    return Untouched(shape, mm_per_px, texture=texture if texture.known.mean() >= MIN_KNOWN else None)
 
 
 def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: bool | None = None) -> ShearMap:
@@ -103,7 +102,7 @@ def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
     shape = (frame.shape[0], frame.shape[1])
     found = int(motion.found.sum())
     flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
-    if found < FEWEST:
+    if found < MIN_COUNT:
         return _nothing(shape, mm_per_px, flags)
     dense, std_px = spread_motion(motion, shape, STEP_PX)
     spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))

@@ -26,7 +26,7 @@ from tactilevision.records import Bools, Bytes, Floats
 GRAIN_PX = 2.0
 CONTRAST_PX = 12.0
 ROUND_TRIP_PX = 1.0
-LEAST_KNOWN = 0.5  # share of the view
+MIN_KNOWN = 0.5  # share of the view
 TEXTURE_OVER_NOISE = 1.5
 CORRELATION_PX = 8.0  # the flow's own patch
 Singles = npt.NDArray[np.float32]
@@ -57,11 +57,11 @@ def read_texture(before: Bytes) -> Texture:
 def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
     """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where valid.
 
-    None where the texture drowns in the noise over LEAST_KNOWN of either picture: the untouched one is often a
+    None where the texture drowns in the noise over MIN_KNOWN of either picture: the untouched one is often a
     mean of many, and shows more than one frame can.
     """
     second, seen = _pattern(_fine(after), before.weights)
-    if (before.known & seen).mean() < LEAST_KNOWN:
+    if (before.known & seen).mean() < MIN_KNOWN:
         return None  # under a contact the light's own change passes for noise here; what is left judges there
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)

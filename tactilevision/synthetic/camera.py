@@ -16,7 +16,7 @@ import numpy as np
 from tactilevision.records import Bytes, Floats
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
-from tactilevision.synthetic.sight import SOUND, Sight
+from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 _FINER = 3
 _STEPS = 16383
@@ -44,7 +44,7 @@ class Camera:
     full_well: float
     read_noise: float
     drift: tuple[Floats, float]
-    sight: Sight = SOUND
+    sight: SlopeResponse = SOUND
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""

@@ -10,7 +10,7 @@ from tactilevision.records import REASONS, Pair
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.profile import EDGE_RADIUS_MM, FRICTION, PAD_RADIUS_MM
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.sight import SOUND, Sight
+from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 FAULTS = REASONS  # a bad press of every kind that a press can be rejected for
 
@@ -83,7 +83,7 @@ class SimulationOptions:
     date: str = "2026-11-21"
     gel: GelOptions = field(default_factory=GelOptions)
     camera: CameraOptions = field(default_factory=CameraOptions)
-    sight: Sight = SOUND
+    sight: SlopeResponse = SOUND
     indenters: IndenterOptions = field(default_factory=IndenterOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     presses: int = 3
@@ -106,5 +106,8 @@ class SimulationOptions:
                 remedy=f"Choose among {', '.join(FAULTS)}.",
             )
         if self.presses < 0 or not self.indenters.heights_mm:
-            raise InputError("a recording needs at least one indenter and a number of presses not below 0",
-                             where="SimulationOptions", value=self.presses)  # fmt: skip
+            raise InputError(
+                "a recording needs at least one indenter and a number of presses not below 0",
+                where="SimulationOptions",
+                value=self.presses,
+            )

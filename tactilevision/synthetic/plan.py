@@ -70,8 +70,14 @@ def gel_law(options: SimulationOptions) -> GelLaw:
 def gel_under(options: SimulationOptions, radius_mm: float) -> PunchProfile:
     """The options' gel under a punch of this radius."""
     gel = options.gel
-    return punch_profile(gel.poisson_ratio, radius_mm, gel.thickness_mm, friction=gel.friction,
-                         edge_radius_mm=options.indenters.edge_radius_mm, pad_radius_mm=gel.radius_mm)  # fmt: skip
+    return punch_profile(
+        gel.poisson_ratio,
+        radius_mm,
+        gel.thickness_mm,
+        friction=gel.friction,
+        edge_radius_mm=options.indenters.edge_radius_mm,
+        pad_radius_mm=gel.radius_mm,
+    )
 
 
 def true_heights(options: SimulationOptions, rng: np.random.Generator) -> dict[str, float]:

@@ -11,7 +11,7 @@ from tactilevision.synthetic.bevel import Bevel, bevel_dent
 from tactilevision.synthetic.gel import Area, Grid, Singles, lookup
 from tactilevision.synthetic.profile import PunchProfile
 
-LEAST_MM = 1e-6  # of depth, below which the surface has the shape that it has there
+MIN_MM = 1e-6  # of depth, below which the surface has the shape that it has there
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class PunchPress:
 
     def _free(self, grid: Grid) -> Singles:
         r = grid.distance(self.centre_mm)
-        deep = max(self.face_mm, LEAST_MM)
+        deep = max(self.face_mm, MIN_MM)
         places, depths = self.profile.seen(deep)
         unit = lookup(r, places, depths / deep, rounding_mm=self.rounding_mm)
         face = np.full_like(r, self.face_mm)

@@ -19,7 +19,7 @@ from tactilevision.synthetic.optics import build_camera
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
 from tactilevision.synthetic.reference import picture_still, plan_balls
-from tactilevision.synthetic.story import Story, stream, tell
+from tactilevision.synthetic.scenario import Scenario, draw_scenario, stream
 from tactilevision.synthetic.truth import truth_of
 
 Progress = Callable[[int, int], None]
@@ -36,12 +36,12 @@ def simulate(
     """
     options = options or SimulationOptions()
     folder = Path(out)
-    story = tell(options, seed)
+    scenario = draw_scenario(options, seed)
     _clear(folder)
-    writing.write_toml(folder / TRUTH, truth_of(story))
-    record = writing.recording_of(folder, story)
+    writing.write_toml(folder / TRUTH, truth_of(scenario))
+    record = writing.recording_of(folder, scenario)
     if record.forces is not None:
-        record = _pictured(record, story, progress or (lambda done, of: None))
+        record = _pictured(record, scenario, progress or (lambda done, of: None))
     write_recording(record)
     return folder
 
@@ -51,8 +51,11 @@ def _clear(folder: Path) -> None:
     if not folder.is_dir() or not any(folder.iterdir()):
         return
     if not (folder / TRUTH).is_file():
-        raise OutputError("the folder holds files that no simulation wrote", where=folder,
-                          remedy="Name a folder that is empty or not there yet.")  # fmt: skip
+        raise OutputError(
+            "the folder holds files that no simulation wrote",
+            where=folder,
+            remedy="Name a folder that is empty or not there yet.",
+        )
     tables = (layout.FRAME_TABLE, layout.FORCES, layout.PRESSES, layout.STAGE, layout.CURVES, layout.POINTS)
     try:
         for name in (layout.SETTINGS, *tables):  # the settings first: without them it is no recording
@@ -62,16 +65,17 @@ def _clear(folder: Path) -> None:
                 shutil.rmtree(folder / name)
         (folder / layout.BALL_TABLE).unlink(missing_ok=True)
     except OSError as fault:
-        raise OutputError(f"cannot be cleared: {fault.strerror or fault}", where=folder,
-                          remedy="Choose another folder.") from fault  # fmt: skip
+        raise OutputError(
+            f"cannot be cleared: {fault.strerror or fault}", where=folder, remedy="Choose another folder."
+        ) from fault
 
 
-def frame_times(story: Story) -> list[tuple[PlannedPress, Floats]]:
+def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
     """For each press the times of the frames that are kept, on the camera's clock."""
-    rng = stream(story.seed, 2)
-    rig = story.options.rig
+    rng = stream(scenario.seed, 2)
+    rig = scenario.options.rig
     kept = []
-    for press in story.presses:
+    for press in scenario.presses:
         times = np.arange(press.start_s, press.end_s, 1 / rig.frame_rate_Hz)
         times = times + np.clip(rng.normal(0.0, 4e-4, times.size), -2e-3, 2e-3)
         if rig.frames_per_press is not None:
@@ -102,13 +106,15 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 
-def _pictured(record: Recording, story: Story, progress: Progress) -> Recording:
+def _pictured(record: Recording, scenario: Scenario, progress: Progress) -> Recording:
     """Write the pictures and give the record that lists them."""
-    options, folder = story.options, record.path
-    camera = build_camera(options.camera, stream(story.seed, 3))
-    worn = replace(camera, sight=replace(options.sight, end_s=story.presses[-1].end_s if story.presses else 1.0))
-    rng = stream(story.seed, 4)
-    plan, balls = frame_times(story), _balls(story)
+    options, folder = scenario.options, record.path
+    camera = build_camera(options.camera, stream(scenario.seed, 3))
+    worn = replace(
+        camera, sight=replace(options.sight, end_s=scenario.presses[-1].end_s if scenario.presses else 1.0)
+    )
+    rng = stream(scenario.seed, 4)
+    plan, balls = frame_times(scenario), _balls(scenario)
     total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0
     frames = writing.FrameWriter(folder, options)
     for press, times in plan:
@@ -133,8 +139,13 @@ def _unimportant(plan: list[tuple[PlannedPress, Floats]]) -> int:
     return sum(times.size for _, times in plan[: first + 1]) - 1
 
 
-def _balls(story: Story) -> tuple[BallPress, ...]:
-    camera = story.options.camera
+def _balls(scenario: Scenario) -> tuple[BallPress, ...]:
+    camera = scenario.options.camera
     half = (camera.width_px * camera.mm_per_px[0] / 2, camera.height_px * camera.mm_per_px[1] / 2)
-    return plan_balls(story.options.balls, story.options.ball_radii_mm, half, story.options.gel,
-                      stream(story.seed, 5))  # fmt: skip
+    return plan_balls(
+        scenario.options.balls,
+        scenario.options.ball_radii_mm,
+        half,
+        scenario.options.gel,
+        stream(scenario.seed, 5),
+    )

@@ -18,33 +18,33 @@ from tactilevision.synthetic.gel import Grid
 from tactilevision.synthetic.optics import distortion
 from tactilevision.synthetic.options import SimulationOptions
 from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.scenario import Scenario
 from tactilevision.synthetic.series import DEPTH_STD_MM, certified, curves, read_forces
-from tactilevision.synthetic.story import Story
 
 _SUFFIX = {"png": ".png", "jpeg": ".jpg"}
 
 
-def recording_of(folder: Path, story: Story) -> Recording:
+def recording_of(folder: Path, scenario: Scenario) -> Recording:
     """All that the maker of the recording would know, but for its pictures."""
-    options = story.options
+    options = scenario.options
     pictured = options.frames in _SUFFIX
-    forces = ForceSeries(*read_forces(story), story.sensor.noise_N) if pictured else None
+    forces = ForceSeries(*read_forces(scenario), scenario.sensor.noise_N) if pictured else None
     gauge = options.frames == "points"
     return Recording(
         path=folder,
         name=options.name,
         date=datetime.date.fromisoformat(options.date),
         sensor=_sensor(options, pictured),
-        force_std_N=story.sensor.noise_N,
+        force_std_N=scenario.sensor.noise_N,
         force_rate_Hz=options.rig.force_rate_Hz,
         depth_source="gauge" if gauge else "vision",
         depth_std_mm=options.indenters.height_std_mm if gauge else DEPTH_STD_MM,
-        clock_offset_s=round(story.clock_offset_s, 5) if options.rig.state_clock_offset and pictured else None,
+        clock_offset_s=round(scenario.clock_offset_s, 5) if options.rig.state_clock_offset and pictured else None,
         indenters={f"A{i + 1}": _indenter(options, i) for i in range(len(options.indenters.heights_mm))},
-        presses=tuple(_press(p) for p in story.presses) if pictured else (),
+        presses=tuple(_press(p) for p in scenario.presses) if pictured else (),
         forces=forces,
-        points=certified(story) if gauge else (),
-        curves=curves(story) if options.frames == "curves" else (),
+        points=certified(scenario) if gauge else (),
+        curves=curves(scenario) if options.frames == "curves" else (),
     )
 
 
@@ -123,8 +123,12 @@ def write_picture(path: Path, rgb: Bytes, *, jpeg_quality: int = 95) -> None:
     """A picture by its suffix; JPEG keeps the colours at full resolution, which photometry needs."""
     settings = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]  # smallest for noisy pictures
     if path.suffix == ".jpg":
-        settings = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality,
-                cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
+        settings = [
+            cv2.IMWRITE_JPEG_QUALITY,
+            jpeg_quality,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+            cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+        ]
     _, data = cv2.imencode(path.suffix, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), settings)
     with replacing(path) as temporary:
         temporary.write_bytes(data.tobytes())

@@ -35,11 +35,18 @@ def figures(results: list[Result]) -> dict[str, float]:
 
 def test_scores_of_a_perfect_and_of_a_blind_analyst() -> None:
     cases = [Case(1), Case(2, ("tilt",)), Case(3, ("ageing", "mullins")), Case(4, ("periodic_stage",))]
-    perfect = figures([
-        result(case, said("UNKNOWN" if case.seed == 4 else "IDENTIFIED" if case.hidden else "ADEQUATE",
-                          *(case.hidden if case.seed != 4 else ())))
-        for case in cases
-    ])  # fmt: skip
+    perfect = figures(
+        [
+            result(
+                case,
+                said(
+                    "UNKNOWN" if case.seed == 4 else "IDENTIFIED" if case.hidden else "ADEQUATE",
+                    *(case.hidden if case.seed != 4 else ()),
+                ),
+            )
+            for case in cases
+        ]
+    )
     assert perfect["named though nothing is hidden"] == 0
     assert perfect["truth in the returned set"] == perfect["truth in first place"] == 1
     assert perfect["two hidden: both found"] == perfect["outside the catalogue: UNKNOWN"] == 1
@@ -54,8 +61,10 @@ def test_scores_of_a_perfect_and_of_a_blind_analyst() -> None:
 def test_what_hardly_shows_is_not_counted_and_rivals_ask_for_ambiguous() -> None:
     faint = result(Case(1, ("skin",)), said("ADEQUATE"), strength=3.0)
     assert "truth in first place" not in figures([faint])
-    both = [result(Case(k, ("thickness",)), said(verdict, "thickness"), rivals=("edge_fillet",))
-            for k, verdict in enumerate(["AMBIGUOUS", "IDENTIFIED"])]  # fmt: skip
+    both = [
+        result(Case(k, ("thickness",)), said(verdict, "thickness"), rivals=("edge_fillet",))
+        for k, verdict in enumerate(["AMBIGUOUS", "IDENTIFIED"])
+    ]
     assert figures(both)["AMBIGUOUS where d < 3"] == 0.5
 
 

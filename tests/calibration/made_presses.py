@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.data import Observations, Presses
+from calibration.inputs.observations import Observations, Presses
 from tactilevision.records import Floats, Gel, Indenter
 
 NAN = float("nan")
@@ -18,10 +18,14 @@ def indenter(name: str = "A", radius_mm: float = 2.5, height_std_mm: float = 0.0
 
 
 def observations(
-    depth_mm: Sequence[Floats], indenters: Sequence[Indenter], *, time_s: Sequence[Floats] | None = None,
-    gel: Gel = GEL, place_mm: Sequence[tuple[float, float]] | None = None,
+    depth_mm: Sequence[Floats],
+    indenters: Sequence[Indenter],
+    *,
+    time_s: Sequence[Floats] | None = None,
+    gel: Gel = GEL,
+    place_mm: Sequence[tuple[float, float]] | None = None,
     phase: Sequence[Sequence[str]] | None = None,
-) -> Observations:  # fmt: skip
+) -> Observations:
     """One entry a press: its depths and its indenter. Forces are zero; noise is not stated."""
     kinds = tuple(dict.fromkeys(indenters))
     count, sizes = len(depth_mm), [d.size for d in depth_mm]
@@ -35,16 +39,30 @@ def observations(
     ]
     gap = [NAN] + [time_s[k][0] - time_s[k - 1][-1] for k in range(1, count)]
     presses = Presses(
-        label=tuple(f"p{k}" for k in range(count)), recording=np.zeros(count, dtype=np.int64),
+        label=tuple(f"p{k}" for k in range(count)),
+        recording=np.zeros(count, dtype=np.int64),
         indenter=np.array([kinds.index(i) for i in indenters]),
         radius_mm=np.array([i.radius_mm for i in indenters]),
-        x_mm=np.array(x), y_mm=np.array(y), rest_s=np.array(gap), speed_mm_s=np.array(speed), hold_s=nothing,
-        temperature_C=nothing, lubricated=nothing, day=np.array([t[0] / 86400 for t in time_s]),
+        x_mm=np.array(x),
+        y_mm=np.array(y),
+        rest_s=np.array(gap),
+        speed_mm_s=np.array(speed),
+        hold_s=nothing,
+        temperature_C=nothing,
+        lubricated=nothing,
+        day=np.array([t[0] / 86400 for t in time_s]),
         order=np.arange(float(count)),
-    )  # fmt: skip
+    )
     return Observations(
-        gel=gel, indenters=kinds, presses=presses, press=np.repeat(np.arange(count), sizes),
-        time_s=np.concatenate(time_s), depth_mm=np.concatenate(depth_mm), force_N=np.zeros((size, 3)),
-        phase=np.concatenate(phase) if phase else np.full(size, "load"), temperature_C=np.full(size, NAN),
-        depth_std_mm=np.full(size, NAN), force_std_N=np.full(size, NAN),
-    )  # fmt: skip
+        gel=gel,
+        indenters=kinds,
+        presses=presses,
+        press=np.repeat(np.arange(count), sizes),
+        time_s=np.concatenate(time_s),
+        depth_mm=np.concatenate(depth_mm),
+        force_N=np.zeros((size, 3)),
+        phase=np.concatenate(phase) if phase else np.full(size, "load"),
+        temperature_C=np.full(size, NAN),
+        depth_std_mm=np.full(size, NAN),
+        force_std_N=np.full(size, NAN),
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press, Sensor
 
@@ -60,9 +60,14 @@ def draw(truth: Truth, rng: np.random.Generator) -> Measured:
     """Five heights of each radius, each pressed `repeats` times; what is stated differs from what is."""
     thickness = 3.0 + truth.thickness_std_mm * rng.standard_normal()
     stated_nu = float(np.clip(truth.poisson_ratio + truth.poisson_std * rng.standard_normal(), 0, 0.4999))
-    gel = Gel(3.0, truth.thickness_std_mm, "disc", 15.0,
-              poisson_ratio=stated_nu if truth.states_poisson else None,
-              poisson_ratio_std=truth.poisson_std if truth.states_poisson else None)  # fmt: skip
+    gel = Gel(
+        3.0,
+        truth.thickness_std_mm,
+        "disc",
+        15.0,
+        poisson_ratio=stated_nu if truth.states_poisson else None,
+        poisson_ratio_std=truth.poisson_std if truth.states_poisson else None,
+    )
     indenters, points = {}, []
     for radius in truth.radii_mm:
         true_radius = radius + truth.radius_std_mm * rng.standard_normal()
@@ -77,9 +82,17 @@ def draw(truth: Truth, rng: np.random.Generator) -> Measured:
                 force = truth.stiffness(true_radius, thickness) * depth * (1 + truth.beta * depth / thickness)
                 force += truth.force_std_N * rng.standard_normal()
                 std = float(np.hypot(truth.depth_std_mm, truth.height_std_mm)) if truth.states_noise else np.nan
-                points.append(CertifiedPoint(f"{name}-{k}", name, height, force, std,
-                                             truth.force_std_N if truth.states_noise else np.nan,
-                                             extra=truth.extra))  # fmt: skip
+                points.append(
+                    CertifiedPoint(
+                        f"{name}-{k}",
+                        name,
+                        height,
+                        force,
+                        std,
+                        truth.force_std_N if truth.states_noise else np.nan,
+                        extra=truth.extra,
+                    )
+                )
     sensor = Sensor("custom", 427, 320, (0.0634, 0.0634), gel)
     return Measured(Made(sensor, indenters), points=tuple(points))
 

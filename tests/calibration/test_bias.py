@@ -9,18 +9,18 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.data import DepthSource, Observations, Shared
+from calibration.diagnosis import manual_checks
+from calibration.diagnosis.sensitivity import hidden, possible_bias
+from calibration.diagnosis.typical_sizes import largest
 from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.depth_zero import DepthZero
 from calibration.effects.force_gain import ForceGain
 from calibration.effects.photometric_gain import PhotometricGain
 from calibration.effects.viscoelasticity import Viscoelasticity
-from calibration.fitting import Fit, fit
-from calibration.missing import by_hand
-from calibration.missing.bias import hidden, possible_bias
-from calibration.missing.ranges import largest
-from calibration.stages import Effect
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import DepthSource, Observations, Shared
+from calibration.model.stages import Effect
 
 
 def points(source: DepthSource = "gauge") -> Observations:
@@ -49,7 +49,7 @@ def test_what_cannot_be_in_a_depth_from_elsewhere_is_worth_nothing(source: Depth
     found = possible_bias(fitted(points(source)), [BevelRise(), PhotometricGain(), BackingCompliance()])
     assert set(found) == {"bevel_rise", "photometric_gain", "backing_compliance"}
     assert {key for key, share in found.items() if share} == there
-    assert not by_hand.of_hidden({key: share for key, share in found.items() if key not in there})
+    assert not manual_checks.of_hidden({key: share for key, share in found.items() if key not in there})
 
 
 def test_a_rise_that_a_certificate_took_off_is_in_the_fit_and_worth_no_more() -> None:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
-from calibration.calibrate import calibrate
-from calibration.data import Measured
-from calibration.history import history
-from calibration.sticking import exact_surplus, sticking_surplus
+from calibration.inputs.observations import Measured
+from calibration.laws.theory.sticking import exact_surplus, sticking_surplus
+from calibration.tasks.calibrate import calibrate
+from calibration.tasks.history import history
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
@@ -23,10 +23,25 @@ from tactilevision.records import Curve, Gel, Indenter, Material, Press, Sensor
 PAPER = Path(__file__).parents[3] / "shared" / "reference" / "paper_points.csv"
 LUBRICATED = {"lubricated": 1.0}
 CALIBRATION_KEYS = {
-    "youngs_modulus_MPa", "poisson_ratio", "clock_offset_s", "poisson_ratio_source", "c_N_per_mm", "beta",
-    "reduced_modulus_MPa", "youngs_modulus_of_nu", "law", "assumptions", "covariance", "r_squared", "rms_error_N",
-    "noise_floor_N", "presses_accepted", "presses_rejected", "warnings", "versions",
-}  # fmt: skip
+    "youngs_modulus_MPa",
+    "poisson_ratio",
+    "clock_offset_s",
+    "poisson_ratio_source",
+    "c_N_per_mm",
+    "beta",
+    "reduced_modulus_MPa",
+    "youngs_modulus_of_nu",
+    "law",
+    "assumptions",
+    "covariance",
+    "r_squared",
+    "rms_error_N",
+    "noise_floor_N",
+    "presses_accepted",
+    "presses_rejected",
+    "warnings",
+    "versions",
+}
 WELL = Truth(extra=LUBRICATED, thickness_std_mm=0.0, radius_std_mm=0.0)
 
 
@@ -99,9 +114,11 @@ def assert_covers(truth: Truth, *, trials: int, least: int) -> None:
         result = calibrate(draw(truth, rng))
         radius, c, beta = result.by_radius[0]
         for name, estimate, value in (
-            ("c", c, truth.stiffness(radius)), ("beta", beta, truth.beta),
-            ("E", result.youngs_modulus, truth.modulus_MPa), ("nu", result.poisson_ratio, truth.poisson_ratio),
-        ):  # fmt: skip
+            ("c", c, truth.stiffness(radius)),
+            ("beta", beta, truth.beta),
+            ("E", result.youngs_modulus, truth.modulus_MPa),
+            ("nu", result.poisson_ratio, truth.poisson_ratio),
+        ):
             low, high = estimate.interval95 or (np.nan, np.nan)
             hits[name] += low <= value <= high
     assert min(hits.values()) >= least, hits
@@ -156,8 +173,15 @@ class Sticking(Truth):
 
 
 def test_several_radii_that_fix_nu_leave_E_room_for_friction() -> None:
-    truth = Sticking(radii_mm=(1.5, 2.5, 3.5), states_poisson=False, height_std_mm=0.0003, depth_std_mm=0.0005,
-                     radius_std_mm=0.0, thickness_std_mm=0.0, poisson_ratio=0.474)  # fmt: skip
+    truth = Sticking(
+        radii_mm=(1.5, 2.5, 3.5),
+        states_poisson=False,
+        height_std_mm=0.0003,
+        depth_std_mm=0.0005,
+        radius_std_mm=0.0,
+        thickness_std_mm=0.0,
+        poisson_ratio=0.474,
+    )
     for seed in range(4):
         result = calibrate(draw(truth, np.random.default_rng(seed)))
         assert result.poisson_ratio_source == "radii"
@@ -238,10 +262,15 @@ def test_curves_alone_are_enough() -> None:
     force = 3.5 * depth * (1 + 0.9 * depth / 3)
     rng = np.random.default_rng(0)
     curves = tuple(
-        Curve(str(k), 100.0 * k + depth, depth, np.column_stack([0 * depth, 0 * depth, force + 0.003 * e]),
-              np.full(30, "load"))
+        Curve(
+            str(k),
+            100.0 * k + depth,
+            depth,
+            np.column_stack([0 * depth, 0 * depth, force + 0.003 * e]),
+            np.full(30, "load"),
+        )
         for k, e in enumerate(rng.standard_normal((6, 30)))
-    )  # fmt: skip
+    )
     sensor = Sensor("custom", 10, 10, (0.1, 0.1), Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.002))
     presses = tuple(Press(str(k), "A", 100.0 * k, 100.0 * k + 1) for k in range(6))
     recording = Made(sensor, {"A": Indenter("A", radius_mm=2.5)}, presses, depth_source="vision")

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from made_recordings import points_of
 
-from calibration.data import DAY_S, Measured
-from calibration.diagnose import diagnose
-from calibration.observe import observe_points
+from calibration.inputs.gather import observe_points
+from calibration.inputs.observations import DAY_S, Measured
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Press
 
 HEIGHTS = np.repeat([0.15, 0.3, 0.45, 0.6], 3)

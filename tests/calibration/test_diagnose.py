@@ -13,34 +13,42 @@ from test_calibrate import paper_points
 from test_effects import BASE, RICH, data_for, planted
 from test_screen import MODEL, TRUTH, measured, presses
 
-import calibration.diagnose as module
-import calibration.missing.search as searching
-from calibration.compare import Comparison, compare
-from calibration.data import Measured, Observations
-from calibration.diagnose import diagnose
+import calibration.diagnosis.forward_selection as searching
+import calibration.tasks.diagnose as module
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.inadmissible_beta import theory_beta
+from calibration.diagnosis.refit import Candidate
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
-from calibration.fitting import Fit, fit
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.gather import observe_curves, observe_points
+from calibration.inputs.observations import Measured, Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.change import change_point
-from calibration.missing.diagnosis import Diagnosis
-from calibration.missing.outside import theory_beta
-from calibration.missing.refit import Candidate
-from calibration.model import Model
-from calibration.noise import Noise
-from calibration.observe import observe_curves, observe_points
-from calibration.stages import Effect, State
+from calibration.model.composition import Model
+from calibration.model.stages import Effect, State
+from calibration.noise.model import Noise
+from calibration.tasks.compare import Comparison, compare
+from calibration.tasks.diagnose import diagnose
+from tactilevision.certificate.certify import certify
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.files import write_json
-from tactilevision.press.certify import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.records import Floats
 
 DIAGNOSIS_KEYS = {
-    "verdict", "effects", "candidates", "not_testable", "rms_error_N", "material", "covariates", "measure_next",
-    "change_point", "flags",
-}  # fmt: skip
+    "verdict",
+    "effects",
+    "candidates",
+    "not_testable",
+    "rms_error_N",
+    "material",
+    "covariates",
+    "measure_next",
+    "change_point",
+    "flags",
+}
 
 
 def noisy(data: Observations, force_N: Floats, seed: int) -> Observations:
@@ -229,10 +237,14 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
     rows = Comparison((base, better)).as_json()
     for row, model in zip(rows, (base, better), strict=True):
         assert row["rms_error_N"] == {
-            "before": base.rms_N, "after": model.rms_N, "held_out_before": base.held_out_N,
-            "held_out_after": model.held_out_N, "floor": model.floor_N,
-            "in_sample": model.rms_N, "held_out": model.held_out_N,
-        }  # fmt: skip
+            "before": base.rms_N,
+            "after": model.rms_N,
+            "held_out_before": base.held_out_N,
+            "held_out_after": model.held_out_N,
+            "floor": model.floor_N,
+            "in_sample": model.rms_N,
+            "held_out": model.held_out_N,
+        }
     assert better.as_json()["parameters"]["depth_zero.offset_mm"]["value"] == pytest.approx(0.02, abs=0.004)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from made_presses import GEL, indenter, observations
 
-from calibration.data import Observations
 from calibration.effects import EFFECTS
 from calibration.effects.recovery import carried
+from calibration.inputs.depth_path import depth_at
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.measured.path import depth_at
-from calibration.model import Model
-from calibration.stiffness import punch_stiffness
-from tactilevision.mechanics.askew import PLACES, solve, upright
+from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.model.composition import Model
+from tactilevision.mechanics.tilted_punch import PLACES, solve, upright
 
 LAW = np.array([0.2, 0.48, 0.85])
 
@@ -62,8 +62,9 @@ def test_corners_that_no_sample_hit_are_found() -> None:
     data = one_press(depth, time, phase=phase)
     for later in (-0.05, 0.05, 0.15):
         inside = slice(1, -1)
-        np.testing.assert_allclose(depth_at(data, later)[inside], np.interp(time + later, path_t, path_w)[inside],
-                                   atol=1e-12)  # fmt: skip
+        np.testing.assert_allclose(
+            depth_at(data, later)[inside], np.interp(time + later, path_t, path_w)[inside], atol=1e-12
+        )
 
 
 def test_a_positive_clock_offset_is_the_force_sensors_clock_running_ahead() -> None:

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from made_presses import GEL, indenter, observations
 
-from calibration.data import Observations
 from calibration.effects import CATALOGUE, EFFECTS, get_effect
 from calibration.effects.edge_fillet import EdgeFillet
 from calibration.effects.mullins import largest_past_depth
 from calibration.effects.recovery import memory
 from calibration.effects.skin import weight
 from calibration.effects.tilt import Tilt
-from calibration.fitting import Problem, fit, linearise
+from calibration.fit.least_squares import Problem, fit, linearise
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.material.result import common_assumptions
-from calibration.model import Model
-from calibration.noise import Noise, Whitener
-from calibration.stages import Effect
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
+from calibration.noise.model import Noise, Whitener
+from calibration.result.result import common_assumptions
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import Floats
@@ -141,8 +141,12 @@ def test_the_jacobian_of_a_fit_is_the_difference_quotient(effect: Effect) -> Non
 @pytest.mark.parametrize("effect", CLEAR)
 def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: Effect) -> None:
     poor = observations([np.array([0.3]), np.array([0.5])], [indenter()] * 2, time_s=[np.array([np.nan])] * 2)
-    poor = replace(poor, depth_source="gauge", gel=replace(GEL, shape="unbounded"),
-                   presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)))  # fmt: skip
+    poor = replace(
+        poor,
+        depth_source="gauge",
+        gel=replace(GEL, shape="unbounded"),
+        presses=replace(poor.presses, x_mm=np.full(2, np.nan), y_mm=np.full(2, np.nan)),
+    )
     needs_nothing = {"depth_zero", "force_bias", "tilt", "edge_fillet", "thickness", "stiffening", "mullins"}
     assert bool(effect.missing(poor)) == (effect.key not in needs_nothing) or effect.key == "mullins"
 
@@ -194,8 +198,8 @@ def test_the_skin_weight_runs_from_nothing_to_all() -> None:
     assert weight(np.array([1e6]))[0] == pytest.approx(1, abs=1e-5)
     x = 0.3  # by hand at nu = .3: eq. 28 with its logarithm
     log = (1 - 0.6) * x * np.log((1 + x**2) / x**2)
-    by_hand = 2 / np.pi * np.arctan(x) + (log - x / (1 + x**2)) / (2 * np.pi * 0.7)
-    assert weight(np.array([x]), 0.3)[0] == pytest.approx(by_hand)
+    manual_checks = 2 / np.pi * np.arctan(x) + (log - x / (1 + x**2)) / (2 * np.pi * 0.7)
+    assert weight(np.array([x]), 0.3)[0] == pytest.approx(manual_checks)
 
 
 @pytest.mark.parametrize("key", ["viscoelasticity", "recovery"])

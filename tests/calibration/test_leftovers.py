@@ -8,17 +8,17 @@ from made_presses import GEL
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.residual_maps import Surface, residual_map
+from calibration.diagnosis.score_test import SCATTER, score_test
+from calibration.diagnosis.unexplained import describe
+from calibration.diagnosis.vision_depth_check import sighted
 from calibration.effects import EFFECTS
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.change import change_point
-from calibration.missing.left import describe
-from calibration.missing.relief import Surface, relief
-from calibration.missing.screen import SCATTER, screen
-from calibration.missing.sight import sighted
-from calibration.model import Model
-from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.repeats.scatter import Scatter
+from calibration.model.composition import Model
+from calibration.noise.heteroscedasticity import Scatter
+from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import HeightMap
 
@@ -27,7 +27,7 @@ def test_a_wave_in_the_depth_is_measured_in_size_and_length() -> None:
     data = presses(16)
     wave = 0.03 * np.sin(2 * np.pi * data.depth_mm / 0.2)
     fitted = pure(measured(data, MODEL.predict(TRUTH, data) + wave, np.random.default_rng(0)))
-    left = describe(fitted, screen(fitted, (), np.random.default_rng(0), draws=49).covariates)
+    left = describe(fitted, score_test(fitted, (), np.random.default_rng(0), draws=49).covariates)
     assert left.size_N == pytest.approx(0.03 / np.sqrt(2), rel=0.5)
     assert 0.02 < left.length_mm < 0.12, "a sine's length scale lies below a quarter of its period"
     assert left.covariates[0].startswith(("w", "1/w"))
@@ -43,7 +43,7 @@ def test_jumps_at_random_depths_show_in_the_scatter_and_heavy_tails_do_not() -> 
     found = []
     for force in (clean + tails, clean - drop + 0.004 * rng.standard_normal(RICH.size)):
         fitted = refit_with_pure_noise(fit(law, RICH.with_force(force)))
-        seen = screen(fitted, (), np.random.default_rng(0), draws=99)
+        seen = score_test(fitted, (), np.random.default_rng(0), draws=99)
         found.append({c.key: c.p for c in seen.covariates}[SCATTER])
     assert found[0] > 0.05 > 0.01 > found[1]
 
@@ -71,8 +71,8 @@ def drawn_surface(seed: int, tilt: float = 0.0) -> Surface:
 
 
 def test_the_exact_surface_leaves_nothing_and_a_tilt_shows_in_the_azimuth() -> None:
-    clean = relief([drawn_surface(k) for k in range(6)], GEL)
-    tilted = relief([drawn_surface(k, tilt=0.002) for k in range(6)], GEL)
+    clean = residual_map([drawn_surface(k) for k in range(6)], GEL)
+    tilted = residual_map([drawn_surface(k, tilt=0.002) for k in range(6)], GEL)
     assert clean is not None
     assert tilted is not None
     assert np.nanquantile(np.abs(clean.residual_mm), 0.98) < 0.008, "all but the steep rim of the nearest pixels"
@@ -80,7 +80,7 @@ def test_the_exact_surface_leaves_nothing_and_a_tilt_shows_in_the_azimuth() -> N
     p_clean, p_tilted = ({c.key: c.p_adjusted for c in one.covariates} for one in (clean, tilted))
     assert min(p_clean.values()) > 0.01
     assert p_tilted["height map: azimuth"] < 1e-3
-    assert relief([drawn_surface(0)], GEL) is None
+    assert residual_map([drawn_surface(0)], GEL) is None
 
 
 def test_every_effect_of_the_picture_is_in_the_catalogue() -> None:

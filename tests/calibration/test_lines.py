@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_recordings import points_of
 
-from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
+from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Gel, Material

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.minimise import Box, Minimum, minimise
+from calibration.fit.minimise import Box, Minimum, minimise
 from tactilevision.records import Floats
 
 PROBLEMS: dict[str, Any] = json.loads((Path(__file__).parent / "nist_strd.json").read_text())
@@ -45,9 +45,10 @@ def solve(name: str, start: Floats) -> Minimum:
     problem, curve = PROBLEMS[name], CURVES[name]
     x, y = np.array(problem["x"]), np.array(problem["y"])
     box = Box(
-        np.array(LOW.get(name, [-np.inf] * start.size)), np.array(HIGH.get(name, [np.inf] * start.size)),
+        np.array(LOW.get(name, [-np.inf] * start.size)),
+        np.array(HIGH.get(name, [np.inf] * start.size)),
         np.maximum(np.abs(start), 1e-8),
-    )  # fmt: skip
+    )
 
     def residual(b: Floats) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):

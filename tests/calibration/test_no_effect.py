@@ -11,19 +11,19 @@ from test_diagnose import noisy
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.compare import base_model, fit_alone
-from calibration.data import Observations
-from calibration.diagnose import diagnose
 from calibration.effects.lateral_boundary import LateralBoundary
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
+from calibration.inputs.checks import clear_of_touch
+from calibration.inputs.denoised_depth import denoised_depth
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
-from calibration.measured.checks import clear_of_touch
-from calibration.measured.depths import steady_depth
-from calibration.model import Model
-from calibration.pages.drawing import own_offsets
-from calibration.repeats.odd_presses import odd_presses, own_zero_mm
-from calibration.repeats.pure_noise import noise_from_repeats
-from calibration.theory import bend_range
+from calibration.laws.theory.admissible_range import bend_range
+from calibration.model.composition import Model
+from calibration.repeats.outlying_presses import outlying_presses, own_zero_mm
+from calibration.repeats.repeat_noise import repeat_noise
+from calibration.report.drawing import own_offsets
+from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material
@@ -71,8 +71,8 @@ def plateaus(count: int, rng: np.random.Generator) -> Observations:
 def test_noise_of_the_depth_sorts_no_residuals() -> None:
     data = plateaus(16, np.random.default_rng(3))
     hold = data.phase == "hold"
-    assert np.unique(steady_depth(data)[hold]).size == 16, "one depth a hold"
-    assert np.std(steady_depth(data)[~hold] - np.tile(np.linspace(0.03, 0.55, 12), 16)) < 0.0015
+    assert np.unique(denoised_depth(data)[hold]).size == 16, "one depth a hold"
+    assert np.std(denoised_depth(data)[~hold] - np.tile(np.linspace(0.03, 0.55, 12), 16)) < 0.0015
     assert diagnose(data, np.random.default_rng(0)).verdict == "ADEQUATE"
 
 
@@ -93,7 +93,7 @@ def points(force_std_N: float = 0.004) -> Observations:
 def test_points_are_presses_too() -> None:
     data = points()
     taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(5))
-    noise = noise_from_repeats(fit(MODEL, taken))
+    noise = repeat_noise(fit(MODEL, taken))
     assert 0.002 < noise.gain < 0.012
     assert 0.0015 < noise.zero_mm < 0.009
 
@@ -114,7 +114,7 @@ def test_scatter_in_mm_accuses_no_press_of_the_stiffest_punch(
 ) -> None:
     data = unstated_points(np.random.default_rng(seed), jump_mm)
     fitted = fit_alone(base_model(data), data)
-    assert odd_presses(fitted, np.random.default_rng(0)).presses == odd
+    assert outlying_presses(fitted, np.random.default_rng(0)).presses == odd
     if not odd:
         in_mm = fitted.noise.scale / np.median(fitted.about.slope_N_per_mm)
         assert in_mm < fitted.noise.zero_mm, "constant in mm, not in N"
@@ -125,7 +125,7 @@ def test_a_press_that_does_not_belong_is_found(jump_mm: float, odd: tuple[str, .
     data = presses(20)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, jump_mm, 0.0)))
     fitted = fit_alone(base_model(data), measured(data, force, np.random.default_rng(1)))
-    found = odd_presses(fitted, np.random.default_rng(0))
+    found = outlying_presses(fitted, np.random.default_rng(0))
     assert found.presses == odd
     assert own_zero_mm(fitted)[5] > 0.8 * jump_mm - 0.012
 
@@ -148,7 +148,7 @@ def test_a_force_sensor_whose_zero_follows_the_temperature_is_told_by_the_air() 
     warmth = RICH.temperature_C - 22
     for per_K, wanders in ((0.0, ()), (0.003, ("T",))):
         data = noisy(RICH, Model(FlatPunch()).predict(BASE, RICH) + per_K * warmth, 5)
-        odd = odd_presses(fit_alone(base_model(data), data), np.random.default_rng(0))
+        odd = outlying_presses(fit_alone(base_model(data), data), np.random.default_rng(0))
         assert tuple(name for name, _ in odd.wanders) == wanders
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_recordings import points_of
 
-from calibration.calibrate import calibrate
-from calibration.pages.report import summary
+from calibration.report.report import summary
+from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import InputError
 from tactilevision.records import Gel
 

@@ -7,10 +7,10 @@ import pytest
 from test_relaxation_terms import held
 from test_screen import MODEL, TRUTH, measured, pure
 
+from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.score_test import score_test
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit
-from calibration.missing.refit import adopt, refit_with
-from calibration.missing.screen import screen
+from calibration.fit.least_squares import Fit
 
 
 def with_clock(lost_N: float, offset_s: float) -> Fit:
@@ -25,7 +25,7 @@ def with_clock(lost_N: float, offset_s: float) -> Fit:
 @pytest.mark.parametrize(("lost_N", "offset_s", "one"), [(0.0, 0.02, True), (0.02, 0.0, False)])
 def test_a_clock_is_off_by_one_time_at_all_rates_and_both_ways(lost_N: float, offset_s: float, one: bool) -> None:
     fitted = with_clock(lost_N, offset_s)
-    looked = {c.key: c.p_adjusted for c in screen(fitted, (), np.random.default_rng(0)).covariates}
+    looked = {c.key: c.p_adjusted for c in score_test(fitted, (), np.random.default_rng(0)).covariates}
     told = min(looked["clock_offset by log rate"], looked["clock_offset by load/unload"])
     assert told > 0.05 if one else told < 1e-4
     if one:

@@ -9,23 +9,23 @@ import pytest
 from test_diagnose import noisy
 from test_effects import BASE, RICH
 
-from calibration.diagnose import diagnose
+from calibration.diagnosis.alternative_explanation import alternative_explanation
+from calibration.diagnosis.forward_selection import Searched, Step
+from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
+from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.score_test import Scored, ScoreTest
 from calibration.effects import EFFECTS
-from calibration.fitting import fit
+from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.otherwise import otherwise
-from calibration.missing.plain import PLAIN, PlainError, SinceTouch, since_touch
-from calibration.missing.refit import adopt, refit_with
-from calibration.missing.screen import Scored, Screen
-from calibration.missing.search import Searched, Step
-from calibration.model import Model
-from calibration.pages.verdict import verdict_sentence
-from calibration.repeats.pure_noise import refit_with_pure_noise
-from calibration.stages import Effect
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
+from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.report.verdict import verdict_sentence
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())
-NOTHING = Screen((), (Scored("w", 1.0, 1.0, 1.0),), {}, {})
+NOTHING = ScoreTest((), (Scored("w", 1.0, 1.0, 1.0),), {}, {})
 CREEP = np.array([-0.012, 1.5])
 
 
@@ -46,7 +46,7 @@ def named(force_N: Floats, keys: Sequence[str], seed: int = 3) -> Searched:
 
 
 def test_a_creep_since_the_touch_stands_for_a_relaxation_beside_an_adhesion() -> None:
-    found = otherwise(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
+    found = alternative_explanation(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
     assert found is not None
     assert (found.key, found.covariate) == ("force_since_touch", "t")
     assert found.instead_of == ("viscoelasticity", "adhesion")
@@ -63,20 +63,20 @@ def test_true_effects_alone_and_in_pairs_stand(keys: tuple[str, ...]) -> None:
     for key in keys:
         model = model + EFFECTS[key]
     values = np.concatenate([BASE, *(truth[effect.key] for effect in model.effects)])
-    assert otherwise(named(model.predict(values, RICH), keys)) is None
+    assert alternative_explanation(named(model.predict(values, RICH), keys)) is None
 
 
 def test_where_nothing_was_named_a_plain_error_is_told_only_if_it_helps() -> None:
-    assert otherwise(named(LAW.predict(BASE, RICH), ())) is None
-    back = next(error for error in PLAIN if error.key == "depth_way_back")
-    found = otherwise(named(planted(back, np.array([0.02])), ()))
+    assert alternative_explanation(named(LAW.predict(BASE, RICH), ())) is None
+    back = next(error for error in INSTRUMENT_ERRORS if error.key == "depth_way_back")
+    found = alternative_explanation(named(planted(back, np.array([0.02])), ()))
     assert found is not None
     assert found.key == "depth_way_back"
     assert found.sizes[0][1] == pytest.approx(0.02, rel=0.2)
 
 
-@pytest.mark.parametrize("error", PLAIN, ids=lambda error: error.key)
-def test_a_plain_error_is_nothing_at_its_defaults_and_starts_inside_its_bounds(error: PlainError) -> None:
+@pytest.mark.parametrize("error", INSTRUMENT_ERRORS, ids=lambda error: error.key)
+def test_a_plain_error_is_nothing_at_its_defaults_and_starts_inside_its_bounds(error: InstrumentError) -> None:
     off = np.array([p.default for p in error.parameters_on(RICH)])
     np.testing.assert_array_equal(planted(error, off), LAW.predict(BASE, RICH))
     assert not error.missing(RICH)
@@ -100,7 +100,7 @@ def test_a_creeping_sensor_is_unknown_and_said_so() -> None:
     data = noisy(RICH, planted(SinceTouch(), CREEP), 4)
     found = diagnose(data, np.random.default_rng(0))
     assert found.verdict == "UNKNOWN"
-    assert found.otherwise is not None
+    assert found.alternative_explanation is not None
     assert "grows from the moment of touch" in verdict_sentence(found)
     assert "dead weight" in found.measure_next[0].action
     assert found.as_json()["otherwise"]["key"] == "force_since_touch"

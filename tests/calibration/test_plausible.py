@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_recordings import HEIGHTS_MM, points_of
 
-from calibration.calibrate import calibrate
-from calibration.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
+from calibration.laws.theory.plausible import FLAG, GEL_MODULUS_MPA, outside_gels
+from calibration.tasks.calibrate import calibrate
 from tactilevision.records import Estimate, Gel
 
 DEPTHS = np.array(HEIGHTS_MM)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.compare import compare
-from calibration.diagnose import diagnose
-from calibration.fitting import fit
-from calibration.private import load_effect, new_effect
-from calibration.steps import History, Step, load_history
+from calibration.effects.support.private import load_effect, new_effect
+from calibration.fit.least_squares import fit
+from calibration.session import History, Step, load_history
+from calibration.tasks.compare import compare
+from calibration.tasks.diagnose import diagnose
 from tactilevision.errors import InputError, OutputError
 
 
@@ -25,7 +25,7 @@ from tactilevision.errors import InputError, OutputError
         ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
         ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
     ],
-)  # fmt: skip
+)
 def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Path, body: str, why: str) -> None:
     file = tmp_path / "mine.py"
     new_effect(file, "my_effect")

@@ -9,10 +9,10 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, pure
 
-from calibration.data import Observations
+from calibration.diagnosis.forward_selection import forward_selection
 from calibration.effects import EFFECTS, get_effect, written
-from calibration.effects.viscoelasticity import MOST_TERMS, Viscoelasticity
-from calibration.missing.search import search
+from calibration.effects.viscoelasticity import MAX_TERMS, Viscoelasticity
+from calibration.inputs.observations import Observations
 from tactilevision.errors import InputError
 
 
@@ -37,7 +37,7 @@ def test_more_terms_come_before_a_second_effect() -> None:
     force = (MODEL + Viscoelasticity(terms=3)).predict(values, data)
     fitted = pure(measured(data, force, np.random.default_rng(1)))
     looked = [EFFECTS[key] for key in ("clock_offset", "viscoelasticity", "stiffening", "mullins")]
-    found = search(fitted, looked, np.random.default_rng(0), level=0.05)
+    found = forward_selection(fitted, looked, np.random.default_rng(0), level=0.05)
     assert [step.best.effect.key for step in found.steps] == ["viscoelasticity"]
     effect = found.steps[0].best.effect
     assert isinstance(effect, Viscoelasticity)
@@ -49,6 +49,6 @@ def test_more_terms_come_before_a_second_effect() -> None:
 def test_terms_are_named_by_number_and_end() -> None:
     assert get_effect("viscoelasticity:1") == EFFECTS["viscoelasticity"]
     assert written(EFFECTS["tilt"]) == "tilt"
-    assert Viscoelasticity(terms=MOST_TERMS).richer() is None
+    assert Viscoelasticity(terms=MAX_TERMS).richer() is None
     with pytest.raises(InputError, match="no effect of this name"):
-        get_effect(f"viscoelasticity:{MOST_TERMS + 1}")
+        get_effect(f"viscoelasticity:{MAX_TERMS + 1}")

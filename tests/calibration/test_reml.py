@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from made_presses import indenter, observations
 
-from calibration.noise import Linear, Noise
-from calibration.repeats.products import Weighing
-from calibration.repeats.reml import minus_two_log_likelihood
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Linear, Noise
+from calibration.noise.reml import minus_two_log_likelihood
 
 
 def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_sizes() -> None:
@@ -32,9 +32,9 @@ def test_the_likelihood_is_that_of_the_whole_covariance_and_finite_beyond_all_si
     left = residual @ weighed[:, 0] - (jacobian.T @ weighed[:, 0]) @ np.linalg.solve(
         information, jacobian.T @ weighed[:, 0]
     )
-    by_hand = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1] + left
+    manual_checks = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1] + left
     nothing = np.zeros((2, 2))
     found = minus_two_log_likelihood(Noise(0.7, 0.4, 0.9), weighing, product, precision=nothing)
-    np.testing.assert_allclose(found, by_hand, rtol=1e-9)
+    np.testing.assert_allclose(found, manual_checks, rtol=1e-9)
     beyond = Noise(1e-4, 1e5, 1e5)
     assert np.isfinite(minus_two_log_likelihood(beyond, weighing, product, precision=nothing))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from made_recordings import points_of
 
-from calibration.calibrate import calibrate
-from calibration.data import Measured
+from calibration.inputs.observations import Measured
 from calibration.laws.round_body import _force_over_E
-from calibration.material.round_sticking import stuck_surplus
+from calibration.result.round_sticking import stuck_surplus
+from calibration.tasks.calibrate import calibrate
 from tactilevision.errors import InputError
 from tactilevision.mechanics.round_contact import Ball, Cone, contact_force, half_space_force
 from tactilevision.records import Floats, Gel, Indenter

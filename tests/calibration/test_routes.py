@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_recordings import Truth, draw
 
-from calibration import theory
-from calibration.calibrate import calibrate
-from calibration.data import Measured
-from calibration.material.joint import joint_picture
-from calibration.material.routes import of_beta
+from calibration.inputs.observations import Measured
+from calibration.laws.theory import admissible_range
+from calibration.result.joint_region import joint_picture
+from calibration.result.poisson_routes import of_beta
+from calibration.tasks.calibrate import calibrate
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Estimate, Material
@@ -48,7 +48,10 @@ def test_the_source_is_the_tightest_route(std: float, source: str) -> None:
     assert (result.poisson_ratio.std or 1) < min(std, STATED.poisson_std)
     content = result.as_json()
     assert {r["route"]: r["used"] for r in content["poisson_ratio_routes"]} == {
-        "bulge": True, "prior": True, "beta": False}  # fmt: skip
+        "bulge": True,
+        "prior": True,
+        "beta": False,
+    }
     assert content["routes_apart_sigma"] < 3
 
 
@@ -102,12 +105,12 @@ def test_the_joint_region_spans_what_silicones_span_where_nothing_fixes_nu() -> 
 
 
 def test_the_largest_beta_is_looked_for_over_the_whole_range_of_nu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(theory, "HIGHEST", (1.0, 1.0, 1.0, 1.3, 1.0))
-    assert theory.beta_range((0.45, 0.495), 0.83) == (theory.LOWEST[-1], 1.3)
-    least, largest = theory.beta_range((0.485, 0.495), 0.83) or (0.0, 0.0)
-    assert least == theory.LOWEST[-1]
+    monkeypatch.setattr(admissible_range, "HIGHEST", (1.0, 1.0, 1.0, 1.3, 1.0))
+    assert admissible_range.beta_range((0.45, 0.495), 0.83) == (admissible_range.LOWEST[-1], 1.3)
+    least, largest = admissible_range.beta_range((0.485, 0.495), 0.83) or (0.0, 0.0)
+    assert least == admissible_range.LOWEST[-1]
     assert largest == pytest.approx(1.2)
-    assert theory.beta_range((0.45, 0.495), 2.0) is None
+    assert admissible_range.beta_range((0.45, 0.495), 2.0) is None
 
 
 def test_a_sharp_punch_that_slides_freely_is_within_theory() -> None:
@@ -115,6 +118,6 @@ def test_a_sharp_punch_that_slides_freely_is_within_theory() -> None:
     contact, material = FlatContact(1.5, 0.0, 3.0, 0.0), Material(0.2, 0.48)
     strain = np.linspace(0.05, 0.2, 8)
     slope, start = np.polyfit(strain, punch_force(3 * strain, contact, material) / strain, 1)
-    allowed = theory.beta_range((0.475, 0.485), 0.5)
+    allowed = admissible_range.beta_range((0.475, 0.485), 0.5)
     assert allowed is not None
     assert allowed[0] <= slope / start < 0

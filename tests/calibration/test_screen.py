@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.data import Observations
+from calibration.diagnosis.score_test import _Tail, score_test
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
-from calibration.fitting import Fit, fit, profile_interval
+from calibration.fit.least_squares import Fit, fit, profile_interval
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.screen import _Tail, screen
-from calibration.model import Model
-from calibration.noise import Linear, Noise, Whitener
-from calibration.repeats.products import Weighing
-from calibration.repeats.pure_noise import beyond_stated, noise_from_repeats, refit_with_pure_noise, renewed_noise
+from calibration.model.composition import Model
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Linear, Noise, Whitener
+from calibration.repeats.repeat_noise import beyond_stated, refit_with_pure_noise, renewed_noise, repeat_noise
 from tactilevision.records import Floats
 
 TRUTH = np.array([0.2, 0.48, 0.85])
@@ -58,7 +58,7 @@ def test_correlated_noise_is_recognised() -> None:
     for k in range(17):
         noise[:, k] = 0.6 * (noise[:, k - 1] if k else 0) + 0.004 * rng.standard_normal(30)
     force = MODEL.predict(TRUTH, data) + noise.ravel()
-    assert noise_from_repeats(fit(MODEL, data.with_force(force))).correlation == pytest.approx(0.6, abs=0.21)
+    assert repeat_noise(fit(MODEL, data.with_force(force))).correlation == pytest.approx(0.6, abs=0.21)
 
 
 def test_white_noise_beside_correlated_noise_is_told_apart() -> None:
@@ -69,7 +69,7 @@ def test_white_noise_beside_correlated_noise_is_told_apart() -> None:
     for k in range(1, 17):
         slow[:, k] = 0.7 * slow[:, k - 1] + np.sqrt(1 - 0.7**2) * rng.standard_normal(120)
     force = MODEL.predict(TRUTH, data) + 0.004 * (slow.ravel() + rng.standard_normal(data.size))
-    found = noise_from_repeats(fit(MODEL, data.with_force(force)))
+    found = repeat_noise(fit(MODEL, data.with_force(force)))
     assert found.correlation >= 0.6
     assert found.white >= 0.4
 
@@ -79,7 +79,7 @@ def test_what_the_law_lacks_does_not_count_as_noise() -> None:
     force = (MODEL + EFFECTS["stiffening"]).predict(np.array([0.2, 0.48, 0.85, 8.0]), data)
     wrong = fit(MODEL, measured(data, force, np.random.default_rng(2)))
     assert wrong.noise.scale > 0.005
-    assert noise_from_repeats(wrong).scale == pytest.approx(0.004, rel=0.15)
+    assert repeat_noise(wrong).scale == pytest.approx(0.004, rel=0.15)
 
 
 def test_with_few_presses_the_press_errors_stay_near_what_is_usual() -> None:
@@ -101,12 +101,12 @@ def test_whitening_and_colouring_are_inverse_and_match_the_covariance(white: flo
     one = slice(0, 17)
     lag = np.abs(np.subtract.outer(np.arange(17), np.arange(17)))
     f, d = about.force_N[one], about.slope_N_per_mm[one]
-    by_hand = (
+    manual_checks = (
         0.004**2 * ((1 - white) * 0.5**lag + white * (lag == 0))
         + 0.005**2 * np.outer(f, f)
         + 0.004**2 * np.outer(d, d)
     )
-    np.testing.assert_allclose((root @ root.T)[one, one], by_hand, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose((root @ root.T)[one, one], manual_checks, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose((root @ root.T)[17:34, one], 0, atol=1e-12)
     weighing = Weighing(data, about, noise)
     assert weighing.log_volume(noise) == pytest.approx(np.linalg.slogdet(root @ root.T)[1], rel=1e-9)
@@ -128,12 +128,13 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     effects = [EFFECTS[key] for key in ("depth_zero", "viscoelasticity", "recovery", "ageing", "clock_offset")]
     quiet = 0
     for seed in range(6):
-        found = screen(pure(measured(data, clean, np.random.default_rng(seed))), effects,
-                       np.random.default_rng(0), draws=99)  # fmt: skip
+        found = score_test(
+            pure(measured(data, clean, np.random.default_rng(seed))), effects, np.random.default_rng(0), draws=99
+        )
         quiet += min(s.p_adjusted for s in found.effects) > 0.05
     assert quiet >= 4
     shifted = MODEL.predict(TRUTH, data.shifted(0.012))
-    found = screen(
+    found = score_test(
         pure(measured(data, shifted, np.random.default_rng(9))), effects, np.random.default_rng(0), draws=99
     )
     assert found.effects[0].key == "depth_zero"
@@ -157,7 +158,7 @@ def test_p_values_far_beyond_the_draws_are_not_understated(dof: int) -> None:
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
     data = presses()
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(6)))
-    visible = screen(fitted, [DepthZero()], np.random.default_rng(0), draws=49).visible["depth_zero"]
+    visible = score_test(fitted, [DepthZero()], np.random.default_rng(0), draws=49).visible["depth_zero"]
     again = fit(MODEL + DepthZero(), data.with_force(fitted.force_N), noise=fitted.noise, tolerances=False)
     assert visible == pytest.approx(3.6 * again.std("depth_zero.offset_mm"), rel=0.1)
 
@@ -178,7 +179,8 @@ def test_a_noise_that_was_stated_too_small_is_told_from_one_that_was_not(
     data = presses()
     noisy = replace(
         measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(3)),
-        force_std_N=np.full(data.size, stated_N), depth_std_mm=np.zeros(data.size),
-    )  # fmt: skip
+        force_std_N=np.full(data.size, stated_N),
+        depth_std_mm=np.zeros(data.size),
+    )
     found = beyond_stated(pure(noisy))
     assert found is None if said is None else found == pytest.approx(said, rel=0.06)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from made_recordings import Truth, draw
 
-from calibration.calibrate import calibrate
-from calibration.data import Measured
-from calibration.material.result import CalibrationResult
-from calibration.measured.tolerances import HEIGHTS
+from calibration.fit.tolerances import HEIGHTS
+from calibration.inputs.observations import Measured
+from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import calibrate
 
 TOUCH_MM, RISE = 0.002, 0.006
 

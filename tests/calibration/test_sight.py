@@ -9,12 +9,12 @@ import pytest
 from made_presses import indenter, observations
 from test_effects import RICH
 
-from calibration.data import Observations
-from calibration.diagnose import diagnose
+from calibration.diagnosis.vision_depth_check import Sighted, fit_vision_depth, sight_of, sighted
 from calibration.effects.photometric_drift import running_share
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.sight import Sighted, fit_sight, sight_of, sighted
-from calibration.model import Model
+from calibration.model.composition import Model
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
 LAW = np.array([0.2, 0.48, 0.8, 0.85, 0.9])
@@ -74,8 +74,9 @@ def points(ratio: Floats, std: float) -> Observations:
     rng = np.random.default_rng(3)
     picture = depth * ratio + 0.004 * rng.standard_normal(15)
     force = Model(FlatPunch()).predict(np.array([0.2, 0.48, 0.85]), data) * (1 + 0.003 * rng.standard_normal(15))
-    return replace(data.with_force(force), depth_source="gauge", reconstructed_mm=picture,
-                   reconstructed_std_mm=std * picture)  # fmt: skip
+    return replace(
+        data.with_force(force), depth_source="gauge", reconstructed_mm=picture, reconstructed_std_mm=std * picture
+    )
 
 
 def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it_does() -> None:
@@ -92,7 +93,7 @@ def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it
 
 
 def test_without_a_picture_there_is_nothing_to_compare() -> None:
-    assert fit_sight(RICH) is None
+    assert fit_vision_depth(RICH) is None
     few = replace(RICH, reconstructed_mm=np.where(np.arange(RICH.size) < 3, RICH.depth_mm, np.nan))
     assert sight_of(few) is None
 

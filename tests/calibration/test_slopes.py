@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.data import Fall, Observations
-from calibration.diagnose import diagnose
-from calibration.measured.conditions import covariates
-from calibration.missing.search import search
-from calibration.missing.sight import fit_sight, sighted
-from calibration.pages.verdict import shown_size
+from calibration.diagnosis.forward_selection import forward_selection
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, sighted
+from calibration.inputs.conditions import covariates
+from calibration.inputs.observations import EdgeDrop, Observations
+from calibration.report.verdict import shown_size
+from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.records import Floats
@@ -29,8 +29,11 @@ def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> O
     """Twelve presses of a gel of friction .25: faces with walls read 2 % low, rings with 2 % noise of a press."""
     rng = np.random.default_rng(seed)
     size = DEPTHS.size
-    data = observations([np.array([d]) for d in DEPTHS], [indenter(f"A{k % 4}") for k in range(size)],
-                        time_s=[np.array([7.0 * k]) for k in range(size)])  # fmt: skip
+    data = observations(
+        [np.array([d]) for d in DEPTHS],
+        [indenter(f"A{k % 4}") for k in range(size)],
+        time_s=[np.array([7.0 * k]) for k in range(size)],
+    )
     factor = gain * (1 + 0.01 * rng.standard_normal(size))
     falls = []
     for k, depth in enumerate(DEPTHS):
@@ -38,12 +41,14 @@ def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> O
             quarter = 1.03 if azimuth < 90 else 0.98
             for begin, end in pairwise(EDGES):
                 fall = factor[k] * quarter * _fall(depth, (begin, end), ceiling)
-                falls.append(Fall(0, data.presses.label[k], azimuth, float(f"{begin:.2f}"), float(f"{end:.2f}"),
-                                  fall + 5e-4 * rng.standard_normal(), 0.05, 0.6))  # fmt: skip
+                noise = 5e-4 * rng.standard_normal()
+                ends = float(f"{begin:.2f}"), float(f"{end:.2f}")
+                falls.append(EdgeDrop(0, data.presses.label[k], azimuth, *ends, fall + noise, 0.05, 0.6))
     walls = np.tanh(1.5 * DEPTHS / ceiling) / (1.5 * DEPTHS / ceiling) if np.isfinite(ceiling) else 1.0
     face = DEPTHS * factor * walls * 0.98 + 0.002 * rng.standard_normal(size)
-    return replace(data, depth_source="gauge", reconstructed_mm=face, reconstructed_std_mm=0.05 * face,
-                   falls=tuple(falls))  # fmt: skip
+    return replace(
+        data, depth_source="gauge", reconstructed_mm=face, reconstructed_std_mm=0.05 * face, falls=tuple(falls)
+    )
 
 
 def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
@@ -64,9 +69,9 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
     ],
 )
 def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[str, Any], truth: float) -> None:
-    fitted = fit_sight(seen(3, **fault))
+    fitted = fit_vision_depth(seen(3, **fault))
     assert fitted is not None
-    found = search(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
     assert [step.best.effect.key for step in found.steps] == [key]
     first = found.steps[0].best.effect.parameters[0].name
     low, high = found.current.estimate(f"{key}.{first}").interval95 or (0.0, 0.0)
@@ -75,33 +80,33 @@ def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[
 
 
 def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> None:
-    fitted = fit_sight(seen(4))
+    fitted = fit_vision_depth(seen(4))
     assert fitted is not None
     assert {"slope", "azimuth beside the face", "order", "w"} <= {c.name for c in covariates(fitted.data)}
-    found = search(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
     assert not found.steps
     assert found.last.lack_of_fit > 0.005
 
 
 def test_five_presses_are_too_few_for_slopes() -> None:
     data = seen(5).take(np.arange(3))
-    both = fit_sight(replace(data, reconstructed_mm=data.depth_mm))
+    both = fit_vision_depth(replace(data, reconstructed_mm=data.depth_mm))
     assert both is None, "three faces alone are too few, too"
-    five = fit_sight(seen(5).take(np.arange(5)))
+    five = fit_vision_depth(seen(5).take(np.arange(5)))
     assert five is not None
     assert five.data.slopes is None
-    six = fit_sight(seen(5).take(np.arange(6)))
+    six = fit_vision_depth(seen(5).take(np.arange(6)))
     assert six is not None
     assert six.data.slopes is not None
     kept = {data.presses.label[0]}
     one = replace(seen(5), falls=tuple(f for f in seen(5).falls if f.press in kept))
-    alone = fit_sight(one)
+    alone = fit_vision_depth(one)
     assert alone is not None
     assert alone.data.slopes is None
 
 
 def test_a_zero_of_the_map_moves_no_slope() -> None:
-    fitted = fit_sight(seen(6))
+    fitted = fit_vision_depth(seen(6))
     assert fitted is not None
     slopes = fitted.data.slopes
     assert slopes is not None

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.measured.conditions import group_basis
-from calibration.measured.depths import nominal_depth, steady_depth
-from calibration.measured.path import depth_at
+from calibration.inputs.conditions import group_basis
+from calibration.inputs.denoised_depth import denoised_depth, nominal_depth
+from calibration.inputs.depth_path import depth_at
 from tactilevision.records import Floats
 
 
@@ -46,9 +46,9 @@ def test_what_is_kept_is_the_data_sets_own() -> None:
     time_s = np.linspace(0, 1, 40)
     one = observations([time_s**2], [indenter()], time_s=[time_s])
     other = observations([time_s**3], [indenter()], time_s=[time_s])
-    assert steady_depth(one) is steady_depth(one)
-    np.testing.assert_allclose(steady_depth(other), time_s**3, atol=1e-9)
-    np.testing.assert_allclose(steady_depth(one), time_s**2, atol=1e-9)
+    assert denoised_depth(one) is denoised_depth(one)
+    np.testing.assert_allclose(denoised_depth(other), time_s**3, atol=1e-9)
+    np.testing.assert_allclose(denoised_depth(one), time_s**2, atol=1e-9)
 
 
 @pytest.mark.parametrize("late_s", [-0.05, 0.05])

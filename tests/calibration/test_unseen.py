@@ -9,19 +9,19 @@ import pytest
 from made_presses import indenter, observations
 from test_screen import MODEL, TRUTH, measured, presses
 
-from calibration.calibrate import conclude
-from calibration.compare import base_model, fit_alone
-from calibration.data import Observations
-from calibration.diagnose import diagnose
+from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.typical_sizes import absent
 from calibration.effects import EFFECTS
-from calibration.fitting import Fit
+from calibration.fit.least_squares import Fit
+from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
-from calibration.missing.ranges import absent
-from calibration.missing.unseen import Unseen, allow_for_unseen
-from calibration.model import Model
-from calibration.pages.diagnosis_report import summary
-from calibration.pages.verdict import verdict_sentence
-from calibration.repeats.odd_presses import odd_presses
+from calibration.model.composition import Model
+from calibration.repeats.outlying_presses import outlying_presses
+from calibration.report.diagnosis_report import summary
+from calibration.report.verdict import verdict_sentence
+from calibration.tasks.calibrate import determine_material
+from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Estimate, Pair
 
 RADII = (1.5, 2.5, 3.5)
@@ -44,9 +44,9 @@ def fitted(effect: str = "", size: float = 0.0) -> Fit:
     return fit_alone(base_model(data), data.with_force(force * gain + 0.004 * rng.standard_normal(data.size)))
 
 
-def allowed(one: Fit, *keys: str) -> tuple[Estimate, Estimate, tuple[Unseen, ...]]:
-    alone = conclude(one).youngs_modulus
-    return alone, *allow_for_unseen(alone, one, [EFFECTS[key] for key in keys or EFFECTS])
+def allowed(one: Fit, *keys: str) -> tuple[Estimate, Estimate, tuple[UndetectedEffect, ...]]:
+    alone = determine_material(one).youngs_modulus
+    return alone, *average_models(alone, one, [EFFECTS[key] for key in keys or EFFECTS])
 
 
 def test_radii_that_exclude_a_wrong_thickness_leave_the_interval_as_it_is() -> None:
@@ -105,7 +105,7 @@ def test_one_reading_far_out_among_heavy_tails_is_no_foreign_press() -> None:
     tails[4] = 0.08
     force = MODEL.predict(TRUTH, data.shifted(tails[data.press]))
     one = fit_alone(base_model(data), measured(data, force, rng))
-    heavy = odd_presses(one, np.random.default_rng(0))
+    heavy = outlying_presses(one, np.random.default_rng(0))
     assert heavy.presses == ("p4",)
     assert not heavy.foreign
 

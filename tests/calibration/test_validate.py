@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import validate as method
-from calibration.calibrate import observe
-from calibration.data import Measured, Observations
-from calibration.pages.validation_report import as_json, statements, table
-from calibration.trend import find_trend
-from calibration.validate import Validation, representative, validate
+from calibration.fit.depth_trend import find_trend
+from calibration.inputs.observations import Measured, Observations
+from calibration.report.validation_report import as_json, statements, table
+from calibration.tasks import validate as method
+from calibration.tasks.calibrate import observe
+from calibration.tasks.validate import Validation, representative, validate
 from tactilevision.cli import main
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import FlatContact
@@ -145,9 +145,13 @@ def recording_of(folder: Path, points: str, *, gel: str = "thickness_mm = 3.0\nr
     ],
 )
 def test_bad_measurements_are_one_clear_message(
-    points: str, gel: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    points: str,
+    gel: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     (tmp_path / "m.json").write_text(json.dumps({"youngs_modulus_MPa": 0.2, "poisson_ratio": 0.48}))
     path = recording_of(tmp_path, points, gel=gel)
     arguments = ["validate", path, "--calibration", tmp_path / "m.json", "--out", tmp_path / "out"]
@@ -176,10 +180,17 @@ def test_curves_are_compared_while_the_punch_moves_in() -> None:
     from dataclasses import replace
 
     curves = replace(
-        curves, press=np.zeros(rows, dtype=np.int64), time_s=np.arange(float(rows)), depth_mm=depth,
-        force_N=np.column_stack([np.zeros((rows, 2)), force]), phase=phase, temperature_C=np.full(rows, np.nan),
-        depth_std_mm=np.full(rows, np.nan), force_std_N=np.full(rows, np.nan), reconstructed_mm=None,
-    )  # fmt: skip
+        curves,
+        press=np.zeros(rows, dtype=np.int64),
+        time_s=np.arange(float(rows)),
+        depth_mm=depth,
+        force_N=np.column_stack([np.zeros((rows, 2)), force]),
+        phase=phase,
+        temperature_C=np.full(rows, np.nan),
+        depth_std_mm=np.full(rows, np.nan),
+        force_std_N=np.full(rows, np.nan),
+        reconstructed_mm=None,
+    )
     samples = representative(curves)
     assert samples.depth_mm.size == method.LEVELS - 1
     np.testing.assert_allclose(samples.force_N, 3.5 * samples.depth_mm, rtol=1e-12)

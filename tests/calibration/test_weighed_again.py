@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
+from calibration.diagnosis import forward_selection as module
+from calibration.diagnosis.refit import refit_with
 from calibration.effects import EFFECTS
-from calibration.missing import search as module
-from calibration.missing.refit import refit_with
 
 
 def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:
@@ -33,7 +33,9 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1)))
     noise, about = fitted.noise, fitted.about
     same = fitted.data.press[:, None] == fitted.data.press
-    covariance = same * (noise.gain**2 * np.outer(about.force_N, about.force_N)
-                         + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm))  # fmt: skip
+    covariance = same * (
+        noise.gain**2 * np.outer(about.force_N, about.force_N)
+        + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm)
+    )
     covariance += np.diag((noise.scale * about.base_N) ** 2)
     assert module._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)

@@ -7,28 +7,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.data import Measured
-from calibration.diagnose import diagnose
-from calibration.observe import observe_points
-from tactilevision.press import certify
+from calibration.inputs.gather import observe_points
+from calibration.inputs.observations import Measured
+from calibration.tasks.diagnose import diagnose
+from tactilevision.certificate import certify
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 from tactilevision.synthetic.optics import CameraOptions
 from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOptions, SimulationOptions
 from tactilevision.synthetic.rig import Protocol
-from tactilevision.synthetic.sight import SOUND, Sight
 from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 
-def options(sight: Sight) -> SimulationOptions:
+def options(sight: SlopeResponse) -> SimulationOptions:
     """Twelve presses of four depths before a small camera."""
     return SimulationOptions(
         gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, friction=0.25, prior=0.48, prior_std=0.005),
         camera=CameraOptions(width_px=240, height_px=180, mm_per_px=(0.1125, 0.1125), distortion_px=0.0),
-        sight=sight, indenters=IndenterOptions(heights_mm=(0.2, 0.3, 0.4, 0.5)),
+        sight=sight,
+        indenters=IndenterOptions(heights_mm=(0.2, 0.3, 0.4, 0.5)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=22),
-        presses=3, faults=(), frames="jpeg", flats=2, balls=16, torn_frame=False,
-    )  # fmt: skip
+        presses=3,
+        faults=(),
+        frames="jpeg",
+        flats=2,
+        balls=16,
+        torn_frame=False,
+    )
 
 
 @pytest.mark.slow
@@ -36,15 +42,15 @@ def options(sight: Sight) -> SimulationOptions:
     ("key", "sight", "amount"),
     [
         ("", SOUND, 0.0),
-        ("photometric_gain", Sight(gain=-0.2), -0.2),
-        ("photometric_drift", Sight(drift=-0.2), -0.2),
-        ("slope_saturation", Sight(steepest=0.5), 1 / 0.5),
-        ("slope_saturation", Sight(steepest=0.3), 1 / 0.3),
+        ("photometric_gain", SlopeResponse(gain=-0.2), -0.2),
+        ("photometric_drift", SlopeResponse(drift=-0.2), -0.2),
+        ("slope_saturation", SlopeResponse(steepest=0.5), 1 / 0.5),
+        ("slope_saturation", SlopeResponse(steepest=0.3), 1 / 0.3),
     ],
     ids=["sound", "gain", "drift", "ceiling", "low ceiling"],
 )
 def test_what_the_light_lost_is_named_from_whole_frames(
-    key: str, sight: Sight, amount: float, tmp_path: Path
+    key: str, sight: SlopeResponse, amount: float, tmp_path: Path
 ) -> None:
     recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(sight)))
     points = certify(recording, build_reconstructor(recording)).points

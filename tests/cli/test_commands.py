@@ -178,7 +178,7 @@ def test_nothing_of_an_earlier_calibration_stays_beside_a_later_one(
 
 
 def test_no_force_is_computed_from_a_calibration_that_fixed_nothing(tmp_path: Path) -> None:
-    from calibration.material.unfixed import unfixed_as_json
+    from calibration.result.undetermined import unfixed_as_json
     from tactilevision.errors import InputError
     from tactilevision.files import write_json
     from tactilevision.force.calibrated import read_material

@@ -20,8 +20,20 @@ def untouched() -> Bytes:
 
 
 def command(monkeypatch: pytest.MonkeyPatch, folder: Path, path: Path) -> int:
-    words = ("depth", path, "--sensor", "gelslim3", "--reference", folder / "flat.png", "--out", folder / "out",
-             "--workers", 1, "--pictures", 0)  # fmt: skip
+    words = (
+        "depth",
+        path,
+        "--sensor",
+        "gelslim3",
+        "--reference",
+        folder / "flat.png",
+        "--out",
+        folder / "out",
+        "--workers",
+        1,
+        "--pictures",
+        0,
+    )
     monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
     return main()
 

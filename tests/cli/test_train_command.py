@@ -11,7 +11,7 @@ import pytest
 
 from tactilevision.cli import main
 from tactilevision.photometric import PHOTOMETRIC
-from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 

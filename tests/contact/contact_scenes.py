@@ -40,8 +40,14 @@ class Scene:
         return replace(self, depth_mm=depth_mm)
 
     def indenter(self) -> Indenter:
-        return Indenter("A1", radius_mm=self.radius_mm, height_mm=self.height_mm, height_std_mm=0.002,
-                        bevel=self.side, bevel_distance_mm=self.bevel_distance_mm)  # type: ignore[arg-type]  # fmt: skip
+        return Indenter(
+            "A1",
+            radius_mm=self.radius_mm,
+            height_mm=self.height_mm,
+            height_std_mm=0.002,
+            bevel=self.side,
+            bevel_distance_mm=self.bevel_distance_mm,
+        )  # type: ignore[arg-type]
 
 
 def grid(scene: Scene) -> tuple[Floats, Floats]:
@@ -70,8 +76,9 @@ def surface(scene: Scene) -> Floats:
 
 def height_map(scene: Scene, rng: np.random.Generator) -> HeightMap:
     x, y = grid(scene)
-    noise = gaussian_filter(rng.standard_normal(scene.size_px[::-1]),
-                            [scene.correlation_mm / 2 / s for s in scene.mm_per_px[::-1]])  # fmt: skip
+    noise = gaussian_filter(
+        rng.standard_normal(scene.size_px[::-1]), [scene.correlation_mm / 2 / s for s in scene.mm_per_px[::-1]]
+    )
     depth = scene.gain * surface(scene) + scene.plane[0] + scene.plane[1] * x + scene.plane[2] * y
     depth = depth + scene.noise_mm * noise / noise.std()
     return HeightMap(depth, np.ones(depth.shape, dtype=bool), scene.mm_per_px)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.contact.onset import Growth, find_onset
+from tactilevision.contact.bevel_onset import Growth, find_onset
 from tactilevision.records import Floats
 
 

@@ -27,8 +27,7 @@ def test_the_joint_covariance_is_taken_by_name(tmp_path: Path) -> None:
     matrix = [[1.0, 0.0, 0.0], [0.0, 2.5e-5, -3e-5], [0.0, -3e-5, 1e-4]]
     material = read_material(
         written(
-            tmp_path,
-            {"youngs_modulus_MPa": E, "poisson_ratio": NU, "covariance": {"of": names, "matrix": matrix}},
+            tmp_path, {"youngs_modulus_MPa": E, "poisson_ratio": NU, "covariance": {"of": names, "matrix": matrix}}
         )
     )
     assert (material.youngs_modulus_MPa, material.poisson_ratio) == (0.2, 0.48)

@@ -120,8 +120,9 @@ def test_another_material_starts_anew(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        force_folder(recording, force_job(recording, known, Material(0.2, 0.48), tmp_path / "out"), workers=1,
-                     progress=stop)  # fmt: skip
+        force_folder(
+            recording, force_job(recording, known, Material(0.2, 0.48), tmp_path / "out"), workers=1, progress=stop
+        )
     rows = force_folder(recording, force_job(recording, known, Material(0.4, 0.48), tmp_path / "out"), workers=1)
     assert rows[2].resultant_N[2] == pytest.approx(1.0, rel=0.08)
 

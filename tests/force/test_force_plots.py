@@ -54,10 +54,19 @@ def test_a_line_does_not_cross_a_pause() -> None:
 
 def test_residuals_are_drawn_against_all_that_was_recorded() -> None:
     rows = [
-        FrameForce(str(k), float(k), (0.0, 0.0, 1.0 + 0.1 * k), (0.1,) * 3, depth_mm=0.1 * k, place_mm=(0.0, 1.0),
-                   measured_N=(0.0, 0.3, 1.0 + 0.12 * k), press=str(k // 3), reading_clipped=k == 8)
+        FrameForce(
+            str(k),
+            float(k),
+            (0.0, 0.0, 1.0 + 0.1 * k),
+            (0.1,) * 3,
+            depth_mm=0.1 * k,
+            place_mm=(0.0, 1.0),
+            measured_N=(0.0, 0.3, 1.0 + 0.12 * k),
+            press=str(k // 3),
+            reading_clipped=k == 8,
+        )
         for k in range(9)
-    ]  # fmt: skip
+    ]
     found = residuals(rows)
     assert found is not None
     assert found.residual_N[:, 2] == pytest.approx(-0.02 * np.arange(9))

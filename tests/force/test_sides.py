@@ -10,12 +10,12 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from tactilevision.force.compliance import gel_compliance
+from tactilevision.force.lateral_boundaries import store
+from tactilevision.force.lateral_boundaries.hexahedra import stiffness
+from tactilevision.force.lateral_boundaries.layer_field import layer_stress
+from tactilevision.force.lateral_boundaries.mesh import gel_mesh
+from tactilevision.force.lateral_boundaries.table import solve_sides
 from tactilevision.force.nodes import lay_grid
-from tactilevision.force.sides import store
-from tactilevision.force.sides.hexahedra import stiffness
-from tactilevision.force.sides.layer_field import layer_stress
-from tactilevision.force.sides.mesh import gel_mesh
-from tactilevision.force.sides.table import solve_sides
 from tactilevision.records import Gel
 
 SMALL = Gel(2.0, shape="rectangle", size_mm=(12.0, 10.0))

@@ -10,16 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.free_gel import settle
 from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
-from tactilevision.photometric import (
-    PHOTOMETRIC,
-    CalibratedMethod,
-    calibrate_from_balls,
-    make_reference,
-)
+from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Frame
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
@@ -32,7 +27,7 @@ def calibrated(name: str, marks: bool = False) -> CalibratedMethod:
     shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=marks)
     method = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC[name]).method
-    return settle(method, [flat(rng) for _ in range(8)])
+    return subtract_background(method, [flat(rng) for _ in range(8)])
 
 
 @pytest.mark.parametrize("name", ["polynomial", "lookup", "network"])

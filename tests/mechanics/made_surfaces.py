@@ -24,9 +24,14 @@ def noise(rng: np.random.Generator, std_mm: float, length_mm: float, px_mm: floa
 
 
 def surface(
-    poisson_ratio: float, depth_mm: float, centre_mm: tuple[float, float], *, radius_mm: float = RADIUS_MM,
-    friction: float = 0.0, source: ProfileSource = linear_profile,
-) -> Floats:  # fmt: skip
+    poisson_ratio: float,
+    depth_mm: float,
+    centre_mm: tuple[float, float],
+    *,
+    radius_mm: float = RADIUS_MM,
+    friction: float = 0.0,
+    source: ProfileSource = linear_profile,
+) -> Floats:
     """Depth of the gel's surface on the grid of the picture, mm."""
     rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
     x = (columns - (SHAPE[1] - 1) / 2) * PX_MM - centre_mm[0]
@@ -38,9 +43,14 @@ def surface(
 
 
 def views(
-    poisson_ratio: float, rng: np.random.Generator, *, depths_mm: Sequence[float] = DEPTHS_MM,
-    noise_mm: float = 0.005, source: ProfileSource = linear_profile, friction: float = 0.0,
-) -> list[SurfaceView]:  # fmt: skip
+    poisson_ratio: float,
+    rng: np.random.Generator,
+    *,
+    depths_mm: Sequence[float] = DEPTHS_MM,
+    noise_mm: float = 0.005,
+    source: ProfileSource = linear_profile,
+    friction: float = 0.0,
+) -> list[SurfaceView]:
     """Presses with a gain of 3 %, tilted and shifted zero planes, centres known to .05 mm, depths to .005."""
     gain = 1 + 0.03 * rng.normal()
     rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)

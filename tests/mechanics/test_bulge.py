@@ -9,8 +9,8 @@ import pytest
 from made_surfaces import PX_MM, RADIUS_MM, SHAPE, THICKNESS_MM, noise, surface, views
 
 from tactilevision.errors import InputError
-from tactilevision.mechanics.bulge import BulgeSettings, fit_poisson_ratio
 from tactilevision.mechanics.correlated import NoiseModel, estimate_noise
+from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile
 from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.records import Floats
@@ -102,8 +102,11 @@ def test_one_depth_alone_is_trusted_less() -> None:
 
 def test_nu_that_changes_with_depth_widens_the_interval_by_what_it_changes() -> None:
     rng = np.random.default_rng(10)
-    made = [view for nu, w in ((0.47, 0.2), (0.475, 0.35), (0.48, 0.5), (0.485, 0.6))
-            for view in views(nu, rng, depths_mm=(w,), noise_mm=1e-4)]  # fmt: skip
+    made = [
+        view
+        for nu, w in ((0.47, 0.2), (0.475, 0.35), (0.48, 0.5), (0.485, 0.6))
+        for view in views(nu, rng, depths_mm=(w,), noise_mm=1e-4)
+    ]
     estimate = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=EXACT).poisson_ratio
     low, high = estimate.interval95 or (1.0, 0.0)
     assert low < 0.471
@@ -143,4 +146,4 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="alike"):
         fit_poisson_ratio([replace(flat, valid=np.ones((3, 3), bool))], thickness_mm=3.0)
     with pytest.raises(InputError, match="blur"):
-        fit_poisson_ratio([flat], thickness_mm=3.0, settings=BulgeSettings(blur_mm=0.3))
+        fit_poisson_ratio([flat], thickness_mm=3.0, settings=SurfaceFitSettings(blur_mm=0.3))

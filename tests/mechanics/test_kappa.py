@@ -75,8 +75,12 @@ def test_quadrature_converges_geometrically() -> None:
 @pytest.mark.parametrize(("nu", "alpha"), [(0.02, 0.06), (0.3, 0.8), (0.48, 2.5 / 3), (0.499, 9.9)])
 def test_gradient_against_differences(nu: float, alpha: float) -> None:
     step = 2e-4
-    by_nu = (kappa(nu - 2 * step, alpha) - 8 * kappa(nu - step, alpha) + 8 * kappa(nu + step, alpha)
-             - kappa(min(nu + 2 * step, 0.5), alpha)) / (12 * step)  # fmt: skip
+    by_nu = (
+        kappa(nu - 2 * step, alpha)
+        - 8 * kappa(nu - step, alpha)
+        + 8 * kappa(nu + step, alpha)
+        - kappa(min(nu + 2 * step, 0.5), alpha)
+    ) / (12 * step)
     by_alpha = (kappa(nu, alpha + step) - kappa(nu, alpha - step)) / (2 * step)
     assert kappa_gradient(nu, alpha) == pytest.approx((by_nu, by_alpha), rel=2e-5)
 

@@ -45,8 +45,9 @@ def test_series_and_closed_form_meet() -> None:
 def test_against_an_independent_solution_of_the_layer(nu: float, u: float) -> None:
     # Navier's equations for exp(i x) through the thickness as a first-order system, solved by a matrix exponential
     ratio = 1 / (1 - 2 * nu)
-    system = np.array([[0, 1, 0, 0], [1 / (1 + ratio), 0, 0, ratio / (1 + ratio)],
-                       [0, 0, 0, 1], [0, -ratio, 1 + ratio, 0]])  # fmt: skip
+    system = np.array(
+        [[0, 1, 0, 0], [1 / (1 + ratio), 0, 0, ratio / (1 + ratio)], [0, 0, 0, 1], [0, -ratio, 1 + ratio, 0]]
+    )
     lame = 2 * nu * ratio
     traction = np.array([[0, -(lame + 2), lame, 0], [-1, 0, 0, -1.0]])
     conditions = np.vstack([traction, expm(system * u)[[0, 2]]])

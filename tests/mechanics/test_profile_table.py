@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_surfaces import THICKNESS_MM, views
 
-from tactilevision.mechanics.bulge import fit_poisson_ratio
+from tactilevision.mechanics.poisson_from_surface import fit_poisson_ratio
 from tactilevision.mechanics.profile import (
     LINEAR,
     PunchCase,

@@ -51,9 +51,10 @@ def test_curve_passes_through_its_points() -> None:
     np.testing.assert_allclose(curve.contact_radius_mm, radii, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("chi", "dimitriadis", "garcia", "cone"),
-                         [(0.1, 0.004, 0.002, 0.001), (0.3, 0.03, 0.003, 0.002), (0.5, 0.09, 0.01, 0.003),
-                          (1.0, 0.17, 0.15, 0.02)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("chi", "dimitriadis", "garcia", "cone"),
+    [(0.1, 0.004, 0.002, 0.001), (0.3, 0.03, 0.003, 0.002), (0.5, 0.09, 0.01, 0.003), (1.0, 0.17, 0.15, 0.02)],
+)
 def test_printed_corrections_hold_their_stated_range(
     chi: float, dimitriadis: float, garcia: float, cone: float
 ) -> None:

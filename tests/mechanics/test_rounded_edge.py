@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.mechanics import rounded_edge
+from tactilevision.mechanics import filleted_punch
+from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.mechanics.kappa import fast_kappa
-from tactilevision.mechanics.rounded_edge import rounded_contact
 from tactilevision.records import Floats
 
 ELEMENTS = Path(__file__).parents[2] / "benchmarks" / "blind" / "edge_fem.csv"
@@ -54,8 +54,10 @@ def test_a_sharp_edge_is_all_there_from_the_first_touch() -> None:
 def test_edges_twice_as_blunt_lose_what_elements_lose(outer: float) -> None:
     """Force of an edge of .2 mm over that of .1 mm, elements of a gel that slides, to 20 % of its thickness."""
     with ELEMENTS.open(newline="", encoding="utf-8") as file:
-        rows = [{k: float(v) for k, v in row.items()}
-                for row in csv.DictReader(line for line in file if not line.startswith("#"))]  # fmt: skip
+        rows = [
+            {k: float(v) for k, v in row.items()}
+            for row in csv.DictReader(line for line in file if not line.startswith("#"))
+        ]
     mine = {(row["edge_mm"], row["w_mm"]): row["P_over_w_N_per_mm"] for row in rows if row["a_mm"] == outer}
     depth = np.array([w for edge, w in mine if edge == 0.2])
     elements = np.array([mine[0.2, w] / mine[0.1, w] for w in depth])
@@ -78,5 +80,5 @@ def test_what_is_kept_of_the_layer_is_as_good_as_stated() -> None:
     rng = np.random.default_rng(4)
     for nu in (0.45, 0.48, 0.4999):
         ratio, v = float(rng.uniform(0.2, 1.5)), rng.uniform(0.1, 0.99, 6)
-        kept = rounded_edge._of_layer(nu, np.full(6, ratio), v)
-        np.testing.assert_allclose(kept, rounded_edge.exact_ratios(nu, ratio, v), rtol=2e-4)
+        kept = filleted_punch._of_layer(nu, np.full(6, ratio), v)
+        np.testing.assert_allclose(kept, filleted_punch.exact_ratios(nu, ratio, v), rtol=2e-4)

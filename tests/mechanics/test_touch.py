@@ -39,8 +39,16 @@ def test_no_rise_no_correction() -> None:
 
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="bevel_distance_mm"):
-        touch_depth(Indenter("C", radius_mm=2.5, height_mm=0.4), thickness_mm=3.0, poisson_ratio=0.48,
-                    poisson_ratio_std=0.01)  # fmt: skip
+        touch_depth(
+            Indenter("C", radius_mm=2.5, height_mm=0.4),
+            thickness_mm=3.0,
+            poisson_ratio=0.48,
+            poisson_ratio_std=0.01,
+        )
     with pytest.raises(InputError, match="beside the face"):
-        touch_depth(Indenter("D", radius_mm=2.5, height_mm=0.4, bevel_distance_mm=2.0), thickness_mm=3.0,
-                    poisson_ratio=0.48, poisson_ratio_std=0.01)  # fmt: skip
+        touch_depth(
+            Indenter("D", radius_mm=2.5, height_mm=0.4, bevel_distance_mm=2.0),
+            thickness_mm=3.0,
+            poisson_ratio=0.48,
+            poisson_ratio_std=0.01,
+        )

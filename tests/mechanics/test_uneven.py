@@ -9,7 +9,7 @@ import pytest
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.kappa import kappa, kappa_gradient
-from tactilevision.mechanics.uneven import base_energy, base_stress, equivalent_thickness
+from tactilevision.mechanics.nonuniform_thickness import base_energy, base_stress, equivalent_thickness
 
 PX = (0.1, 0.1)
 

@@ -66,8 +66,11 @@ def ball(centre_mm: tuple[float, float], contact_mm: float, radius_mm: float) ->
     edge, length = contact_mm / root, 0.35 * contact_mm
     cap = np.sqrt(np.maximum(radius_mm**2 - r**2, 1e-9)) - root + edge * length
     beside = edge * length * np.exp(-(r - contact_mm) / length)
-    rate = np.where(r <= contact_mm, 1 / np.maximum(np.sqrt(np.maximum(radius_mm**2 - r**2, 1e-9)), 1e-9),
-                    edge * np.exp(-np.maximum(r - contact_mm, 0) / length) / np.maximum(r, 1e-9))  # fmt: skip
+    rate = np.where(
+        r <= contact_mm,
+        1 / np.maximum(np.sqrt(np.maximum(radius_mm**2 - r**2, 1e-9)), 1e-9),
+        edge * np.exp(-np.maximum(r - contact_mm, 0) / length) / np.maximum(r, 1e-9),
+    )
     return np.where(r <= contact_mm, cap, beside), -rate * x, -rate * y
 
 

@@ -10,8 +10,8 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball import Ball, find_ball
-from tactilevision.photometric.ball_doubts import one_contact
+from tactilevision.photometric.ball.consistency import one_contact
+from tactilevision.photometric.ball.detection import Ball, find_ball
 from tactilevision.records import Bytes, Floats
 
 SIDES = (MM_PER_PX, MM_PER_PX)
@@ -24,8 +24,10 @@ def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -
 
 @pytest.mark.parametrize("stated_mm", [0.8 * BALL_MM, 1.5 * BALL_MM])
 def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
-    pictures = [dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
-                for number, shot in enumerate(ball_pictures(16, np.random.default_rng(2)))]  # fmt: skip
+    pictures = [
+        dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
+        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(2)))
+    ]
     warnings = calibrated(pictures).warnings
     assert any("radii contradict each other" in warning for warning in warnings)
 
@@ -41,8 +43,10 @@ def test_two_true_radii_agree() -> None:
 
 
 def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
-    pictures = [dataclasses.replace(shot, name=f"{number:02d}.png")
-                for number, shot in enumerate(ball_pictures(16, np.random.default_rng(4)))]  # fmt: skip
+    pictures = [
+        dataclasses.replace(shot, name=f"{number:02d}.png")
+        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(4)))
+    ]
     assert calibrated(pictures).warnings == ()
     pictures[5] = dataclasses.replace(pictures[5], radius_mm=0.6 * BALL_MM)
     (warning,) = calibrated(pictures).warnings

@@ -19,7 +19,7 @@ from tactilevision.photometric import (
     make_reference,
     save_method,
 )
-from tactilevision.photometric.network_training import NetworkFitter
+from tactilevision.photometric.training.network_training import NetworkFitter
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=60)}  # what it can do when trained on: test_network.py

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
-from tactilevision.free_gel import settle
+from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
@@ -17,11 +17,11 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
-from tactilevision.photometric.calm import CalmReader
-from tactilevision.photometric.marks import Marks
+from tactilevision.photometric.markers import Marks
 from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Bytes, Floats
-from tactilevision.surface import integrate
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 
@@ -32,7 +32,7 @@ def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
     reference = make_reference([cut(flat(rng), odd) for _ in range(3)], may_have_marks=False)
     method = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC[name]).method
-    return settle(method, [cut(flat(rng), odd) for _ in range(8)])
+    return subtract_background(method, [cut(flat(rng), odd) for _ in range(8)])
 
 
 def cut(rgb: Bytes, odd: bool) -> Bytes:
@@ -40,7 +40,7 @@ def cut(rgb: Bytes, odd: bool) -> Bytes:
 
 
 def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
-    reading = method.read(rgb) if whole else method.glance(rgb)
+    reading = method.read(rgb) if whole else method.evaluate_tiled(rgb)
     found = integrate(reading.slopes.__class__(reading.slopes.dz_dx, reading.slopes.dz_dy), SCALE)
     return np.asarray(found - np.median(found[:6]), np.float64)
 
@@ -49,7 +49,7 @@ def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
 def test_pressed_pixels_are_read_as_in_the_whole_picture(odd: bool) -> None:
     method, (_, p, q) = calibrated(odd=odd), ball((0.5, 0.5), 1.5, 4.0)
     rgb = cut(picture(p, q, np.random.default_rng(3)), odd)
-    whole, quick = method.read(rgb), method.glance(rgb)
+    whole, quick = method.read(rgb), method.evaluate_tiled(rgb)
     steep = np.hypot(p, q)[: rgb.shape[0], : rgb.shape[1]] > 0.15
     assert np.array_equal(whole.slopes.dz_dx[steep], quick.slopes.dz_dx[steep])
     assert np.array_equal(whole.slopes.dz_dy[steep], quick.slopes.dz_dy[steep])
@@ -85,7 +85,7 @@ def test_a_gentle_contact_of_few_pixels_is_as_deep_as_pixel_by_pixel(size_px: in
 @pytest.mark.parametrize("name", ["polynomial", "lookup"])
 @pytest.mark.parametrize("px", [2, 3, 4])
 def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, px: int) -> None:
-    reader, (_, p, q) = CalmReader(calibrated(name), px), ball((1.1, -0.7), 6 * MM_PER_PX, 2.0)
+    reader, (_, p, q) = TiledEvaluator(calibrated(name), px), ball((1.1, -0.7), 6 * MM_PER_PX, 2.0)
     y, x = np.unravel_index(int(np.argmax(np.hypot(p, q))), SHAPE)
     rng = np.random.default_rng(10)
     for _ in range(3):
@@ -113,7 +113,7 @@ def test_calm_gel_is_calmer_and_follows_the_light() -> None:
     rng = np.random.default_rng(6)
     x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
     warm = 1.0 + 0.03 * x**2 * np.array([1.0, -1.0, 0.5])
-    noise = [np.median(np.abs(f(flat(rng)).slopes.dz_dx)) for f in (method.read, method.glance)]
+    noise = [np.median(np.abs(f(flat(rng)).slopes.dz_dx)) for f in (method.read, method.evaluate_tiled)]
     assert noise[1] < 0.7 * noise[0]
     before = np.sqrt(np.mean(depth(method, flat(rng, gain=warm), whole=False) ** 2))
     for _ in range(60):
@@ -123,10 +123,10 @@ def test_calm_gel_is_calmer_and_follows_the_light() -> None:
 
 def test_only_a_method_settled_so_is_read_so() -> None:
     method = calibrated()
-    assert method.calm_reader is not None
-    assert dataclasses.replace(method, card={}).calm_reader is None
+    assert method.tiled_evaluator is not None
+    assert dataclasses.replace(method, card={}).tiled_evaluator is None
     marks = Marks(0.0, 4.0, np.zeros(SHAPE, np.uint8))
-    assert method.with_reference(dataclasses.replace(method.reference, marks=marks)).calm_reader is None
+    assert method.with_reference(dataclasses.replace(method.reference, marks=marks)).tiled_evaluator is None
 
 
 @pytest.mark.parametrize("name", PHOTOMETRIC)
@@ -145,7 +145,7 @@ def test_what_a_law_says_of_noisy_pixels_on_the_mean_it_says_of_their_mean(name:
 
 
 def test_windows_hold_all_that_is_loud_and_none_overlaps_another() -> None:
-    reader, rng = calibrated().calm_reader, np.random.default_rng(9)
+    reader, rng = calibrated().tiled_evaluator, np.random.default_rng(9)
     assert reader is not None
     counts = []
     for _ in range(40):

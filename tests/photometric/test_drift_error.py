@@ -11,7 +11,7 @@ import pytest
 from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, presses
 
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.photometric.drift import Drift
+from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes

@@ -9,10 +9,10 @@ import pytest
 from lamp_room import SHAPE, ball, picture, places
 
 from tactilevision.photometric import make_reference
-from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.drift import Drift, DriftTracker, solid, undone
-from tactilevision.photometric.drift_kind import PART, drift_of, likely_slopes, noise_of
-from tactilevision.photometric.response import Response
+from tactilevision.photometric.illumination.camera_response import Response
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undone
+from tactilevision.photometric.illumination.drift_priors import PART, drift_of, likely_slopes, noise_of
 from tactilevision.records import Bytes, Floats
 
 BRIGHT = 3.0  # pictures of a hundred grey levels

@@ -8,11 +8,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from tactilevision.photometric.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
-from tactilevision.photometric.left_out import borne_out, doubt_of, gain_std, gains_of, held_out
+from tactilevision.photometric.ball.cross_validation import (
+    coverage_factor,
+    gain_std,
+    gains_of,
+    held_out,
+    scale_uncertainty,
+)
+from tactilevision.photometric.ball.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
+from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import Samples
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.records import Floats
 
 BALLS, EACH, STEEPEST, NOISE = 12, 60, 0.6, 0.01
@@ -49,8 +55,8 @@ def still() -> Samples:
     return Samples(change, place, np.zeros((500, 2)), np.full(500, -1), np.full_like(change, NOISE))
 
 
-def fitting(contact: Samples, quiet: Samples, *, ridge: float) -> ColourLaw:
-    return fit_polynomial(contact, quiet, ridge=ridge)
+def fitting(contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw:
+    return fit_polynomial(contact, untouched_samples, ridge=ridge)
 
 
 def fitted(samples: Samples) -> ColourLaw:
@@ -77,7 +83,7 @@ def many() -> tuple[Floats, Floats, Floats]:
         samples = balls(np.random.default_rng(seed), range(BALLS))
         law, (_, others) = fitted(samples), held_out(fitting, samples, still(), 1e-3)
         stated.append(gain_map(law, others, samples))
-        doubt = doubt_of(fitting, samples, still(), ridge=1e-3, law=law, others=others)
+        doubt = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=law, others=others)
         borne.append(doubt.gain_std)
         off.append(true_gain(law))
     return np.stack(off), np.stack(stated), np.stack(borne)
@@ -110,12 +116,12 @@ def test_two_thirds_are_off_by_no_more_than_balls_bear_out() -> None:
 
 def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
     off = np.random.default_rng(3).normal(0.0, 0.02, 500)
-    assert borne_out(off[:0], off[:0]) == 1.0
-    assert 0.6 < borne_out(off[:9], np.full(9, 0.04)) < 0.9, "half as far off as stated, but these are nine"
-    assert borne_out(off, np.full(500, 0.04)) == pytest.approx(0.5, abs=0.04)
-    assert borne_out(off, np.full(500, 0.01)) == pytest.approx(2.0, abs=0.15)
+    assert coverage_factor(off[:0], off[:0]) == 1.0
+    assert 0.6 < coverage_factor(off[:9], np.full(9, 0.04)) < 0.9, "half as far off as stated, but these are nine"
+    assert coverage_factor(off, np.full(500, 0.04)) == pytest.approx(0.5, abs=0.04)
+    assert coverage_factor(off, np.full(500, 0.01)) == pytest.approx(2.0, abs=0.15)
     strange = np.concatenate([off, [1.0]])
-    assert borne_out(strange, np.full(501, 0.04)) == pytest.approx(0.5, abs=0.04), (
+    assert coverage_factor(strange, np.full(501, 0.04)) == pytest.approx(0.5, abs=0.04), (
         "one that is strange moves it little"
     )
 
@@ -123,7 +129,7 @@ def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
 def test_each_ball_has_a_law_that_never_saw_it() -> None:
     samples = balls(np.random.default_rng(0), range(BALLS))
     found, others = held_out(fitting, samples, still(), 1e-3)
-    doubt = doubt_of(fitting, samples, still(), ridge=1e-3, law=fitted(samples), others=others)
+    doubt = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=fitted(samples), others=others)
     assert sorted(doubt.unseen) == list(range(BALLS))
     for number, (law, std) in doubt.unseen.items():
         at = samples.press == number

@@ -12,16 +12,16 @@ import pytest
 from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT
-from tactilevision.likeness import Likeness
 from tactilevision.photometric import make_reference, save_method
-from tactilevision.photometric.light import change_of_light, light_of, other_light
+from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.reference import Reference
+from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes
+from tactilevision.records.flags import LIGHT
 from tactilevision.sensors import get_sensor
 from tactilevision.weights import find_model
 
@@ -45,7 +45,7 @@ def test_noise_of_single_pixels_hides_no_other_light() -> None:
     method = CalibratedMethod(
         Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card={"held_out_gain_std": 0.05}
     )
-    likeness = Likeness(method)
+    likeness = ReferenceMatch(method)
     assert "another light" in likeness.made_in(light_of(reference(OWN)))[0]
     assert likeness.elsewhere
     assert likeness.made_in(light_of(reference(TURNED))) == ()

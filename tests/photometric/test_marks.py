@@ -17,8 +17,8 @@ from tactilevision.photometric import (
     make_reference,
     save_method,
 )
-from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.marks import fill, find_marks, marked
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.markers import fill, find_marks, marked
 from tactilevision.records import Bytes, Floats
 from tactilevision.sensors import get_sensor, may_have_marks
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lamp_room import SHAPE, ball, picture
 
-from tactilevision.photometric.moved import moved_by
+from tactilevision.quality.image_shift import moved_by
 from tactilevision.records import Bytes, Floats, Pair
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"

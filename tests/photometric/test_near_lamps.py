@@ -6,7 +6,7 @@ import numpy as np
 from lamp_room import MM_PER_PX, SHAPE, ball, in_px, picture, presses
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
-from tactilevision.photometric.polynomial import fit_polynomial
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.records import Bytes, Floats
 
 NEAR = ((4.6, 12.0, 8.0), (-15.0, 3.0, 7.0), (9.0, -12.0, 9.0))

@@ -21,13 +21,13 @@ from tactilevision.photometric import (
     make_reference,
     save_method,
 )
-from tactilevision.photometric.ball import Ball
-from tactilevision.photometric.change import ColourChange
-from tactilevision.photometric.drawn_lights import draw_scenes, expose, shade
-from tactilevision.photometric.drawn_samples import draw_samples
-from tactilevision.photometric.network import Network
-from tactilevision.photometric.network_training import NetworkFitter, augmented, fit_network
-from tactilevision.photometric.samples import Samples
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.training.network_training import NetworkFitter, augmented, fit_network
+from tactilevision.photometric.training.random_lights import draw_scenes, expose, shade
+from tactilevision.photometric.training.random_samples import draw_samples
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 
@@ -145,7 +145,7 @@ def test_it_survives_the_disk_and_nothing_else(tmp_path: Path) -> None:
 def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
     import torch
 
-    from tactilevision.photometric.onnx_file import export_network
+    from tactilevision.photometric.methods.onnx_file import export_network
 
     path = save_method(calibrated().method, tmp_path / "finger.npz")
     strange = export_network(
@@ -164,8 +164,10 @@ def test_drawn_gel_is_lit_as_it_should_be() -> None:
     torch.manual_seed(4)
     scenes = draw_scenes(32, rng)
     centre = torch.zeros(32, 1, 2)
-    tilted = {name: torch.tensor(s).expand(32, 1, 2) for name, s in
-              {"flat": (0.0, 0.0), "left": (0.3, 0.0), "up": (0.0, 0.3)}.items()}  # fmt: skip
+    tilted = {
+        name: torch.tensor(s).expand(32, 1, 2)
+        for name, s in {"flat": (0.0, 0.0), "left": (0.3, 0.0), "up": (0.0, 0.3)}.items()
+    }
     light = {name: expose(scenes, shade(scenes, centre, s), rng)[:, 0] for name, s in tilted.items()}
     # gel that rises towards the camera to the right turns its face to the left, where green comes from
     assert (light["left"][:, 1] > light["flat"][:, 1]).float().mean() > 0.9

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactilevision.photometric.polynomial import Polynomial, fit_polynomial
-from tactilevision.photometric.samples import Samples, with_noise
-from tactilevision.photometric.through_light import ThroughLight
+from tactilevision.photometric.ball.samples import Samples, with_noise
+from tactilevision.photometric.methods.inverse_shading import InverseShading
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 
 LIGHTS = np.array([[1.0, -0.4, -0.5], [0.1, 0.8, -0.7]])  # x, y by channel
 
@@ -49,7 +49,7 @@ def test_without_noise_nothing_is_taken_off() -> None:
 
 def test_the_lights_law_goes_on_where_no_ball_was_pressed() -> None:
     seen, still, everywhere = samples(0.01, places=0.4), resting(0.01), samples(0.0)
-    through = gain(ThroughLight(1e-3, 0.1)(seen, still, ridge=1e-6), everywhere)
+    through = gain(InverseShading(1e-3, 0.1)(seen, still, ridge=1e-6), everywhere)
     assert through == pytest.approx(1.0, abs=0.01)
 
 

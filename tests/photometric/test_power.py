@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.photometric.power import response_of
-from tactilevision.photometric.response import SOFTENING_GREY, Response, response_in
-from tactilevision.photometric.samples import Samples
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response, response_in
+from tactilevision.photometric.illumination.gamma import response_of
 from tactilevision.records import Floats
 
 LAMPS = np.array([[0.8, 0.1], [-0.5, 0.7], [-0.3, -0.8]])  # of each channel, over its height

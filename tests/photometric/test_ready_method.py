@@ -14,8 +14,8 @@ from lamp_room import flat
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import load_network, make_reference
-from tactilevision.photometric.drawn_samples import draw_samples
-from tactilevision.photometric.network import Network
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.training.random_samples import draw_samples
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.sensors import get_sensor

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tactilevision.folder import measure
+from tactilevision.batch.folder import measure
 from tactilevision.photometric import (
     BallPicture,
     Calibration,
@@ -24,10 +24,10 @@ from tactilevision.photometric import (
     load_network,
     make_reference,
 )
+from tactilevision.photometric.ball.samples import inside_ball
 from tactilevision.photometric.calibrate import direction_error_deg
-from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import inside_ball
-from tactilevision.photometric.through_light import EitherWay
+from tactilevision.photometric.methods.inverse_shading import AutoMethod
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
@@ -79,7 +79,7 @@ def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, lea
 @pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
 def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
     flat, shots = gelslim(folder)
-    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=EitherWay())
+    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=AutoMethod())
     direct = calibrated(folder, True)
     assert chosen.slope_error < 1.01 * direct.slope_error, "that is what balls choose by"
     assert chosen.direction_error_deg < direct.direction_error_deg + 0.25

@@ -7,9 +7,9 @@ import pytest
 from lamp_room import LAMPS, MM_PER_PX, SHAPE, TINTS, ball, in_px, picture, presses
 
 from tactilevision.photometric import BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.polynomial import fit_polynomial
-from tactilevision.photometric.samples import Samples
-from tactilevision.photometric.two_ways import told_slopes
+from tactilevision.photometric.ball.observability import slope_observability
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.records import Floats
 
 FACING = ((-30.0, 0.0, 18.0), (30.0, 0.0, 18.0), (0.0, 30.0, 18.0))
@@ -59,7 +59,7 @@ def test_the_slope_of_one_pixels_noise_is_exact_on_a_linear_light() -> None:
     change = np.outer(slopes @ along, 0.02 * colours[0]) + np.outer(slopes @ across, 0.5 * colours[1])
     noise = np.full((4000, 3), 0.01)
     place = rng.uniform(-1, 1, (4000, 2))
-    told = told_slopes(Samples(change, place, slopes, np.zeros(4000, int), noise))
+    told = slope_observability(Samples(change, place, slopes, np.zeros(4000, int), noise))
     assert told.best == pytest.approx(0.01 / 0.5, rel=1e-6)
     assert told.worst == pytest.approx(0.01 / 0.02, rel=1e-6)
     assert told.worst_deg == pytest.approx(30.0, abs=1e-6)

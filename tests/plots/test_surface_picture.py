@@ -7,9 +7,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tactilevision.errors import InputError
-from tactilevision.flags import LIGHT
 from tactilevision.plots.height import draw_difference, draw_height, draw_normals, draw_overlay, draw_surface
 from tactilevision.records import HeightMap
+from tactilevision.records.flags import LIGHT
 
 
 def test_the_scale_is_told_within_the_picture() -> None:
@@ -30,8 +30,13 @@ def test_no_picture_of_a_doubtful_map_goes_without_saying_so() -> None:
     depth = np.tile(np.linspace(0.0, 0.2, 16), (12, 1))
     height = HeightMap(depth, np.ones_like(depth, bool), (0.5, 0.5), name="a", flags=(LIGHT,))
     rgb = np.zeros((12, 16, 3), np.uint8)
-    figures = (draw_height(height), draw_surface(height), draw_overlay(rgb, height, None), draw_normals(height),
-               draw_difference(height, height, title="a minus b"))  # fmt: skip
+    figures = (
+        draw_height(height),
+        draw_surface(height),
+        draw_overlay(rgb, height, None),
+        draw_normals(height),
+        draw_difference(height, height, title="a minus b"),
+    )
     for figure in figures:
         assert "doubtful: light" in figure.axes[0].get_title(loc="left") + figure.axes[0].get_title()
 

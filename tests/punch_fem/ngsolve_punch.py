@@ -111,8 +111,14 @@ def _rounded_mesh(punch: RoundedPunch, thickness_mm: float, pad_mm: float) -> An
 
     fine, coarse = punch.edge_radius_mm / 3, thickness_mm / 7.5
     outline, inner, outer = SplineGeometry(), punch.radius_mm - 0.35, punch.radius_mm + 2 * punch.edge_radius_mm
-    corners = [(0, 0), (pad_mm, 0), (pad_mm, thickness_mm), (outer, thickness_mm), (inner, thickness_mm),
-               (0, thickness_mm)]  # fmt: skip
+    corners = [
+        (0, 0),
+        (pad_mm, 0),
+        (pad_mm, thickness_mm),
+        (outer, thickness_mm),
+        (inner, thickness_mm),
+        (0, thickness_mm),
+    ]
     sizes = [coarse, coarse, coarse, fine, fine, coarse]
     points = [outline.AppendPoint(*place, size) for place, size in zip(corners, sizes, strict=True)]
     for i, name in enumerate(["base", "side", "top", "top", "top", "axis"]):

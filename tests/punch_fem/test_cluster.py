@@ -49,8 +49,20 @@ def test_the_command_hands_its_cases_to_the_cluster(
     local: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr("tactilevision.mechanics.tables.solve.build")  # nothing can be solved in this process
-    options = ("--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.4", "--a-over-h", "0.4,0.6",
-               "--edge-over-h", "0.1", "--scheduler", local.scheduler_address)  # fmt: skip
+    options = (
+        "--law",
+        "neo-hooke",
+        "--friction",
+        "inf",
+        "--poisson-ratio",
+        "0.3,0.4",
+        "--a-over-h",
+        "0.4,0.6",
+        "--edge-over-h",
+        "0.1",
+        "--scheduler",
+        local.scheduler_address,
+    )
     monkeypatch.setattr(sys, "argv", ["tactilevision", "tabulate", str(tmp_path), *options])
     assert main() == 0
     assert read_table(tmp_path / "punch.npz").blocks[0].stiffness.shape[:2] == (2, 2)

@@ -72,8 +72,11 @@ def test_a_finer_mesh_confirms_what_a_coarser_one_does_not_reach(
     monkeypatch: pytest.MonkeyPatch, lost: bool, kept: int
 ) -> None:
     """Not where the law has lost its ellipticity: there no mesh says anything of the law."""
-    meshes = {1.0: pressed([4.0, 4.4, 4.8, 5.2], sound=2), 2.0: pressed([4.0, 4.4], 2),
-              0.6: pressed([4.01, 4.41, 4.81, 5.21], 3)}  # fmt: skip
+    meshes = {
+        1.0: pressed([4.0, 4.4, 4.8, 5.2], sound=2),
+        2.0: pressed([4.0, 4.4], 2),
+        0.6: pressed([4.01, 4.41, 4.81, 5.21], 3),
+    }
     meshes[1.0] = replace(meshes[1.0], lost=lost)
     monkeypatch.setattr("tactilevision.mechanics.tables.solve._press", lambda _case, _depths, size: meshes[size])
     solved = solve_case(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.48, 1.0), DEPTHS[:4])
@@ -104,13 +107,24 @@ def test_a_blunter_edge_leads_a_sharper_one_on() -> None:
     more, power = 0.02 * (AXES.depths / 0.1) ** -0.4, (AXES.depths / 0.1) ** -0.4
     surface = np.ones((*shape, 2, len(BESIDE)))
     blunt = Block("hencky", 0.3, 1 / 30, nodes, np.full(shape, 1.1), surface, 4)
-    flat = np.array([[hayes_stiffness(nu, a, 1 / 30) / hayes_stiffness(nu, a, 1 / 60) for a in (0.45, 1.0)]
-                     for nu in (0.3, 0.4999)])  # fmt: skip
+    flat = np.array(
+        [
+            [hayes_stiffness(nu, a, 1 / 30) / hayes_stiffness(nu, a, 1 / 60) for a in (0.45, 1.0)]
+            for nu in (0.3, 0.4999)
+        ]
+    )
     truth = 1.1 * flat[..., None] * (1 + more)
     beside = surface + 0.01 * power[:, None, None]
     known = np.arange(len(DEPTHS)) < np.array([[8, 14], [9, 3]])[..., None]
-    sharp = Block("hencky", 0.3, 1 / 60, nodes, np.where(known, truth, np.nan),
-                  np.where(known[..., None, None], beside, np.nan), 4)  # fmt: skip
+    sharp = Block(
+        "hencky",
+        0.3,
+        1 / 60,
+        nodes,
+        np.where(known, truth, np.nan),
+        np.where(known[..., None, None], beside, np.nan),
+        4,
+    )
     found = deepened(sharp, blunt)
     assert found.deepened == 2  # one is whole, one ends before the edge's share can be told
     for node, reach in (((0, 0), 12), ((0, 1), 14), ((1, 0), 14), ((1, 1), 3)):  # .1 leads to .2, .125 to .25
@@ -159,13 +173,17 @@ def test_a_place_on_a_node_is_known_from_either_side() -> None:
 
 def test_what_a_block_solved_itself_does_not_end_with_its_relative() -> None:
     solved = solved_blocks(edges=(1 / 60,))
-    short = {case: made_up(case, 6) if case.friction == 0.3 and case.poisson_ratio > 0.48 else one
-             for case, one in solved.items()}  # fmt: skip
+    short = {
+        case: made_up(case, 6) if case.friction == 0.3 and case.poisson_ratio > 0.48 else one
+        for case, one in solved.items()
+    }
     carried = {b.friction: b for b in on_one_grid(build_blocks(short))}[math.inf]
     assert np.isfinite(carried.stiffness[4:, FINE_A.index(1.0)]).all()
     assert np.isnan(carried.stiffness[4:, FINE_A.index(0.67), 6:]).all()
-    np.testing.assert_allclose(carried.stiffness[5, 4] * hayes_stiffness(0.4999, 1.0, 1 / 60),
-                               made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.4999, 1.0)).force)  # fmt: skip
+    np.testing.assert_allclose(
+        carried.stiffness[5, 4] * hayes_stiffness(0.4999, 1.0, 1 / 60),
+        made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.4999, 1.0)).force,
+    )
 
 
 def test_a_block_solved_at_few_nodes_is_carried_to_all() -> None:

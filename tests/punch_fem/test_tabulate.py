@@ -23,16 +23,26 @@ from tactilevision.mechanics.tables.table import read_table
 
 ROOT = Path(__file__).parents[2]
 TINY = (
-    "--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.4", "--a-over-h", "0.4,0.6",
-    "--edge-over-h", "0.1",
-)  # fmt: skip
+    "--law",
+    "neo-hooke",
+    "--friction",
+    "inf",
+    "--poisson-ratio",
+    "0.3,0.4",
+    "--a-over-h",
+    "0.4,0.6",
+    "--edge-over-h",
+    "0.1",
+)
 
 
 def start(out: Path, *options: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", "tactilevision.cli", "tabulate", str(out), *TINY, *options], cwd=ROOT,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-m", "tactilevision.cli", "tabulate", str(out), *TINY, *options],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
 
 
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -103,9 +113,12 @@ def test_slow_cases_count_for_more_of_the_time_left() -> None:
     ],
 )
 def test_bad_options_are_one_clear_message(
-    options: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    options: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.setattr(sys, "argv", ["tactilevision", "tabulate", str(tmp_path), *options])
     assert main() == 2
     assert said in capsys.readouterr().err

@@ -54,8 +54,9 @@ def test_the_whole_is_read(folder: Path) -> None:
     assert (recording.force_std_N, recording.force_rate_Hz) == ((0.01, 0.01, 0.02), 100.0)
     assert (recording.clock_offset_s, recording.depth_source, recording.depth_std_mm) == (0.0, "vision", None)
     assert [(p.press, p.indenter, p.start_s, p.end_s) for p in recording.presses] == [
-        ("1", "A1", 0.1, 0.4), ("2", "A1", 0.5, 0.9),
-    ]  # fmt: skip
+        ("1", "A1", 0.1, 0.4),
+        ("2", "A1", 0.5, 0.9),
+    ]
     assert np.isnan(recording.presses[0].rest_s)
     assert (recording.indenters["A1"].radius_mm, recording.indenters["A1"].bevel) == (2.5, "right")
     assert recording.forces is not None

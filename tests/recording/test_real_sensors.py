@@ -18,8 +18,8 @@ from scipy.stats import spearmanr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
-from tactilevision.photometric.ball import first_guess
-from tactilevision.photometric.change import ColourChange
+from tactilevision.photometric.ball.detection import first_guess
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.records import Bytes
 from tactilevision.sensors import get_sensor, rectify, sensor_from_corners
 

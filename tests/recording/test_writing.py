@@ -65,10 +65,28 @@ def equal(one: Any, other: Any) -> bool:
     )
 
 
-POINT_NUMBERS = ("depth_std_mm", "fz_std_N", "fx_N", "fy_N", "time_s", "depth_uncorrected_mm", "rest_s",
-                 "speed_mm_s", "x_mm", "y_mm")  # fmt: skip
-PRESS_NUMBERS = ("target_depth_mm", "x_mm", "y_mm", "rest_s", "speed_mm_s", "hold_s", "temperature_C",
-                 "time_of_day_s")  # fmt: skip
+POINT_NUMBERS = (
+    "depth_std_mm",
+    "fz_std_N",
+    "fx_N",
+    "fy_N",
+    "time_s",
+    "depth_uncorrected_mm",
+    "rest_s",
+    "speed_mm_s",
+    "x_mm",
+    "y_mm",
+)
+PRESS_NUMBERS = (
+    "target_depth_mm",
+    "x_mm",
+    "y_mm",
+    "rest_s",
+    "speed_mm_s",
+    "hold_s",
+    "temperature_C",
+    "time_of_day_s",
+)
 
 
 @st.composite
@@ -97,9 +115,16 @@ def curves(draw: st.DrawFn) -> list[Curve]:
             st.lists(st.sampled_from(["free", "load", "hold", "unload", ""]), min_size=count, max_size=count)
         )
         found.append(
-            Curve(press, time_s, columns[0], np.column_stack(columns[1:4]), np.array(phase),
-                  columns[4] if with_stage else None, {"humidity": columns[5]})
-        )  # fmt: skip
+            Curve(
+                press,
+                time_s,
+                columns[0],
+                np.column_stack(columns[1:4]),
+                np.array(phase),
+                columns[4] if with_stage else None,
+                {"humidity": columns[5]},
+            )
+        )
     return found
 
 
@@ -151,8 +176,9 @@ def test_presses_come_back(given_presses: tuple[Press, ...]) -> None:
 def test_forces_and_stage_come_back(rows: Sequence[tuple[float, ...]], full: bool) -> None:
     table = np.array(rows)
     time_s = np.arange(len(rows)) / 8
-    forces = ForceSeries(time_s, table[:, :3], (0.1, 0.2, 0.3), table[:, 3:6] if full else None,
-                         table[:, 6] if full else None)  # fmt: skip
+    forces = ForceSeries(
+        time_s, table[:, :3], (0.1, 0.2, 0.3), table[:, 3:6] if full else None, table[:, 6] if full else None
+    )
     stage = StageSeries(time_s, table[:, 0])
     kept = {"forces.csv": {"strain": table[:, 1]}, "stage.csv": {"mode": np.array(["a"] * len(rows))}}
     point = (CertifiedPoint("1", "A1", 0.1, 1.0),)
@@ -213,10 +239,13 @@ def test_writing_twice_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_curves_of_different_columns_share_a_table(tmp_path: Path) -> None:
     two = np.zeros(2)
     phase = np.array(["", ""])
-    write_curves(tmp_path, [
-        Curve("1", two, two, np.zeros((2, 3)), phase, z_mm=np.ones(2)),
-        Curve("2", two, two, np.zeros((2, 3)), phase, extra={"humidity": two}),
-    ])  # fmt: skip
+    write_curves(
+        tmp_path,
+        [
+            Curve("1", two, two, np.zeros((2, 3)), phase, z_mm=np.ones(2)),
+            Curve("2", two, two, np.zeros((2, 3)), phase, extra={"humidity": two}),
+        ],
+    )
     lines = (tmp_path / "curves.csv").read_text().splitlines()
     assert lines[0] == "press,time_s,depth_mm,fx_N,fy_N,fz_N,z_mm,humidity"
     assert (lines[1], lines[-1]) == ("1,0,0,0,0,0,1,", "2,0,0,0,0,0,,0")

@@ -7,14 +7,7 @@ import pytest
 
 from tactilevision.errors import InputError
 from tactilevision.records import Bytes, Sensor
-from tactilevision.sensors import (
-    SENSORS,
-    get_sensor,
-    maps_from_corners,
-    maps_from_grid,
-    maps_from_lookup,
-    rectify,
-)
+from tactilevision.sensors import SENSORS, get_sensor, maps_from_corners, maps_from_grid, maps_from_lookup, rectify
 
 
 def ramp(height: int = 60, width: int = 80) -> Bytes:
@@ -79,10 +72,14 @@ def test_four_corners_span_the_picture() -> None:
         assert np.hypot(map_x[row, column] - corner[0], map_y[row, column] - corner[1]) < 1.0 + half
     # straight lines stay straight: the middle of the face is where the diagonals cross
     diagonal = np.linalg.solve(
-        np.array([[corners[2][0] - corners[0][0], corners[1][0] - corners[3][0]],
-                  [corners[2][1] - corners[0][1], corners[1][1] - corners[3][1]]]),
+        np.array(
+            [
+                [corners[2][0] - corners[0][0], corners[1][0] - corners[3][0]],
+                [corners[2][1] - corners[0][1], corners[1][1] - corners[3][1]],
+            ]
+        ),
         np.array([corners[1][0] - corners[0][0], corners[1][1] - corners[0][1]]),
-    )  # fmt: skip
+    )
     cross = np.array(corners[0]) + diagonal[0] * (np.array(corners[2]) - np.array(corners[0]))
     found = (map_x[19:21, 29:31].mean(), map_y[19:21, 29:31].mean())
     assert found == pytest.approx(tuple(cross), abs=0.05)

@@ -10,7 +10,7 @@ import pytest
 from drawn_gels import SHAPE, marks, motion, origin, photograph
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.marks import evenly_spaced
+from tactilevision.photometric.markers import evenly_spaced
 from tactilevision.records import Bytes, Floats
 from tactilevision.shear.markers import find_markers
 from tactilevision.shear.measure import LOST, marker_motion, measure_shear
@@ -20,8 +20,9 @@ REAL = Path(__file__).parents[2] / ".." / "shared" / "real" / "gelslim3_mcubelab
 STILL = np.indices(SHAPE)[::-1].astype(float)
 
 
-def pictures(push: tuple[float, float], *, shade: float = 0.5, bulge: float = 0.0,
-             lost: Floats | None = None) -> tuple[Bytes, Bytes]:  # fmt: skip
+def pictures(
+    push: tuple[float, float], *, shade: float = 0.5, bulge: float = 0.0, lost: Floats | None = None
+) -> tuple[Bytes, Bytes]:
     rng = np.random.default_rng(4)
     before = photograph(marks(STILL[0], STILL[1]), 0.0, rng)
     skip = None if lost is None else lost.astype(bool)

@@ -71,8 +71,13 @@ def test_beyond_the_last_depth_solved_the_gel_goes_on_as_elements_do() -> None:
     """What was solved to .66 mm, cut off at .375 mm, where other gels fold, and continued to .6 mm."""
     whole = punch_profile(0.48, 2.5, 3.0)
     few = slice(int((whole.depths_mm < 0.376).sum()))
-    short = replace(whole, depths_mm=whole.depths_mm[few], depth=whole.depth[few], shift=whole.shift[few],
-                    area_mm=whole.area_mm[few])  # fmt: skip
+    short = replace(
+        whole,
+        depths_mm=whole.depths_mm[few],
+        depth=whole.depth[few],
+        shift=whole.shift[few],
+        area_mm=whole.area_mm[few],
+    )
     assert short.depths_mm[-1] == pytest.approx(0.375)
     assert short.force_per_modulus(0.6) == pytest.approx(whole.force_per_modulus(0.6), rel=3e-3)
     places = np.array([3.5, 4.0, 5.0, 6.0, 8.0])

@@ -25,9 +25,9 @@ from tactilevision.synthetic import (
 )
 from tactilevision.synthetic.options import FAULTS
 from tactilevision.synthetic.plan import PlannedPress
+from tactilevision.synthetic.scenario import Scenario, draw_scenario
 from tactilevision.synthetic.series import read_forces
 from tactilevision.synthetic.simulate import frame_times
-from tactilevision.synthetic.story import Story, tell
 
 SMALL = SimulationOptions(
     camera=CameraOptions(width_px=160, height_px=120, mm_per_px=(0.17, 0.17), light_seed=3, distortion_px=4.0),
@@ -104,64 +104,64 @@ def test_forces_come_in_steps_of_the_sensor_at_its_rate(recording: Recording) ->
 
 
 @pytest.fixture(scope="module")
-def story() -> Story:
+def scenario() -> Scenario:
     rig = RigOptions(protocol=Protocol(dwell_s=1.0), frames_per_press=None)
-    return tell(SimulationOptions(rig=rig, presses=1), seed=11)
+    return draw_scenario(SimulationOptions(rig=rig, presses=1), seed=11)
 
 
-def press_with(story: Story, fault: str) -> PlannedPress:
-    return next(p for p in story.presses if p.fault == fault)
+def press_with(scenario: Scenario, fault: str) -> PlannedPress:
+    return next(p for p in scenario.presses if p.fault == fault)
 
 
-def test_touch_time_is_when_the_face_has_reached_the_touch_depth(story: Story) -> None:
-    for press in (p for p in story.presses if not p.fault):
+def test_touch_time_is_when_the_face_has_reached_the_touch_depth(scenario: Scenario) -> None:
+    for press in (p for p in scenario.presses if not p.fault):
         assert press.motion.at(press.touch_time_s) == pytest.approx(press.touch_mm, abs=1e-9)
         assert press.bevel.gap_mm(press.profile, press.touch_mm, press.tilt) == pytest.approx(0.0, abs=1e-6)
         assert press.motion.at(press.touch_time_s - 0.004) == pytest.approx(press.touch_mm - 0.001, abs=1e-9)
         assert press.motion.at(press.touch_time_s + 0.99) == pytest.approx(press.touch_mm, abs=1e-9)  # the dwell
 
 
-def test_force_during_the_dwell_is_the_law_at_the_touch(story: Story) -> None:
-    time_s, readings = read_forces(story)
-    camera_clock = time_s - story.clock_offset_s
-    for press in (p for p in story.presses if not p.fault):
+def test_force_during_the_dwell_is_the_law_at_the_touch(scenario: Scenario) -> None:
+    time_s, readings = read_forces(scenario)
+    camera_clock = time_s - scenario.clock_offset_s
+    for press in (p for p in scenario.presses if not p.fault):
         rows = (camera_clock > press.touch_time_s) & (camera_clock < press.touch_time_s + 1.0)
         free = (camera_clock > press.start_s) & (camera_clock < press.start_s + 0.7)
         found = readings[rows, 2].mean() - readings[free, 2].mean()
-        expected = float(story.law.force_N(press.profile, press.touch_mm)) * press.gain
+        expected = float(scenario.law.force_N(press.profile, press.touch_mm)) * press.gain
         assert found == pytest.approx(expected, abs=0.006)  # four standard deviations of both means
 
 
-def test_every_fault_is_there_in_the_data(story: Story) -> None:
-    time_s, readings = read_forces(story)
-    by_label = {press.label: times for press, times in frame_times(story)}
+def test_every_fault_is_there_in_the_data(scenario: Scenario) -> None:
+    time_s, readings = read_forces(scenario)
+    by_label = {press.label: times for press, times in frame_times(scenario)}
 
     def during(press: PlannedPress) -> Floats:
-        clock = time_s - story.clock_offset_s
+        clock = time_s - scenario.clock_offset_s
         return readings[(clock > press.start_s) & (clock < press.end_s)]
 
-    tangential = press_with(story, "tangential")
+    tangential = press_with(scenario, "tangential")
     assert np.hypot(*tangential.tangential) > 0.15
-    assert np.hypot(*press_with(story, "tilt").tilt) > 0.025
-    assert press_with(story, "footprint").profile.punch_radius_mm < 2.1
-    shy = press_with(story, "bevel_not_touched")
+    assert np.hypot(*press_with(scenario, "tilt").tilt) > 0.025
+    assert press_with(scenario, "footprint").profile.punch_radius_mm < 2.1
+    shy = press_with(scenario, "bevel_not_touched")
     assert np.isnan(shy.touch_time_s)
     assert shy.bevel.gap_mm(shy.profile, float(shy.motion.face_mm.max())) > 0.02
-    dropped = press_with(story, "dropped_frames")
+    dropped = press_with(scenario, "dropped_frames")
     since = by_label[dropped.label] - dropped.touch_time_s
     assert ((since < -0.2) | (since > 1.2)).all()  # nothing of the dwell of one second either
-    top = during(press_with(story, "saturated"))[:, 2]
+    top = during(press_with(scenario, "saturated"))[:, 2]
     assert (top == top.max()).sum() > 100
-    good = [p for p in story.presses if not p.fault]
+    good = [p for p in scenario.presses if not p.fault]
     assert all((during(p)[:, 2] == during(p)[:, 2].max()).sum() < 100 for p in good)
-    assert press_with(story, "short_rest").rest_s < 0.25 * min(p.rest_s for p in good)
-    border = press_with(story, "border")
+    assert press_with(scenario, "short_rest").rest_s < 0.25 * min(p.rest_s for p in good)
+    border = press_with(scenario, "border")
     half = 427 * 0.0634 / 2
     assert abs(border.centre_mm[0]) + 2.5 > half + 0.5
 
 
-def test_full_rate_frames_keep_the_camera_s_pace_with_jitter(story: Story) -> None:
-    _, times = frame_times(story)[0]
+def test_full_rate_frames_keep_the_camera_s_pace_with_jitter(scenario: Scenario) -> None:
+    _, times = frame_times(scenario)[0]
     steps = np.diff(times)
     assert steps.mean() == pytest.approx(1 / 90, rel=0.01)
     assert 1e-4 < steps.std() < 2e-3

@@ -11,8 +11,8 @@ import pytest
 
 from tactilevision.synthetic import SimulationOptions
 from tactilevision.synthetic.optics import CameraOptions
-from tactilevision.synthetic.sight import SOUND, Sight
 from tactilevision.synthetic.simulate import simulate
+from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 
 def test_sound_light_shows_the_slopes_themselves() -> None:
@@ -21,7 +21,7 @@ def test_sound_light_shows_the_slopes_themselves() -> None:
 
 
 def test_gain_drift_and_ceiling_act_on_the_size_of_a_slope() -> None:
-    p, q = Sight(gain=-0.2, drift=0.1, steepest=0.5, end_s=50.0).shown(
+    p, q = SlopeResponse(gain=-0.2, drift=0.1, steepest=0.5, end_s=50.0).shown(
         (np.full((1, 1), 0.4, np.float32), np.full((1, 1), -0.3, np.float32)), 25.0
     )
     size = 0.5 * np.tanh(0.85 * 0.5 / 0.5)
@@ -30,12 +30,21 @@ def test_gain_drift_and_ceiling_act_on_the_size_of_a_slope() -> None:
 
 def test_only_the_recording_suffers_and_the_truth_says_it(tmp_path: Path) -> None:
     """The reference pictures are from before; frames of presses differ."""
-    options = SimulationOptions(camera=CameraOptions(width_px=96, height_px=72, mm_per_px=(0.28, 0.28)), presses=1,
-                                faults=(), flats=1, balls=1, torn_frame=False)  # fmt: skip
-    options = replace(options, indenters=replace(options.indenters, heights_mm=(0.3,)),
-                      rig=replace(options.rig, frames_per_press=12))  # fmt: skip
+    options = SimulationOptions(
+        camera=CameraOptions(width_px=96, height_px=72, mm_per_px=(0.28, 0.28)),
+        presses=1,
+        faults=(),
+        flats=1,
+        balls=1,
+        torn_frame=False,
+    )
+    options = replace(
+        options,
+        indenters=replace(options.indenters, heights_mm=(0.3,)),
+        rig=replace(options.rig, frames_per_press=12),
+    )
     sound = simulate(tmp_path / "sound", seed=1, options=options)
-    worn = simulate(tmp_path / "worn", seed=1, options=replace(options, sight=Sight(gain=-0.3)))
+    worn = simulate(tmp_path / "worn", seed=1, options=replace(options, sight=SlopeResponse(gain=-0.3)))
     names = sorted(path.name for path in (sound / "frames").iterdir())
     same = [(sound / "frames" / n).read_bytes() == (worn / "frames" / n).read_bytes() for n in names]
     assert same[0], "the free gel has no slopes to lose"

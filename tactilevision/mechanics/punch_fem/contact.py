@@ -37,9 +37,12 @@ class RoundedPunch:
 
     def __post_init__(self) -> None:
         if not 0 < self.edge_radius_mm < self.radius_mm < np.inf:
-            raise InputError("the edge radius lies between 0 and the punch's radius", where="RoundedPunch",
-                             value=(self.edge_radius_mm, self.radius_mm),
-                             remedy="A sharp edge is GluedFace, or the limit of small radii.")  # fmt: skip
+            raise InputError(
+                "the edge radius lies between 0 and the punch's radius",
+                where="RoundedPunch",
+                value=(self.edge_radius_mm, self.radius_mm),
+                remedy="A sharp edge is GluedFace, or the limit of small radii.",
+            )
         if not self.friction >= 0:
             raise InputError("friction is 0 or more, inf for no slip", where="RoundedPunch", value=self.friction)
 

@@ -47,7 +47,7 @@ class Failure:
     why: str
 
 
-MOST_ITERATIONS = 10
+MAX_ITERATIONS = 10
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
 # Single contact points that change between stick and slip for ever keep the residual from 1e-6, not P from being
 # right.
@@ -57,7 +57,7 @@ VOLUME_TOLERANCE, CHATTER_VOLUME = 1e-9, 1e-6  # of each element's volume
 # first touch stick and slip have the same extent however short the step is, and later points may change one by
 # one: there only patience helps.
 LATE, LATE_ERROR, WORST_ERROR = 5, 1e-2, 3.0
-MOST_WITH_PATIENCE = 30
+MAX_WITH_PATIENCE = 30
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -86,7 +86,7 @@ def solve_step(
     model, mesh = system.model, system.model.mesh
     u, pressure = guess
     jump = 0.0 if system.by_force else -target - u[mesh.punch]
-    history, most = last.history, MOST_WITH_PATIENCE if patient else MOST_ITERATIONS
+    history, most = last.history, MAX_WITH_PATIENCE if patient else MAX_ITERATIONS
     for iteration in range(most + 1):
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):

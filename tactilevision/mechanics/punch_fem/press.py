@@ -23,8 +23,12 @@ def press_to_depths(problem: PunchProblem, depths_mm: npt.ArrayLike) -> PunchSol
     """
     depths = _checked(depths_mm, "depths_mm")
     if depths.max() >= problem.thickness_mm:
-        raise InputError("a depth reaches through the gel", where="press_to_depths", value=float(depths.max()),
-                         remedy=f"The gel is {problem.thickness_mm} mm thick.")  # fmt: skip
+        raise InputError(
+            "a depth reaches through the gel",
+            where="press_to_depths",
+            value=float(depths.max()),
+            remedy=f"The gel is {problem.thickness_mm} mm thick.",
+        )
     return _press(problem, depths.tolist(), by_force=False)
 
 

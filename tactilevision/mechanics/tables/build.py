@@ -53,8 +53,9 @@ def _on(axes: Axes, block: Block, own: Mapping[Key, Block]) -> Block:
         return block
     key = relative_of(block.key, list(own))
     if key is None:
-        raise InputError("a block was solved at few nodes, and none of its kind at more", where="tabulate",
-                         value=block.key)  # fmt: skip
+        raise InputError(
+            "a block was solved at few nodes, and none of its kind at more", where="tabulate", value=block.key
+        )
     relative = _on(axes, own[key], own)
     rows = _places(block.axes.poisson_ratios, axes.poisson_ratios)
     columns = _places(block.axes.a_over_h, axes.a_over_h)
@@ -87,6 +88,9 @@ def _places(mine: Floats, all_: Floats) -> list[int]:
     """Where coarse nodes stand among the fine ones."""
     found = [int(np.argmin(np.abs(all_ - one))) for one in mine]
     if not np.allclose(all_[found], mine):
-        raise InputError("the nodes of a coarse block are not among those of the fine one", where="tabulate",
-                         value=mine.tolist())  # fmt: skip
+        raise InputError(
+            "the nodes of a coarse block are not among those of the fine one",
+            where="tabulate",
+            value=mine.tolist(),
+        )
     return found

@@ -96,5 +96,6 @@ def save_case(path: Path, solved: SolvedCase) -> None:
 def load_case(path: Path) -> SolvedCase:
     """Read what save_case wrote."""
     with np.load(path, allow_pickle=False) as data:
-        return SolvedCase(data["depth"], data["force"], data["u_r"], data["u_z"],
-                          float(data["sound"]), str(data["ended"]))  # fmt: skip
+        return SolvedCase(
+            data["depth"], data["force"], data["u_r"], data["u_z"], float(data["sound"]), str(data["ended"])
+        )

@@ -38,8 +38,12 @@ def merge(cases: Iterable[Case], folder: Path | str, out: Path | str, *, notes: 
         if not unsolved:
             solved |= {case: load_case(case_path(place, case)) for case in members}
     if not solved:
-        raise InputError("no block of the table is solved to the end", where=folder,
-                         value=f"{len(missing)} cases missing", remedy="Run tabulate longer.")  # fmt: skip
+        raise InputError(
+            "no block of the table is solved to the end",
+            where=folder,
+            value=f"{len(missing)} cases missing",
+            remedy="Run tabulate longer.",
+        )
     card = {
         "what": "P/(E w h) of a flat punch over Hayes' for its flat part, and the surface beside it over w beyond "
         "linear theory's; friction null: no slip",

@@ -39,8 +39,9 @@ class TableProfile:
             ("w/h", case.w_over_h, (0.0, DEEPEST)),
         ):
             if not low - 1e-9 <= value <= high + 1e-9:
-                raise InputError(f"the table of profiles has {what} in [{low:g}, {high:g}]", where="TableProfile",
-                                 value=value)  # fmt: skip
+                raise InputError(
+                    f"the table of profiles has {what} in [{low:g}, {high:g}]", where="TableProfile", value=value
+                )
         if not (r_over_a >= 1).all():
             raise InputError("the profile beside the punch begins at r = a", where="TableProfile")
         mixture = shipped_table().mixture(self.law, case.friction, self.edge_over_h)

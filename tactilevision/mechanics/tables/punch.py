@@ -107,15 +107,21 @@ def _demand(
     raise InputError(
         "this lies beyond the table",
         where="punch table",
-        value={"depth_mm": [float(depth.min()), float(depth.max())], "poisson_ratio": material.poisson_ratio,
-               "a_over_h": round(contact.a_over_h, 4)},
+        value={
+            "depth_mm": [float(depth.min()), float(depth.max())],
+            "poisson_ratio": material.poisson_ratio,
+            "a_over_h": round(contact.a_over_h, 4),
+        },
         remedy=f"It holds nu {nu[0]:g} to {nu[-1]:g}, a/h {alpha[0]:g} to {alpha[-1]:g}, and for this contact "
         f"depths to {reach:.3g} mm. Solve it with punch_fem.",
-    )  # fmt: skip
+    )
 
 
 def _check_places(r: Floats, contact: FlatContact) -> None:
     beside = (r - contact.radius_mm) / contact.thickness_mm
     if not (np.isfinite(beside).all() and beside.min() >= -1e-9 and beside.max() <= REACH + 1e-9):
-        raise InputError(f"(r - a)/h lies beyond the table, 0 to {REACH:g}", where="punch_profile",
-                         value=[float(beside.min()), float(beside.max())])  # fmt: skip
+        raise InputError(
+            f"(r - a)/h lies beyond the table, 0 to {REACH:g}",
+            where="punch_profile",
+            value=[float(beside.min()), float(beside.max())],
+        )

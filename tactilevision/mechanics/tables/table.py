@@ -95,8 +95,11 @@ def read_table(path: Path) -> Table:
     """Read PATH and the card beside it, and check one against the other."""
     card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
     if hashlib.sha256(path.read_bytes()).hexdigest() != card["sha256"]:
-        raise InputError("the table is not the one that its card describes", where=path,
-                         remedy="Install the package again, or tabulate anew.")  # fmt: skip
+        raise InputError(
+            "the table is not the one that its card describes",
+            where=path,
+            remedy="Install the package again, or tabulate anew.",
+        )
     with np.load(path, allow_pickle=False) as data:
         own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
     return Table(tuple(on_one_grid(own)), card)
@@ -147,8 +150,12 @@ def straight(names: Sequence[float], places: Sequence[float], at: float) -> list
 
 
 def _absent(what: str, value: object, there: Sequence[object]) -> InputError:
-    return InputError(f"the table holds no such {what}", where="punch table", value=value,
-                      remedy=f"It holds {', '.join(map(str, there))}; solve others with punch_fem.")  # fmt: skip
+    return InputError(
+        f"the table holds no such {what}",
+        where="punch table",
+        value=value,
+        remedy=f"It holds {', '.join(map(str, there))}; solve others with punch_fem.",
+    )
 
 
 def _block(about: dict[str, Any], data: Mapping[str, Any], number: int) -> Block:

@@ -76,8 +76,12 @@ def cluster(address: str) -> Iterator[Executor]:
     try:
         client = Client(address, timeout="20s")
     except (OSError, ValueError) as fault:
-        raise InputError("no Dask scheduler answers", where="--scheduler", value=address,
-                         remedy="Start one with: dask scheduler") from fault  # fmt: skip
+        raise InputError(
+            "no Dask scheduler answers",
+            where="--scheduler",
+            value=address,
+            remedy="Start one with: dask scheduler",
+        ) from fault
     with client, client.get_executor(retries=2) as pool:
         yield pool
 

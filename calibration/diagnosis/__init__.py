@@ -1,0 +1,1 @@
+"""What is missing from the model: the search for effects, and what stays open."""

@@ -1,0 +1,194 @@
+"""What to measure next: which action would tell two candidates apart, and in how many minutes.
+
+Each action is a handful of presses that could be made. The candidates' forces are worked out for them, at what
+was fitted, and the separation d of the presses so far and these together says what they would bring:
+    d = min over the rival's and the law's parameters of |L^-1 (f_i - f_j)|,    linear about the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate
+from calibration.fit.least_squares import Fit, Problem, linearise
+from calibration.inputs.observations import Observations, Presses
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model.composition import Model
+from calibration.noise.model import Whitener
+from tactilevision.records import Floats, Indenter
+
+SAMPLES = 17
+
+
+@dataclass(frozen=True, slots=True)
+class NextMeasurement:
+    """An action, how long it takes, and the separation in std that it should bring."""
+
+    action: str
+    minutes: float
+    separation_sigma: float
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of measure_next."""
+        return {"action": self.action, "minutes": self.minutes, "expected_separation_sigma": self.separation_sigma}
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Presses that could be made: `change` turns like presses of what there is into them."""
+
+    name: str
+    minutes: float
+    change: Callable[[Observations], Observations]
+
+
+def measure_next(base: Fit, one: Candidate, rivals: Sequence[Candidate]) -> tuple[NextMeasurement, ...]:
+    """Actions, best separation a minute first; the separation is from the rival that stays nearest."""
+    found = []
+    for action in actions(base.data):
+        try:
+            extra = action.change(base.data)
+            least = min((_separation(base, one, rival, extra) for rival in rivals), default=0.0)
+        except CANNOT_FIT:  # this action cannot be worked out for these effects
+            continue
+        found.append(NextMeasurement(action.name, action.minutes, least))
+    return tuple(sorted(found, key=lambda n: -n.separation_sigma / n.minutes))
+
+
+def actions(data: Observations) -> tuple[Action, ...]:
+    """What could be done with this rig."""
+    radius = float(np.median(data.presses.radius_mm))
+    speed = float(np.nanmedian(data.presses.speed_mm_s)) if np.isfinite(data.presses.speed_mm_s).any() else 0.2
+    return (
+        Action("press with two more radii (x .6 and x 1.4)", 15.0,
+               lambda d: _join(_presses(d, radius=0.6 * radius), _presses(d, radius=1.4 * radius))),
+        Action("press ten times slower and ten times faster", 8.0,
+               lambda d: _join(_presses(d, speed=speed / 10), _presses(d, speed=speed * 10))),
+        Action("hold a press for 25 s", 3.0, lambda d: _presses(d, speed=speed, hold_s=25.0)),
+        Action("press at +-6 mm in x and y", 10.0, lambda d: _join(*[
+            _presses(d, place=place) for place in ((6.0, 0.0), (-6.0, 0.0), (0.0, 6.0), (0.0, -6.0))])),
+        Action("vary the waits from 3 s to 10 min", 25.0,
+               lambda d: _join(*[_presses(d, rest_s=rest) for rest in (3.0, 30.0, 600.0)])),
+        Action("unload slowly until the punch lets go", 4.0, lambda d: _presses(d, speed=speed, unload=True)),
+        Action("record air before the first touch", 3.0, lambda d: _presses(d, air=True)),
+        Action("repeat the presses in a month", 10.0, lambda d: _presses(d, later_days=30.0)),
+    )  # fmt: skip
+
+
+def _presses(data: Observations, *, radius: float | None = None, speed: float | None = None, hold_s: float = 0.0,
+             place: tuple[float, float] | None = None, rest_s: float = 60.0, unload: bool = False,
+             air: bool = False, later_days: float = 0.0) -> Observations:  # fmt: skip
+    """Three presses after the last one, to its largest depth."""
+    rate = speed or 0.2
+    top = float(np.max(data.depth_mm))
+    depth = np.linspace(-0.1 if air else 0.05 * top, top, SAMPLES)
+    time = (depth - depth[0]) / rate
+    phase = ["load"] * SAMPLES
+    if hold_s:
+        depth, time = np.append(depth, np.full(12, top)), np.append(time, time[-1] + np.geomspace(0.1, hold_s, 12))
+        phase += ["hold"] * 12
+    if unload:
+        down = np.linspace(0.95 * top, -0.1, SAMPLES)
+        depth, time = np.append(depth, down), np.append(time, time[-1] + (top - down) / rate)
+        phase += ["unload"] * SAMPLES
+    start = (float(np.nanmax(data.time_s)) if np.isfinite(data.time_s).any() else 0.0) + 86400 * later_days
+    begins = start + rest_s + np.arange(3) * (rest_s + float(time[-1]))
+    kind = replace(data.indenters[0], name=f"next {radius or ''}", radius_mm=radius or data.indenters[0].radius_mm)
+    one = data.presses.take(np.zeros(3, dtype=np.int64))
+    x, y = place or (float(np.nan_to_num(one.x_mm[0])), float(np.nan_to_num(one.y_mm[0])))
+    presses = replace(
+        one,
+        label=tuple(f"next{k}" for k in range(3)),
+        indenter=np.zeros(3, dtype=np.int64),
+        radius_mm=np.full(3, kind.radius_mm),
+        x_mm=np.full(3, x),
+        y_mm=np.full(3, y),
+        rest_s=np.full(3, rest_s),
+        speed_mm_s=np.full(3, rate),
+        day=begins / 86400,
+        order=data.count + np.arange(3.0),
+    )
+    return _observations(data, kind, presses, np.asarray(begins, dtype=float), (depth, time, phase))
+
+
+def _observations(
+    data: Observations, kind: Indenter, presses: Presses, begins: Floats, path: tuple[Floats, Floats, list[str]]
+) -> Observations:
+    depth, time, phase = path
+    count = len(begins)
+    size = count * depth.size
+    return replace(
+        data,
+        indenters=(kind,),
+        presses=presses,
+        press=np.repeat(np.arange(count), depth.size),
+        time_s=np.concatenate([begin + time for begin in begins]),
+        depth_mm=np.tile(depth, count),
+        force_N=np.zeros((size, 3)),
+        phase=np.array(phase * count),
+        temperature_C=np.full(size, float(np.median(data.temperature_C))),
+        depth_std_mm=np.full(size, float(np.median(data.depth_std_mm))),
+        force_std_N=np.full(size, float(np.median(data.force_std_N))),
+        reconstructed_mm=None,
+        reconstructed_std_mm=None,
+    )
+
+
+def _join(*sets: Observations) -> Observations:
+    """Several sets after one another, indenters renumbered."""
+    first = sets[0]
+    indenters = tuple(i for s in sets for i in s.indenters)
+    shift = np.cumsum([0, *[len(s.indenters) for s in sets[:-1]]])
+    before = np.cumsum([0, *[s.count for s in sets[:-1]]])
+
+    def whole(name: str) -> Floats:
+        return np.concatenate([getattr(s, name) for s in sets])
+
+    columns = {name: np.concatenate([getattr(s.presses, name) for s in sets]) for name in (
+        "recording", "radius_mm", "x_mm", "y_mm", "rest_s", "speed_mm_s", "hold_s", "temperature_C", "lubricated",
+        "day")}  # fmt: skip
+    presses = Presses(
+        label=tuple(label for s in sets for label in s.presses.label),
+        indenter=np.concatenate([s.presses.indenter + k for s, k in zip(sets, shift, strict=True)]),
+        order=np.arange(float(sum(s.count for s in sets))),
+        **columns,
+    )
+    return replace(
+        first, indenters=indenters, presses=presses, reconstructed_mm=None, reconstructed_std_mm=None,
+        press=np.concatenate([s.press + k for s, k in zip(sets, before, strict=True)]),
+        time_s=whole("time_s"), depth_mm=whole("depth_mm"), force_N=whole("force_N"),
+        phase=np.concatenate([s.phase for s in sets]), temperature_C=whole("temperature_C"),
+        depth_std_mm=whole("depth_std_mm"), force_std_N=whole("force_std_N"),
+    )  # fmt: skip
+
+
+def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations) -> float:
+    """Separation with the presses so far and these, both candidates' laws about their own fits."""
+    data = _join(base.data, extra)
+    f_one, _ = _force(one.model, one.values, base.data, data)
+    model = rival.model
+    f_rival, values = _force(model, rival.values, base.data, data)
+    about, _ = linearise(model, values, data)
+    if not base.noise.stated:
+        about = replace(about, base_N=np.ones(data.size))
+    noise = base.noise if data.is_curves and base.noise.gain else replace(base.noise, gain=0.005, zero_mm=0.004)
+    problem = Problem(model, data, model.parameters(data), Whitener(data, noise, about))
+    jacobian = problem.whitener.apply(problem.jacobian(values)[:, problem.free])
+    gap = problem.whitener.apply(f_one - f_rival)
+    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12))
+    return float(np.linalg.norm(gap - q @ (q.T @ gap)))
+
+
+def _force(model: Model, values: Floats, old: Observations, data: Observations) -> tuple[Floats, Floats]:
+    """Force on more presses than were fitted; a new radius takes the beta and the bend of the one next to it."""
+    had, has = np.unique(old.presses.radius_mm), np.unique(data.presses.radius_mm)
+    nearest = [int(np.argmin(np.abs(had - radius))) for radius in has]
+    end = len(model.law.parameters(old))
+    start = end - had.size * (2 if model.law.bent else 1) if isinstance(model.law, FlatPunch) else end - had.size
+    each = values[start:end].reshape(-1, had.size)[:, nearest]
+    longer = np.concatenate([values[:start], each.ravel(), values[end:]])
+    return model.predict(longer, data), longer

@@ -1,0 +1,317 @@
+"""The search for effects on one kind of measurement: look, refit, confirm, add, and look again.
+
+    screen -> refit -> does theory's own freedom do as well? -> confirm -> again, at most three times
+
+An effect is named only where the screen's bootstrap says that so good a score is beyond chance for having looked
+at all of them, where its amplitude lies inside its range, and where it helps on presses left out, whitened and in
+N. What a law may do besides (the bend that finite elements give) is no effect: where it explains a misfit as well,
+it is let go and the search looks again, at half the level, for this is its second look for a first effect. Nor is
+another term of a relaxation that is there already. A second effect has to be beyond doubt, for no first one has
+exactly the form that it is given here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
+from calibration.effects.viscoelasticity import Viscoelasticity
+from calibration.fit.identifiability import beta_name
+from calibration.fit.least_squares import Fit, fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.theory.admissible_range import beta_outside_theory
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Whitener
+from calibration.repeats.repeat_noise import refit_with_pure_noise
+from tactilevision.records import Floats
+
+AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3.0  # std
+REFITTED, MOST = 8, 3
+NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
+BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
+FEW = 49  # draws where the statistic alone is asked for
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One turn of the search: the screen, and the candidates refitted on its best."""
+
+    score_test: ScoreTest
+    candidates: tuple[Candidate, ...]
+    scored: Mapping[str, Scored]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A candidate that was confirmed: its score, its skill on presses left out, the fit with it, and its equals.
+
+    `equals` are the candidates that these data cannot tell from it, itself first.
+    """
+
+    best: Candidate
+    scored: Scored
+    skill: float
+    fitted: Fit
+    equals: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """From the base model's fit over each step to what is left at the end (`last`).
+
+    `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    """
+
+    base: Fit
+    start: Fit
+    rounds: tuple[Round, ...]
+    steps: tuple[Step, ...]
+    last: ScoreTest
+
+    @property
+    def current(self) -> Fit:
+        """The fit with all that was added."""
+        return self.steps[-1].fitted if self.steps else self.start
+
+    @property
+    def first(self) -> ScoreTest:
+        """The screen of the fit that the search began on."""
+        return self.rounds[0].score_test
+
+    @property
+    def explained(self) -> float:
+        """Of what the start leaves, the share that the steps explain."""
+        return explained_share(self.start, self.current, self.last)
+
+
+def forward_selection(
+    base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float
+) -> Searched:
+    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
+    start = current = base
+    rounds, steps = list[Round](), list[Step]()
+    while len(steps) < MOST:
+        now = BEYOND_DOUBT if steps else level if current is base else level / 2
+        turn = _look(current, catalogue, rng, now)
+        rounds.append(turn)
+        if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
+            current = room
+            steps = [_with_own(step, room) for step in steps]
+            if steps:
+                steps[-1] = replace(steps[-1], fitted=room)
+            else:
+                start = room
+            continue
+        step = _confirmed(current, turn, now)
+        if step is None:
+            break
+        steps.append(step)
+        current = step.fitted
+    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng)
+    return Searched(base, start, tuple(rounds), tuple(steps), last)
+
+
+def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
+    """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
+    bend that theory allows, another term of a relaxation.
+    """
+    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.score_test.covariates)), default=1.0)
+    if stands_out > level:
+        return None
+    rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
+    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
+                and _cost(found, current) < enough and (not rivals or _lawful(found))),
+               key=lambda f: _cost(f, current), default=None)  # fmt: skip
+    try:
+        return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
+    except CANNOT_FIT:
+        return None
+
+
+def _lawful(found: Fit) -> bool:
+    """Whether each radius's slope is one that theory allows; a bend beside another slope is none of theory's."""
+    if not isinstance(found.model.law, FlatPunch):
+        return True
+    nu, h = found.estimate("poisson_ratio"), found.data.gel.thickness_mm
+    radii = np.unique(found.data.presses.radius_mm)
+    return not any(
+        beta_outside_theory(found.estimate(beta_name(found, float(a))), nu, float(a) / h) for a in radii
+    )
+
+
+def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
+    """What the model's parts may be besides, and where to begin."""
+    law, effects, places = current.model.law, current.model.effects, current.model.slices(current.data)
+    if isinstance(law, FlatPunch) and not law.bent:
+        model = Model(replace(law, bent=True), effects)
+        added = len(model.parameters(current.data)) - current.values.size
+        yield model, np.insert(current.values, [places["law"].stop] * added, 0.0)[None]
+    for effect in effects:
+        if isinstance(effect, Viscoelasticity) and (more := effect.richer()) is not None:
+            own = places[effect.key]
+            yield (
+                current.model.without(effect.key) + more,
+                np.array(
+                    [
+                        [*current.values[: own.start], *start, *current.values[own.stop :]]
+                        for start in effect.richer_starts(current.values[own])
+                    ]
+                ),
+            )
+
+
+def _fitted(current: Fit, model: Model, starts: Floats) -> Fit | None:
+    try:
+        return fit(model, current.data, noise=current.noise, tolerances=False, starts=starts)
+    except CANNOT_FIT:
+        return None
+
+
+def _cost(found: Fit, current: Fit) -> float:
+    """chi^2 and twice the parameters that came in."""
+    return found.chi2 + 2 * (found.values.size - current.values.size)
+
+
+def _with_own(step: Step, fitted: Fit) -> Step:
+    """The step with its effect as it is in a later fit."""
+    effect = next(e for e in fitted.model.effects if e.key == step.best.effect.key)
+    best = Candidate(effect, fitted.model, fitted.values, fitted.chi2, fitted.force_N)
+    return replace(step, best=best)
+
+
+def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bool:
+    """Whether the room takes away what stands out, and not something else: an effect it has been held against; off
+    a covariate it has to take what its parameters cost.
+    """
+    best = min((s.p_adjusted for s in turn.scored.values()), default=1.0)
+    if not turn.score_test.covariates or best <= turn.score_test.lack_of_fit:
+        return True
+    before = turn.score_test.covariates[0]
+    after = next((c for c in score_test(room, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
+
+
+def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+    """Screen, then refit the best eight and every effect that acts as a threshold."""
+    seen = score_test(current, catalogue, rng)
+    by_key = {e.key: e for e in catalogue}
+    scored = {s.key: s for s in seen.effects}
+    chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
+    chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
+    candidates = []
+    for key in chosen:
+        try:
+            candidates.append(refit_with(current, by_key[key]))
+        except CANNOT_FIT:
+            continue  # it screened well but does not fit: no candidate
+    return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
+
+
+def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
+    """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
+    may = [
+        c
+        for c in turn.candidates
+        if turn.scored[c.effect.key].p_adjusted <= level and _inside(c) and c.cost <= current.chi2
+    ]
+    keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
+    again = _weighed_again(current, may[0], turn.candidates) if may else ()
+    for best in (c for c in again if c.effect.key in keys):
+        scored = turn.scored[best.effect.key]
+        try:
+            fitted = adopt(current, best)
+            skill = _skill(replace(current, noise=fitted.noise), best)
+            if skill > 0:
+                return Step(best, scored, skill, fitted, _equals(current, best, again))
+        except CANNOT_FIT:
+            continue  # the next best may still stand
+    return None
+
+
+def _weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+    """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
+    the effect takes it for noise, and its first touch for another.
+    """
+    room = max(AS_GOOD, NEAR * (current.chi2 - first.cost))
+    near = [c for c in candidates if c.cost - first.cost < room]
+    if len(near) < 2:
+        return candidates
+    own = {}
+    for one in near:
+        with suppress(*CANNOT_FIT):
+            fitted = adopt(current, one)
+            cost = fitted.chi2 + _log_volume(fitted)
+            own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
+    least = min((one.cost for one in own.values()), default=0.0)
+    moved = [own.get(c.effect.key, replace(c, chi2=c.chi2 - first.cost + least)) for c in candidates]
+    return sorted(moved, key=lambda c: c.cost)
+
+
+def _log_volume(fitted: Fit) -> float:
+    """ln det V of a fit's own noise."""
+    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
+    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
+
+
+def _inside(candidate: Candidate) -> bool:
+    """The amplitude is not at the end of its range."""
+    value, first = candidate.own_values[0], candidate.effect.parameters[0]
+    low, high = first.bounds
+    return bool(
+        low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
+        or (first.default in (low, high) and value < high - 1e-4 * first.scale)
+    )
+
+
+def _skill(current: Fit, candidate: Candidate) -> float:
+    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
+
+    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
+    scatter, and against that nothing could be gained.
+    """
+    folds = press_folds(current.data)
+    before = hold_out(current.model, current, current.values, folds)
+    after = hold_out(candidate.model, current, candidate.values, folds)
+    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
+    if after.rms_N > (1 + scatter) * before.rms_N:
+        return 1 - after.rms_N / before.rms_N
+    return 1 - after.squares / before.squares if before.squares > 0 else 0.0
+
+
+def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    kept = [best]
+    for other in candidates:
+        if other.effect.key == best.effect.key or not _inside(other):
+            continue
+        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+            kept.append(other)
+    return tuple(kept)
+
+
+def _apart(current: Fit, best: Candidate, other: Effect) -> float:
+    """The separation in std; inf where the other finds no way at all to look like the best."""
+    try:
+        return separation(current, best, other)
+    except CANNOT_FIT:
+        return float("inf")
+
+
+def explained_share(base: Fit, current: Fit, left: ScoreTest) -> float:
+    """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
+    telling covariate still stands above chance by; all white under the last model's noise.
+    """
+    whitener = Whitener(current.data, current.noise, current.about)
+    before, after = (float(np.sum(whitener.apply(f.residual_N) ** 2)) for f in (base, current))
+    still = max((c.statistic - c.usual for c in left.covariates[:1]), default=0.0)
+    taken = max(before - after, 0.0)
+    return taken / (taken + max(still, 0.0)) if taken > 0 else 0.0

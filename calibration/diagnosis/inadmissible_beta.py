@@ -1,0 +1,118 @@
+"""A beta that theory does not allow: what else would have to be true, and how straight it would leave the line.
+
+beta is held at what theory gives, and each candidate's own parameter is fitted in its place. Finite elements give
+.85 at a/h = .833 (neo-Hookean, sticking) and a line through P/w as steep as 1.5 of 3 mm for a gel of 2.25 mm:
+beta in units of the true thickness grows like a/h.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.refit import CANNOT_FIT
+from calibration.effects import get_effect
+from calibration.fit.least_squares import Fit, Problem
+from calibration.inputs.observations import Observations
+from calibration.model.composition import Model
+from calibration.noise.model import Noise, Whitener
+from tactilevision.records import Floats
+
+CANDIDATES = ("thickness", "edge_fillet", "depth_zero", "stiffening")
+THEORY_BETA, AT_RATIO = 0.85, 2.5 / 3
+TURNS = 25
+
+
+@dataclass(frozen=True, slots=True)
+class InadmissibleBeta:
+    """One candidate: its first parameter, what it would have to be, R^2 of P/w over w/h that it leaves, and E."""
+
+    key: str
+    parameter: str
+    unit: str
+    value: float
+    r_squared: float
+    rms_error_N: float
+    modulus_MPa: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {
+            "key": self.key,
+            "parameter": self.parameter,
+            "unit": self.unit,
+            "value": self.value,
+            "r_squared": self.r_squared,
+            "rms_error_N": self.rms_error_N,
+            "youngs_modulus_MPa": self.modulus_MPa,
+        }
+
+
+def would_have_to_be(fitted: Fit) -> tuple[InadmissibleBeta, ...]:
+    """Every candidate that fits at all, the one that leaves the least error first."""
+    found = []
+    for key in CANDIDATES:
+        if key not in fitted.model.keys:
+            with suppress(*CANNOT_FIT):
+                found.append(_candidate(fitted, key))
+    return tuple(sorted(found, key=lambda c: c.rms_error_N))
+
+
+def theory_beta(radius_mm: float, thickness_mm: float) -> float:
+    """What finite elements let expect for a sharp punch, w measured against this thickness."""
+    return THEORY_BETA * (radius_mm / thickness_mm) / AT_RATIO
+
+
+def _candidate(fitted: Fit, key: str) -> InadmissibleBeta:
+    effect, data = get_effect(key), fitted.data
+    model = fitted.model + effect
+    place = model.slices(data)[key].start
+    starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])
+    values, thickness = starts[0], data.gel.thickness_mm
+    for _ in range(TURNS if key == "thickness" else 1):  # another thickness is another theory's beta
+        values = _with_theory(fitted, model, key, starts, thickness)
+        if key == "thickness":
+            fitted_mm = data.gel.thickness_mm * (1 + float(values[place]))
+            thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
+            starts = values[None]
+    force = model.predict(values, data)
+    return InadmissibleBeta(
+        key,
+        effect.parameters[0].name,
+        effect.parameters[0].unit,
+        float(values[place]),
+        straightness(data, force),
+        float(np.sqrt(np.mean((data.normal_N - force) ** 2))),
+        float(values[0]),
+    )
+
+
+def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_mm: float) -> Floats:
+    """All values with each radius's beta held at theory's, by plain least squares: no prior holds the effect."""
+    data = fitted.data
+    radii = iter(np.unique(data.presses.radius_mm))
+    table = []
+    for parameter in model.parameters(data):
+        if parameter.name.startswith("beta"):
+            beta = theory_beta(float(next(radii)), thickness_mm)
+            parameter = replace(parameter, default=beta, bounds=(beta, beta))
+        elif parameter.name.startswith(f"{key}."):
+            parameter = replace(parameter, prior=None)
+        table.append(parameter)
+    noise = Noise(0.01 * float(np.max(data.normal_N)), stated=False)
+    whitener = Whitener(data, noise, replace(fitted.about, base_N=np.ones(data.size)))
+    problem = Problem(model, data, tuple(table), whitener)
+    return problem.full(problem.solve(starts).values)
+
+
+def straightness(data: Observations, force_N: Floats) -> float:
+    """R^2 of the straight line through P/w against w/h of this force, over samples in the gel."""
+    inside = data.depth_mm > 0.05 * np.max(data.depth_mm)
+    strain = data.depth_mm[inside] / data.gel.thickness_mm
+    per_depth = force_N[inside] / data.depth_mm[inside]
+    line = np.polyval(np.polyfit(strain, per_depth, 1), strain)
+    total = float(np.sum((per_depth - per_depth.mean()) ** 2))
+    return 1 - float(np.sum((per_depth - line) ** 2)) / total if total > 0 else float("nan")

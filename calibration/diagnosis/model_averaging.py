@@ -1,0 +1,191 @@
+"""How far E may be off by what nothing shows: its interval averaged over the effects that may be there.
+
+An effect of first parameter s that is left out of the model moves E by b s, and shows by z in its own std sigma:
+
+    p(s | data) ~ pi N(s; 0, tau^2) exp(z s/sigma - s^2/(2 sigma^2)),    E(s) = E exp(-b s)
+
+linear about the fit. One effect at a time, beside none of them, on a gel that slides and on one that sticks, each
+weighed by exp(-chi^2/2); tau is half of the effect's range, so that its end is two std (what is stated of a
+parameter goes before). Beforehand one of the effects is there on every second rig, each as likely as any other. An
+effect that the data exclude weighs next to nothing, one that they cannot show weighs pi, one that they hint at
+weighs more. The interval is never narrower than that of the fit alone.
+Source: Hoeting et al., Statistical Science 14 (1999) 382, eq. 1 to 3, with one parameter a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.refit import CANNOT_FIT
+from calibration.diagnosis.sensitivity import NOTHING, change_of_force
+from calibration.diagnosis.typical_sizes import absent, largest
+from calibration.fit.alternative_fits import stuck
+from calibration.fit.least_squares import Fit, inverse_information
+from calibration.model.stages import Effect
+from calibration.noise.model import Whitener
+from calibration.repeats.at_denoised_depth import at_denoised_depth
+from calibration.tasks.calibrate import determine_material
+from tactilevision.records import Estimate, Floats
+
+ANY = 0.5  # chance that a rig has an effect that nobody knows of
+NODES = 41
+A_LAW = ("friction",)  # a gel that sticks is a law of its own here
+
+
+@dataclass(frozen=True, slots=True)
+class UndetectedEffect:
+    """One effect that may be there: its chance given the data, and the rms of what it then does to E, relative."""
+
+    key: str
+    chance: float
+    off: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What E would be with an effect ("" for none) of several sizes: log of the weights (k,), what the effect adds
+    to log E (k,), log E without it, and the relative std of each.
+    """
+
+    key: str
+    log_weight: Floats
+    added: Floats
+    without: float = 0.0
+    std: float = 0.0
+
+    @property
+    def shift(self) -> Floats:
+        """log E (k,)."""
+        return self.without + self.added
+
+
+def average_models(
+    modulus: Estimate, fitted: Fit, effects: Sequence[Effect]
+) -> tuple[Estimate, tuple[UndetectedEffect, ...]]:
+    """E with its interval averaged over `effects`, and the effects by what they add to its variance.
+
+    As it is where E has no value.
+    """
+    if modulus.value is None or modulus.interval95 is None:
+        return modulus, ()
+    looked = [e for e in effects if e.key not in (*fitted.model.keys, *A_LAW) and not absent(e, fitted.data)]
+    parts = [part for one, found in _laws(fitted, modulus) for part in _parts(one, found, looked, modulus.value)]
+    if not parts:
+        return modulus, ()
+    log_weight, shift = (np.concatenate([getattr(p, name) for p in parts]) for name in ("log_weight", "shift"))
+    top = float(log_weight.max())
+    weight = np.exp(log_weight - top)
+    std = np.concatenate([np.full(p.shift.size, p.std) for p in parts])
+    low, high = (
+        modulus.value * float(np.exp(_quantile(share, weight / weight.sum(), shift, std)))
+        for share in (0.025, 0.975)
+    )
+    reach = min(low, modulus.interval95[0]), max(high, modulus.interval95[1])
+    return replace(modulus, interval95=reach), _ranked(parts, top + float(np.log(weight.sum())))
+
+
+def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
+    """The fit, and the same on a gel that sticks where that can be fitted, each with its E."""
+    try:
+        other = stuck(fitted)
+    except CANNOT_FIT:
+        other = None
+    return (
+        [(fitted, modulus)]
+        if other is None
+        else [(fitted, modulus), (other, determine_material(other).youngs_modulus)]
+    )
+
+
+def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: float) -> list[_Part]:
+    """No effect, then each start of each; none where E has no value in this fit."""
+    if found.value is None or not found.std:
+        return []
+    space, chance = _Space(at_denoised_depth(fitted)), ANY / max(len(effects), 1)
+    std, own = found.std / found.value, np.log(found.value / about_MPa)
+    rivals = [one for effect in effects for one in space.rivals(effect, chance)]
+    rest = np.log(1 - chance * len({one.key for one in rivals}))
+    parts = [_Part("", np.array([rest]), np.zeros(1)), *rivals]
+    return [replace(p, log_weight=p.log_weight - fitted.chi2 / 2, without=own, std=std) for p in parts]
+
+
+class _Space:
+    """What the fit absorbs, white, with its priors; and what its residual says about a change of the force."""
+
+    def __init__(self, fitted: Fit) -> None:
+        self._fitted = fitted
+        modulus = fitted.index("youngs_modulus_MPa")
+        free = fitted.free & (~fitted.at_bound | (np.arange(fitted.free.size) == modulus))
+        self._whitener = Whitener(fitted.data, fitted.noise, fitted.about)
+        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])
+        mean = np.array([0.0 if p.prior is None else p.prior.mean for p in fitted.parameters])
+        self._jacobian = np.vstack([self._whitener.apply(fitted.jacobian[:, free]), np.diag(known[free])])
+        self._residual = np.concatenate(
+            [self._whitener.apply(fitted.residual_N), (known * (mean - fitted.values))[free]]
+        )
+        self._inverse = inverse_information(self._jacobian)
+        self._modulus = int(np.flatnonzero(np.flatnonzero(free) == modulus)[0])
+
+    def rivals(self, effect: Effect, chance: float) -> list[_Part]:
+        """One for each start of the effect that does anything; they share its chance."""
+        changes = [
+            (own, change)
+            for own in _starts(effect, self._fitted)
+            if (change := change_of_force(self._fitted, effect, own)) is not None
+            and np.abs(change).max() > NOTHING * np.abs(self._fitted.force_N).max()
+        ]
+        return [self._rival(effect, own, change, chance / len(changes)) for own, change in changes]
+
+    def _rival(self, effect: Effect, own: Floats, change_N: Floats, chance: float) -> _Part:
+        target = np.concatenate([self._whitener.apply(change_N), np.zeros(self._inverse.shape[0])])
+        moved = self._inverse @ (self._jacobian.T @ target)
+        seen = target - self._jacobian @ moved
+        size = _sizes(effect, own, self._fitted)
+        gain = size * float(seen @ self._residual) - size**2 * float(seen @ seen) / 2
+        per_size = float(moved[self._modulus]) / self._fitted.values[self._fitted.index("youngs_modulus_MPa")]
+        return _Part(effect.key, np.log(chance / NODES) + gain, -per_size * size)
+
+
+def _starts(effect: Effect, fitted: Fit) -> Floats:
+    try:
+        return np.atleast_2d(effect.starts(fitted.data))
+    except Exception:  # for want of the covariate that it needs, anything
+        return np.empty((0, len(effect.parameters)))
+
+
+def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
+    """Nodes (NODES,) of equal weight of what is expected of the size, in units of this start."""
+    from scipy.special import ndtri
+
+    stated = getattr(effect, "parameters_on", None)
+    first = (effect.parameters if stated is None else stated(fitted.data))[0]
+    end = largest(effect) if np.isfinite(largest(effect)) else first.scale
+    std = end / 2 if first.prior is None else first.prior.std
+    start = abs(own[0] - first.default)
+    one_sided = first.default in first.bounds
+    share = (np.arange(NODES) + 0.5) / NODES
+    return np.asarray(ndtri((1 + share) / 2 if one_sided else share) * (std / start if start > 0 else 1.0))
+
+
+def _quantile(share: float, weight: Floats, shift: Floats, std: Floats) -> float:
+    """Of a mixture of normals."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr
+
+    low, high = float(np.min(shift - 12 * std)), float(np.max(shift + 12 * std))
+    return float(brentq(lambda x: float(weight @ ndtr((x - shift) / std)) - share, low, high))
+
+
+def _ranked(parts: Sequence[_Part], total: float) -> tuple[UndetectedEffect, ...]:
+    """Effects by what they add to the variance of E; `total` the log of all weights."""
+    found = []
+    for key in dict.fromkeys(part.key for part in parts if part.key):
+        mine = [part for part in parts if part.key == key]
+        weight = np.exp(np.concatenate([part.log_weight for part in mine]) - total)
+        chance = float(weight.sum())
+        squares = float(weight @ np.concatenate([part.added for part in mine]) ** 2)
+        found.append(UndetectedEffect(key, chance, float(np.sqrt(squares / chance)) if chance > 0 else 0.0))
+    return tuple(sorted(found, key=lambda one: -one.chance * one.off**2))

@@ -1,0 +1,168 @@
+"""Candidates refitted in full, held out, and held against each other, all under one and the same error model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.effects.thickness import Thickness
+from calibration.fit.least_squares import Fit, Problem, fit
+from calibration.fit.minimise import QUICK, Minimum, minimise
+from calibration.inputs.observations import Ints, Observations
+from calibration.model.composition import Model
+from calibration.model.stages import Effect
+from calibration.noise.model import Whitener
+from tactilevision.errors import ConvergenceError
+from tactilevision.records import Bools, Floats
+
+STARTS = 2
+FOLDS = 5
+CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect refitted on top of a fit: `values` (p,), `chi2` under the fit's own whitening, `force_N` (N,)."""
+
+    effect: Effect
+    model: Model
+    values: Floats
+    chi2: float
+    force_N: Floats
+
+    @property
+    def cost(self) -> float:
+        """chi^2 + 2 q: what candidates of different size are compared by."""
+        return self.chi2 + 2 * len(self.effect.parameters)
+
+    @property
+    def own_values(self) -> Floats:
+        """The effect's own parameters."""
+        return self.values[self.model.slices_of(self.values.size)[self.effect.key]]
+
+
+def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, most: int = STARTS) -> Candidate:
+    """The effect fitted to the measurement, or to `target_N`, from the starts that promise most."""
+    data = base.data if target_N is None else base.data.with_force(target_N)
+    model = base.model + effect
+    whitener = Whitener(data, base.noise, base.about)
+    problem = Problem(model, data, model.parameters(data), whitener)
+    starts = _best_starts(base, problem, effect, most)
+    found = problem.solve(starts, tolerance=QUICK)
+    values = problem.full(found.values)
+    return Candidate(effect, model, values, found.chi2, model.predict(values, data))
+
+
+def _best_starts(base: Fit, problem: Problem, effect: Effect, most: int) -> Floats:
+    """Starts with the rest as it was, in the order of what each explains when everything is let go linearly."""
+    place = problem.model.slices(problem.data)[effect.key]
+    rows = []
+    for start in effect.starts(problem.data):
+        row = np.insert(base.values, place.start, start)
+        rows.append(row)
+    if len(rows) <= most:
+        return np.array(rows)
+    white = problem.whitener.apply
+    jacobian = white(base.jacobian[:, base.free])
+    q, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))
+    z = white(problem.data.normal_N - base.force_N)
+    z = z - q @ (q.T @ z)
+    gains = []
+    for row in rows:
+        d = white(problem.model.predict(row, problem.data) - base.force_N)
+        d = d - q @ (q.T @ d)
+        gains.append(float(d @ z) ** 2 / max(float(d @ d), 1e-300) * np.sign(float(d @ z)))
+    return np.array(rows)[np.argsort(gains)[::-1][:most]]
+
+
+def separation(base: Fit, one: Candidate, other: Effect) -> float:
+    """d: how many std part `one` at its fitted values from the best that `other` can do instead.
+
+    What is taken to be known of the other's own size does not part them: that is a judgement, not a look.
+    """
+    mimic = refit_with(base, freed(other), target_N=one.force_N, most=2)
+    prior = _prior_cost(base, one)
+    return float(np.sqrt(max(mimic.chi2 - prior, 0.0)))
+
+
+def freed(effect: Effect) -> Effect:
+    """The effect without what is stated or judged of its size beforehand."""
+    return Thickness(held=False) if effect.key == Thickness.key else effect
+
+
+def _prior_cost(base: Fit, one: Candidate) -> float:
+    table = one.model.parameters(base.data)
+    return float(
+        sum(
+            ((v - p.prior.mean) / p.prior.std) ** 2
+            for v, p in zip(one.values, table, strict=True)
+            if p.prior and not p.fixed
+        )
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Errors of presses that the fit did not see: rms in N, and the whitened sum of squares.
+
+    What a fit strains its parameters' priors by counts as well, each fold its share: a model that fits only by
+    leaving what is known of it has not understood the rest.
+    """
+
+    rms_N: float
+    squares: float
+
+
+def hold_out(model: Model, about: Fit, start: Floats, folds: Ints) -> HeldOut:
+    """Each fold of presses (M,) predicted from the others; the history of all presses stays known."""
+    data = about.data
+    whitener = Whitener(data, about.noise, about.about)
+    problem = Problem(model, data, model.parameters(data), whitener)
+    error, squares = np.zeros(data.size), 0.0
+    for fold in np.unique(folds):
+        out = (folds == fold)[data.press]
+        found = _fit_without(problem, start, out)
+        force = model.predict(problem.full(found.values), data)
+        error[out] = (data.normal_N - force)[out]
+        squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
+        squares += float(np.mean(out) * np.sum(problem.residual(found.values)[data.size :] ** 2))
+    return HeldOut(float(np.sqrt(np.mean(error**2))), squares)
+
+
+def held_out_rms(fitted: Fit) -> float:
+    """A fit's error in N on presses left out; NaN where there are too few of them or a fold finds no minimum."""
+    if fitted.data.count <= 2:
+        return float("nan")
+    try:
+        return hold_out(fitted.model, fitted, fitted.values, press_folds(fitted.data)).rms_N
+    except CANNOT_FIT:
+        return float("nan")
+
+
+def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
+    size = problem.data.size
+
+    def residual(free_values: Floats) -> Floats:
+        rows = problem.residual(free_values)
+        return np.concatenate([np.where(out, 0.0, rows[:size]), rows[size:]])
+
+    return minimise(residual, start[problem.free][None], problem.box, tolerance=QUICK)
+
+
+def press_folds(data: Observations, count: int = FOLDS) -> Ints:
+    """Fold of each press (M,): interleaved over groups of like presses, so that each fold holds all conditions."""
+    from calibration.inputs.conditions import repeat_groups
+
+    order = np.argsort(repeat_groups(data), kind="stable")
+    folds = np.empty(data.count, dtype=np.int64)
+    folds[order] = np.arange(data.count) % min(count, data.count)
+    return folds
+
+
+def adopt(base: Fit, candidate: Candidate) -> Fit:
+    """The candidate as a fit of its own, with the noise estimated anew from what it leaves."""
+    from calibration.repeats.repeat_noise import refit_with_pure_noise
+
+    fitted = fit(candidate.model, base.data, noise=base.noise, starts=candidate.values[None], tolerances=False)
+    return replace(refit_with_pure_noise(fitted), warnings=base.warnings)

@@ -1,0 +1,1 @@
+"""What several effects share: memory kernels, and effects from a user's own file."""

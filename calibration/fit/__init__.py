@@ -1,0 +1,1 @@
+"""The fit: weighted least squares, identifiability, tolerances, alternative fits."""

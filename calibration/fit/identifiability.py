@@ -1,0 +1,294 @@
+"""What these data can fix, and what only a prior or an assumption supplies.
+
+One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
+about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
+Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
+allows. Sticking, where friction is unknown, lowers E's lower end only: the frictionless kappa gives the
+largest E.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fit.alternative_fits import Rival, rivals
+from calibration.fit.least_squares import Fit
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
+from calibration.laws.theory.plausible import GEL_MODULUS_MPA
+from calibration.laws.theory.sticking import sticking_surplus
+from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.result.rounded_edge import stated_edge_mm, straight_line
+from tactilevision.errors import ConvergenceError
+from tactilevision.records import Estimate, Floats, Pair
+
+NODES = 201
+NU_TABLE = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
+UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """The material as far as it is known. `source` of nu; `covariance` of (E, nu, c, beta)."""
+
+    youngs_modulus: Estimate
+    poisson_ratio: Estimate
+    reduced_modulus: Estimate
+    c: Estimate
+    beta: Estimate
+    source: str
+    covariance: Floats
+    modulus_of_nu: tuple[Pair, ...]
+    assumptions: tuple[str, ...]
+
+
+def identify(fitted: Fit) -> Identified:
+    """The material from a fit of the FlatPunch law, whatever effects stand beside it."""
+    radius = main_radius(fitted)
+    assumptions: list[str] = []
+    others = _others(fitted)
+    nu, source = _poisson(fitted, others, assumptions)
+    c = stiffness_of(fitted, radius)
+    spread = _spread(fitted, nu, radius)
+    surplus = sticking_range(fitted, nu, radius, assumptions)
+    others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
+    modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
+    for other in others:
+        assert other.fitted is not None
+        own = other.fitted.estimate("poisson_ratio")
+        spread = _spread(other.fitted, own, radius)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
+    return Identified(
+        youngs_modulus=modulus,
+        poisson_ratio=nu,
+        reduced_modulus=reduced,
+        c=c,
+        beta=bend_of(fitted, radius),
+        source=source,
+        covariance=_covariance(fitted, radius),
+        modulus_of_nu=modulus_of_nu(fitted, NU_TABLE, radius),
+        assumptions=tuple(assumptions),
+    )
+
+
+def main_radius(fitted: Fit) -> float:
+    """The radius with the most samples: c and beta are reported for it."""
+    radii, counts = np.unique(fitted.data.radius_mm, return_counts=True)
+    return float(radii[np.argmax(counts)])
+
+
+def beta_name(fitted: Fit, radius: float) -> str:
+    """The name of this radius's beta."""
+    return "beta" if np.unique(fitted.data.presses.radius_mm).size == 1 else f"beta[{radius:g}]"
+
+
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """E at each possible nu: nodes (k,), their weights, E (k,), and the relative std of E at known nu."""
+
+    nodes: Floats
+    weights: Floats
+    modulus: Floats
+    relative_std: float
+    reach: float
+
+    def reduced(self) -> _Spread:
+        return _Spread(self.nodes, self.weights, self.modulus / (1 - self.nodes**2), self.relative_std, self.reach)
+
+    def quantile(self, share: float) -> float:
+        """Of the mixture of normals, widened by Student's quantile over the normal one."""
+        from scipy.optimize import brentq
+        from scipy.special import ndtr
+
+        std = self.modulus * self.relative_std * self.reach / 1.959963985 + 1e-12 * self.modulus
+
+        def excess(value: float) -> float:
+            return float(self.weights @ ndtr((value - self.modulus) / std)) - share
+
+        low, high = self.modulus.min() - 12 * std.max(), self.modulus.max() + 12 * std.max()
+        return float(brentq(excess, low, high, xtol=1e-9 * high))
+
+
+def _others(fitted: Fit) -> tuple[Rival, ...]:
+    """What friction and edges allow besides; where that cannot be fitted, all of silicones' nu."""
+    try:
+        return rivals(fitted)
+    except ConvergenceError:
+        return (Rival(None, 1.0),)
+
+
+def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tuple[Estimate, str]:
+    """nu and where it comes from; no value where nothing fixes it. Its interval reaches to `others`."""
+    k = fitted.index("poisson_ratio")
+    parameter = fitted.parameters[k]
+    several = np.unique(fitted.data.presses.radius_mm).size > 1
+    stated = fitted.data.gel.poisson_ratio
+    if stated is not None:
+        if fitted.data.gel.poisson_ratio_std is None:
+            assumptions.append(f"poisson_ratio = {stated:g} is stated without a std; 0.005 is assumed")
+        if parameter.fixed:
+            assumptions.append(f"poisson_ratio = {stated:g} is taken as exact, as stated")
+            return Estimate(stated, 0.0, (stated, stated), "1"), "prior"
+        found = _reaching(fitted.estimate("poisson_ratio"), others)
+        prior_std = parameter.prior.std if parameter.prior else np.inf
+        sharpened = several and fitted.std("poisson_ratio") < 0.7 * prior_std
+        return found, "radii" if sharpened else "prior"
+    if several and not parameter.fixed:
+        found = _reaching(fitted.estimate("poisson_ratio"), others)
+        if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
+            return found, "radii"
+    low, high = SILICONE_NU
+    assumptions.append(f"nothing fixes poisson_ratio; silicone gels lie in [{low:g}, {high:g}]")
+    why = (
+        "one punch radius fixes the stiffness c and the curve E(nu), not nu"
+        if not several
+        else ("the radii differ too little for these errors to fix nu")
+    )
+    return Estimate(None, None, SILICONE_NU, "1", why), "prior"
+
+
+def _reaching(nu: Estimate, others: Sequence[Rival]) -> Estimate:
+    for other in others:
+        theirs = SILICONE_NU if other.fitted is None else other.fitted.estimate("poisson_ratio").interval95
+        nu = holding(nu, theirs, other.share)
+    return nu
+
+
+def holding(one: Estimate, other: Pair | None, share: float = 1.0) -> Estimate:
+    """The estimate with an interval that reaches to another one's ends, or this share of the way."""
+    if one.interval95 is None or other is None:
+        return one
+    low, high = one.interval95
+    return replace(one, interval95=(low + share * min(other[0] - low, 0), high + share * max(other[1] - high, 0)))
+
+
+def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[str]) -> float:
+    """By what share E may be lower because the gel sticks; 0 where the presses were lubricated."""
+    if fitted.data.lubricated:
+        assumptions.append("the presses were lubricated: no friction")
+        return 0.0
+    if isinstance(fitted.model.law, FlatPunch) and fitted.model.law.sticking == 1:
+        assumptions.append("the gel sticks to the indenter's face")
+        return 0.0
+    at = nu.value if nu.value is not None else SILICONE_NU[1]
+    surplus = sticking_surplus(at, radius / fitted.data.gel.thickness_mm)
+    assumptions.append(
+        f"friction is unknown: kappa is frictionless, and E may be lower by up to {100 * surplus:.1f} % where the "
+        "gel sticks; E's interval reaches down by that much"
+    )
+    return surplus
+
+
+def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
+    """c and beta of one radius at these parameters: of the line through P/w, as the edge leaves it."""
+    stiffness = fitted.model.state(values, fitted.data).stiffness_N_per_mm
+    sharp = float(np.median(stiffness[fitted.data.radius_mm == radius]))
+    nu, beta = (float(values[fitted.index(name)]) for name in ("poisson_ratio", beta_name(fitted, radius)))
+    edge = stated_edge_mm(fitted, radius) or 0.0
+    start, slope = straight_line(fitted, radius, edge, poisson_ratio=nu, beta=beta)
+    return sharp * start, slope
+
+
+def stiffness_of(fitted: Fit, radius: float) -> Estimate:
+    """c of one radius, N/mm: where the line through P/w begins. No gel pulls a punch in, so it is not below 0."""
+    found = _derived(fitted, lambda v: _line(fitted, v, radius)[0], "N/mm")
+    low, high = found.interval95 or (0.0, 0.0)
+    return replace(found, interval95=(max(low, 0.0), high))
+
+
+def bend_of(fitted: Fit, radius: float) -> Estimate:
+    """beta of one radius: how that line rises."""
+    if not stated_edge_mm(fitted, radius):
+        return fitted.estimate(beta_name(fitted, radius))
+    return _derived(fitted, lambda v: _line(fitted, v, radius)[1], "1")
+
+
+def _derived(fitted: Fit, function: Callable[[Floats], float], unit: str) -> Estimate:
+    """A function of the parameters with its std by the delta method."""
+    gradient = _gradient(fitted, function)
+    value, std = function(fitted.values), float(np.sqrt(gradient @ fitted.covariance @ gradient))
+    reach = fitted.reach(gradient) * std
+    return Estimate(value, std, (value - reach, value + reach), unit)
+
+
+def _gradient(fitted: Fit, function: Callable[[Floats], float]) -> Floats:
+    gradient = np.zeros(fitted.values.size)
+    for k in np.flatnonzero(fitted.free):
+        step = 1e-4 * fitted.parameters[k].scale
+        high, low = fitted.values.copy(), fitted.values.copy()
+        high[k] += step
+        low[k] -= step
+        gradient[k] = (function(high) - function(low)) / (2 * step)
+    return gradient
+
+
+def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
+    """E over what nu may be: on one radius along the exact curve E(nu), on several along the fit's own slope."""
+    from scipy.special import ndtri
+
+    e, k = fitted.index("youngs_modulus_MPa"), fitted.index("poisson_ratio")
+    value, variance, cross = fitted.values[e], fitted.covariance[e, e], fitted.covariance[e, k]
+    nu_variance, centre = fitted.covariance[k, k], float(fitted.values[k])
+    rest = variance - (cross**2 / nu_variance if nu_variance > 0 else 0.0)
+    if nu.value is None:
+        nodes = np.linspace(*SILICONE_NU, NODES)
+    elif nu.std == 0:
+        nodes = np.array([nu.value])
+    else:
+        nodes = centre + np.sqrt(nu_variance) * ndtri((np.arange(NODES) + 0.5) / NODES)
+        nodes = nodes[(nodes > 0) & (nodes <= 0.4999)] if centre < 0.4999 else np.array([centre])
+    if np.unique(fitted.data.presses.radius_mm).size == 1 or nu.value is None:
+        modulus = value * _unit(fitted, centre, radius) / np.array([_unit(fitted, n, radius) for n in nodes])
+    else:
+        modulus = (
+            value * np.exp(cross / nu_variance / value * (nodes - centre))
+            if nu_variance > 0
+            else (np.full(nodes.size, value))
+        )
+    relative = float(np.sqrt(max(rest, 0.0)) / value)
+    at_nu = np.eye(fitted.values.size)[e]
+    at_nu[k] = -cross / nu_variance if nu_variance > 0 else 0.0  # E less what nu brings
+    reach = fitted.reach(at_nu)
+    return _Spread(nodes, np.full(nodes.size, 1 / nodes.size), modulus, relative, reach)
+
+
+def _unit(fitted: Fit, nu: float, radius: float) -> float:
+    thickness = np.array([fitted.data.gel.thickness_mm])
+    return float(punch_stiffness(1.0, float(nu), np.array([radius]), thickness)[0])
+
+
+def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
+    """E (or E*) with its interval; no value where nu has none."""
+    if nu.value is None:
+        reach = spread.reach * spread.relative_std
+        low, high = spread.modulus.min() * max(1 - reach, 0.0) / (1 + surplus), spread.modulus.max() * (1 + reach)
+        why = "it follows from c only at a known Poisson's ratio: see youngs_modulus_of_nu"
+        return Estimate(None, None, (float(low), float(high)), unit, why)
+    if spread.reach * spread.relative_std >= 1:  # an interval that reaches 0 knows nothing
+        why = "another parameter takes its place in these data; the interval is what gels have"
+        return Estimate(None, None, GEL_MODULUS_MPA, unit, why)
+    mean = float(np.interp(nu.value, spread.nodes, spread.modulus))
+    low, high = spread.quantile(0.025), spread.quantile(0.975)
+    std = float(np.sqrt(np.var(spread.modulus) + np.mean((spread.modulus * spread.relative_std) ** 2)))
+    return Estimate(mean, std, (low / (1 + surplus), high), unit)
+
+
+def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, radius: float) -> tuple[Pair, ...]:
+    """(nu, E) at the fitted stiffness."""
+    modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
+    stiffness = modulus * _unit(fitted, nu, radius)
+    return tuple((float(one), float(stiffness / _unit(fitted, float(one), radius))) for one in poisson_ratios)
+
+
+def _covariance(fitted: Fit, radius: float) -> Floats:
+    """Joint covariance (4, 4) of E, nu, c, beta by the delta method; nu held where nothing fixes it."""
+    size = fitted.values.size
+    rows = np.zeros((4, size))
+    rows[0, fitted.index("youngs_modulus_MPa")] = 1
+    rows[1, fitted.index("poisson_ratio")] = 1
+    rows[2] = _gradient(fitted, lambda v: _line(fitted, v, radius)[0])
+    rows[3] = _gradient(fitted, lambda v: _line(fitted, v, radius)[1])
+    return np.asarray(rows @ fitted.covariance @ rows.T)

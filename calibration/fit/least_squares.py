@@ -1,0 +1,319 @@
+"""A model meets measurements: whitened, bounded least squares with priors, and the errors that belong to it.
+
+    minimise |W (y - f(theta))|^2 + sum ((theta_k - mean_k) / std_k)^2,    covariance (J^T J)^-1
+
+The noise is estimated from the first fit's residuals and the fit repeated with it. Intervals use Student's t with
+the degrees of freedom that stand behind the noise. Linear in the data's error: the covariance is the curvature at
+the minimum; `profile_interval` does without that assumption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fit.minimise import Box, Minimum, differentiate, minimise
+from calibration.fit.tolerances import TOLERANCES, with_tolerances
+from calibration.inputs.observations import Observations
+from calibration.model.composition import Model
+from calibration.model.parameters import Parameter
+from calibration.noise.model import Linear, Noise, Whitener, base_noise
+from calibration.noise.reml import UNKNOWN_SHARE, estimate_noise
+from tactilevision.errors import InputError
+from tactilevision.records import Bools, Estimate, Floats, Pair
+
+TOO_FEW = (
+    "there are no more measurements than parameters and no noise is stated: the intervals rest on an assumed "
+    "noise of 2 % of the largest force"
+)
+MAX_ITERATIONS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A model's parameters on these data.
+
+    `values` (p,) in the order of `parameters`; `covariance` (p, p), 0 for what is held; `force_N` (N,) the
+    model's, `residual_N` measured less model, `white` the residual made white; `jacobian` (N, p) of the force;
+    `noise` with the linearisation `about` that it belongs to; `chi2` includes the priors; `at_bound` (p,).
+    """
+
+    model: Model
+    data: Observations
+    parameters: tuple[Parameter, ...]
+    values: Floats
+    covariance: Floats
+    force_N: Floats
+    residual_N: Floats
+    white: Floats
+    jacobian: Floats
+    noise: Noise
+    about: Linear
+    chi2: float
+    at_bound: Bools
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> Bools:
+        """Which parameters were fitted (p,)."""
+        return np.array([not p.fixed for p in self.parameters])
+
+    @property
+    def dof(self) -> float:
+        """Samples less fitted parameters, each prior counting as a sample; may be 0."""
+        priors = sum(p.prior is not None and not p.fixed for p in self.parameters)
+        return float(self.data.size + priors - np.count_nonzero(self.free))
+
+    @property
+    def rms_error_N(self) -> float:
+        """Root mean square of measured less model."""
+        return float(np.sqrt(np.mean(self.residual_N**2)))
+
+    @property
+    def r_squared(self) -> float:
+        """1 - residual over total sum of squares of the force."""
+        force = self.data.normal_N
+        total = float(np.sum((force - force.mean()) ** 2))
+        return 1 - float(self.residual_N @ self.residual_N) / total if total > 0 else float("nan")
+
+    def index(self, name: str) -> int:
+        """Where a parameter stands. Raises InputError for an unknown name."""
+        names = [p.name for p in self.parameters]
+        if name not in names:
+            raise InputError(
+                "the model has no such parameter",
+                where=self.model.name,
+                value=name,
+                remedy=f"It has {', '.join(names)}.",
+            )
+        return names.index(name)
+
+    def std(self, name: str) -> float:
+        """Standard deviation of a parameter."""
+        k = self.index(name)
+        return float(np.sqrt(self.covariance[k, k]))
+
+    def reach(self, gradient: Floats) -> float:
+        """How many std a 95 % interval of a linear function of the parameters reaches.
+
+        Only the part that the noise brings has few degrees of freedom; what a prior brings is known as stated
+        (Satterthwaite, Biometrics 2 (1946) 110).
+        """
+        whole = float(gradient @ self.covariance @ gradient)
+        precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
+        stated = float(np.sum(precision * (self.covariance @ gradient) ** 2))
+        share = (whole - stated) / whole if whole > 0 else 1.0
+        return quantile95(self.noise.dof / max(share, 1e-6) ** 2)
+
+    def estimate(self, name: str) -> Estimate:
+        """A parameter with its std and 95 % interval, which stays inside the bounds."""
+        k = self.index(name)
+        parameter, value, std = self.parameters[k], float(self.values[k]), self.std(name)
+        reach = self.reach(np.eye(self.values.size)[k]) * std
+        low, high = np.clip([value - reach, value + reach], *parameter.bounds)
+        return Estimate(value, std, (float(low), float(high)), parameter.unit)
+
+
+def quantile95(dof: float) -> float:
+    """Student's two-sided 95 % quantile; the widest that is given is that of one degree of freedom."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(dof, 1.0))) if np.isfinite(dof) else 1.959963985
+
+
+def fit(
+    model: Model,
+    data: Observations,
+    *,
+    noise: Noise | None = None,
+    starts: Floats | None = None,
+    tolerances: bool = True,
+) -> Fit:
+    """Fit `model` to `data`; the noise is estimated unless given.
+
+    `starts` (s, p) replaces the model's own. Raises InputError for more free parameters than the data can carry.
+    """
+    whole = with_tolerances(model, data) if tolerances else model
+    parameters = whole.parameters(data)
+    points = _starts(whole, data) if starts is None else np.atleast_2d(starts)
+    start = points[0]
+    about, stated = linearise(whole, start, data)
+    current = noise or first_noise(data, about, stated)
+    for turn in range(MAX_ITERATIONS if noise is None else 2):
+        problem = Problem(whole, data, parameters, Whitener(data, current, about))
+        found = problem.solve(points)
+        values = problem.full(found.values)
+        about, stated = linearise(whole, values, data)
+        points = values[None]
+        if noise is None and turn < MAX_ITERATIONS - 1:
+            current = _noise_of(problem, values, about, stated)
+    fitted = _finish(problem, found, current, about)
+    return replace(fitted, warnings=(TOO_FEW,)) if fitted.dof < 1 and not stated else fitted
+
+
+def refit(fitted: Fit, data: Observations) -> Fit:
+    """The same model and the same noise on other forces of the same presses: a few steps from where it was."""
+    return fit(fitted.model, data, noise=fitted.noise, starts=fitted.values[None], tolerances=False)
+
+
+def linearise(model: Model, values: Floats, data: Observations) -> tuple[Linear, bool]:
+    """Force, slope and a sample's noise about these parameters, and whether that noise was stated."""
+    slope = model.slope(values, data)
+    base, stated = base_noise(data, slope)
+    return Linear(model.predict(values, data), slope, base), stated
+
+
+def first_noise(data: Observations, about: Linear, stated: bool) -> Noise:
+    """The noise assumed before there is a residual."""
+    scale = 1.0 if stated else UNKNOWN_SHARE * float(np.max(np.abs(data.normal_N)))
+    shared = data.is_curves
+    return Noise(scale, 0.005 if shared else 0.0, 0.004 if shared else 0.0, stated=stated)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One least-squares problem: a model, its data, and what whitens them."""
+
+    model: Model
+    data: Observations
+    parameters: tuple[Parameter, ...]
+    whitener: Whitener
+
+    @property
+    def free(self) -> Bools:
+        """Which parameters are fitted (p,)."""
+        return np.array([not p.fixed for p in self.parameters])
+
+    @property
+    def box(self) -> Box:
+        """Bounds and scales of the free ones."""
+        table = [p for p in self.parameters if not p.fixed]
+        low, high = (np.array([p.bounds[k] for p in table]) for k in (0, 1))
+        return Box(low, high, np.array([p.scale for p in table]))
+
+    def full(self, free_values: Floats) -> Floats:
+        """All values from the free ones."""
+        values = np.array([p.default for p in self.parameters])
+        values[self.free] = free_values
+        return values
+
+    def residual(self, free_values: Floats) -> Floats:
+        """Whitened model less measurement, then one row a prior."""
+        values = self.full(free_values)
+        force = self.model.predict(values, self.data)
+        return np.concatenate([self.whitener.apply(force - self.data.normal_N), self._priors(values)])
+
+    def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
+        """The best minimum from `starts` (s, p) of all parameters."""
+        return minimise(self.residual, starts[:, self.free], self.box, tolerance=tolerance)
+
+    def jacobian(self, values: Floats) -> Floats:
+        """d force/d parameter (N, p) without whitening; 0 for what is held."""
+        free = self.free
+        table = np.zeros((self.data.size, free.size))
+        table[:, free] = differentiate(self._force, values[free], self.box)
+        return table
+
+    @property
+    def precision(self) -> Floats:
+        """1/std^2 of the priors on the diagonal (p, p)."""
+        return np.diag([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
+
+    def _force(self, free_values: Floats) -> Floats:
+        return self.model.predict(self.full(free_values), self.data)
+
+    def _priors(self, values: Floats) -> Floats:
+        table = [
+            (v - p.prior.mean) / p.prior.std
+            for v, p in zip(values, self.parameters, strict=True)
+            if p.prior is not None and not p.fixed
+        ]
+        return np.array(table, dtype=float)
+
+
+def _noise_of(problem: Problem, values: Floats, about: Linear, stated: bool) -> Noise:
+    free = problem.free
+    return estimate_noise(
+        problem.data,
+        about,
+        residual_N=problem.data.normal_N - about.force_N,
+        jacobian=problem.jacobian(values)[:, free],
+        precision=problem.precision[np.ix_(free, free)],
+        stated=stated,
+    )
+
+
+def _starts(model: Model, data: Observations) -> Floats:
+    """The defaults, then for each effect its own starts with the others at rest."""
+    rest = model.defaults(data)
+    rows = [rest]
+    for effect in model.effects:
+        if effect.key in TOLERANCES:
+            continue
+        for start in effect.starts(data):
+            row = rest.copy()
+            row[model.slices(data)[effect.key]] = start
+            rows.append(row)
+    return np.array(rows)
+
+
+def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fit:
+    free, size = problem.free, problem.data.size
+    values = problem.full(found.values)
+    covariance = np.zeros((free.size, free.size))
+    covariance[np.ix_(free, free)] = inverse_information(found.jacobian)
+    residual = problem.data.normal_N - about.force_N
+    at_bound = np.zeros(free.size, dtype=bool)
+    at_bound[free] = found.at_bound
+    return Fit(
+        model=problem.model, data=problem.data, parameters=problem.parameters, values=values,
+        covariance=covariance, force_N=about.force_N, residual_N=residual, white=-found.residual[:size],
+        jacobian=problem.jacobian(values), noise=noise, about=about, chi2=found.chi2, at_bound=at_bound,
+    )  # fmt: skip
+
+
+def inverse_information(jacobian: Floats) -> Floats:
+    """(J^T J)^-1 by singular values of the scaled J; what the data do not fix at all gets a huge variance."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0, size, 1e-100)
+    _, s, right = np.linalg.svd(jacobian / size, full_matrices=False)
+    s = np.maximum(s, 1e-9)
+    back = right.T / s
+    return np.asarray((back @ back.T) / np.outer(size, size))
+
+
+def profile_interval(fitted: Fit, name: str, *, rise: float | None = None) -> Pair:
+    """Where chi^2, minimised over all others, stays within `rise` (default: the 95 % quantile squared)."""
+    k = fitted.index(name)
+    limit = fitted.chi2 + (quantile95(fitted.noise.dof) ** 2 if rise is None else rise)
+    whitener = Whitener(fitted.data, fitted.noise, fitted.about)
+    low, high = fitted.parameters[k].bounds
+
+    def excess(value: float) -> float:
+        held = replace(fitted.parameters[k], default=value, bounds=(value, value), prior=None)
+        table = (*fitted.parameters[:k], held, *fitted.parameters[k + 1 :])
+        problem = Problem(fitted.model, fitted.data, table, whitener)
+        prior = fitted.parameters[k].prior
+        extra = 0.0 if prior is None else ((value - prior.mean) / prior.std) ** 2
+        return problem.solve(fitted.values[None]).chi2 + extra - limit
+
+    step = max(fitted.std(name), 1e-3 * fitted.parameters[k].scale)
+    centre = float(fitted.values[k])
+    return _edge(excess, centre, low, -step), _edge(excess, centre, high, step)
+
+
+def _edge(excess: Callable[[float], float], centre: float, bound: float, step: float) -> float:
+    """Where `excess` crosses 0 between centre and bound; the bound where it never does."""
+    from scipy.optimize import brentq
+
+    inner, outer = centre, centre
+    for _ in range(12):
+        outer = centre + step if abs(step) < abs(bound - centre) else bound
+        if excess(outer) > 0:
+            return float(brentq(excess, inner, outer, xtol=1e-4 * abs(outer - centre) + 1e-15, rtol=1e-6))
+        if outer == bound:
+            return float(bound)
+        inner, step = outer, 2 * step
+    return float(outer)

@@ -1,0 +1,129 @@
+"""What presses share by mistake: machined heights and radii, the gel's thickness, and how they were certified.
+
+    w -> (1 + r) w + t + dH_k,    a -> a + da_k,    h -> h + dh,    each ~ N(0, std^2) as stated
+
+They do not average out over repeats, so they are fitted along with the material, held by their priors, and so
+widen its interval by just what they are worth. Absent where no std is stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.inputs.observations import Observations, Shared
+from calibration.model.composition import Model
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import EffectBase, Stage, State
+from tactilevision.records import Floats
+
+HEIGHTS, DIMENSIONS, CERTIFICATE = "heights", "dimensions", "certificate"
+TOLERANCES = (HEIGHTS, DIMENSIONS, CERTIFICATE)
+
+
+@dataclass(frozen=True, slots=True)
+class Heights(EffectBase):
+    """One depth error for each indenter whose machined height has a std; `stds` (name, mm) in the data's order."""
+
+    stds: tuple[tuple[str, float], ...]
+
+    key = HEIGHTS
+    title = "the machined heights are off"
+    stage = Stage.DEPTH
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """dH of each indenter with a std."""
+        return tuple(
+            _small(f"{name}_mm", std, "error of the machined height") for name, std in self.stds if std > 0
+        )
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Shift the depth of each indenter's presses."""
+        shift = np.zeros(len(self.stds))
+        shift[[k for k, (_, std) in enumerate(self.stds) if std > 0]] = values
+        return replace(state, depth_mm=state.depth_mm + shift[data.presses.indenter[data.press]])
+
+
+@dataclass(frozen=True, slots=True)
+class Certified(EffectBase):
+    """Errors of the certificate that all presses share: when a touch is seen, how far the gel rises to it."""
+
+    shared: Shared
+
+    key = CERTIFICATE
+    title = "the certificate is off"
+    stage = Stage.DEPTH
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The offset and the relative error, where they have a std."""
+        table = [_small("touch_mm", self.shared.touch_mm, "all touches seen early or late")] if self._late else []
+        if self.shared.rise > 0:
+            table.append(_small("rise", self.shared.rise, "all rises larger or smaller", unit="1"))
+        return tuple(table)
+
+    @property
+    def _late(self) -> bool:
+        return self.shared.touch_mm > 0
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Stretch and shift the depth."""
+        offset = values[0] if self._late else 0.0
+        stretch = values[-1] if self.shared.rise > 0 else 0.0
+        return replace(state, depth_mm=(1 + stretch) * state.depth_mm + offset)
+
+
+@dataclass(frozen=True, slots=True)
+class Dimensions(EffectBase):
+    """Errors of the thickness and of each radius that has a std; `radii` (radius, std) in rising order."""
+
+    thickness_std_mm: float
+    radii: tuple[tuple[float, float], ...]
+
+    key = DIMENSIONS
+    title = "the dimensions are off"
+    stage = Stage.GEOMETRY
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """dh, then da of each radius with a std."""
+        table = [_small("thickness_mm", self.thickness_std_mm, "error of the thickness")] if self._thick else []
+        for radius, std in self.radii:
+            if std > 0:
+                table.append(_small(f"radius[{radius:g}]_mm", std, "error of the indenter's radius"))
+        return tuple(table)
+
+    @property
+    def _thick(self) -> bool:
+        return self.thickness_std_mm > 0
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Shift thickness and radius."""
+        thickness = state.thickness_mm + (values[0] if self._thick else 0.0)
+        known = [radius for radius, std in self.radii if std > 0]
+        radius = state.radius_mm.copy()
+        for value, where in zip(values[int(self._thick) :], known, strict=True):
+            radius[data.radius_mm == where] += value
+        return replace(state, thickness_mm=thickness, radius_mm=radius)
+
+
+def with_tolerances(model: Model, data: Observations) -> Model:
+    """The model with the stated tolerances of this data's indenters and gel; as it is where none is stated."""
+    kept = model.without(HEIGHTS).without(DIMENSIONS).without(CERTIFICATE)
+    certified = data.shared.heights and (not data.is_curves or data.depth_source == "gauge")
+    stds = tuple((i.name, i.height_std_mm if certified else 0.0) for i in data.indenters)
+    heights = Heights(stds)
+    if heights.parameters:
+        kept = kept + heights
+    together = Certified(data.shared)
+    if not data.is_curves and together.parameters:
+        kept = kept + together
+    spread = {i.radius_mm: i.radius_std_mm for i in data.indenters}
+    dimensions = Dimensions(data.gel.thickness_std_mm, tuple(sorted(spread.items())))
+    return kept + dimensions if dimensions.parameters else kept
+
+
+def _small(name: str, std: float, meaning: str, *, unit: str = "mm") -> Parameter:
+    return Parameter(name, unit, 0.0, (-8 * std, 8 * std), meaning, std, Prior(0.0, std, "stated tolerance"))

@@ -1,0 +1,250 @@
+"""What measurements must satisfy before a contact law is fitted to them; each fault has its own sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.inputs.denoised_depth import BRANCHES, branches
+from calibration.inputs.observations import Observations
+from calibration.noise.reml import TYPICAL_ZERO_MM
+from tactilevision.errors import InputError
+from tactilevision.records import Floats, Indenter
+
+TOUCH = 3.0  # std of a press zero
+SAME_DEPTH = 0.02  # depths closer than this share of the largest count as one
+
+
+def check(data: Observations, *, shape: str = "flat_cylinder", one_depth: bool = False) -> None:
+    """Raise InputError for the first fault found; return nothing where there is none.
+
+    `one_depth`: a single depth is no fault, since the law takes its curvature from elsewhere.
+    """
+    for fault in faults(data, shape=shape, one_depth=one_depth):
+        raise fault
+
+
+def faults(data: Observations, *, shape: str, one_depth: bool = False) -> Iterator[InputError]:
+    """Every fault of these data, the plainest first."""
+    yield from _gel(data)
+    for indenter in (data.indenters[k] for k in np.unique(data.presses.indenter)):
+        yield from _indenter(data, indenter, shape)
+    yield from _depths(data, one_depth=one_depth)
+    yield from _forces(data, one_depth=one_depth)
+
+
+def of_shape(data: Observations, shape: str = "flat_cylinder") -> Observations:
+    """The presses of indenters of this shape, with a warning that names the others; all where none has it."""
+    fits = np.array([data.indenters[k].shape == shape for k in data.presses.indenter])
+    if fits.all() or not fits.any():
+        return data
+    others = sorted({data.indenters[k].name for k in data.presses.indenter[~fits]})
+    kept = data.take(fits)
+    warning = f"presses of {', '.join(others)} are left out: this law is for a {shape}"
+    return replace(kept, warnings=(*kept.warnings, warning))
+
+
+def _gel(data: Observations) -> Iterator[InputError]:
+    gel = data.gel
+    if not (np.isfinite(gel.thickness_mm) and gel.thickness_mm > 0):
+        yield InputError("the gel's thickness lies above 0 mm", where="[sensor.gel]", value=gel.thickness_mm)
+    if gel.poisson_ratio is not None and not 0 <= gel.poisson_ratio < 0.5:
+        yield InputError(
+            "Poisson's ratio lies in [0, 0.5)",
+            where="[sensor.gel]",
+            value=gel.poisson_ratio,
+            remedy="For an incompressible gel take 0.4999.",
+        )
+
+
+def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[InputError]:
+    where, radius = f"[indenter.{indenter.name}]", indenter.radius_mm
+    if indenter.shape != shape:
+        yield InputError(
+            f"this law is for a {shape}",
+            where=where,
+            value=indenter.shape,
+            remedy="Leave its presses out, or choose the law for its shape.",
+        )
+    if shape != "cone" and not (np.isfinite(radius) and radius > 0):
+        yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)
+    half = _half_width(data)
+    if shape == "flat_cylinder" and half is not None and radius >= half:
+        yield InputError(
+            "the punch is as wide as the gel pad",
+            where=where,
+            value=radius,
+            remedy=f"The pad reaches {half:g} mm from its centre.",
+        )
+
+
+def _half_width(data: Observations) -> float | None:
+    if data.gel.shape == "disc":
+        return data.gel.radius_mm
+    if data.gel.shape == "rectangle" and data.gel.size_mm is not None:
+        return min(data.gel.size_mm) / 2
+    return None
+
+
+def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
+    touching = data.phase != "free"
+    depth = data.depth_mm
+    if not data.is_curves and (depth <= 0).any():
+        k = int(np.flatnonzero(depth <= 0)[0])
+        yield InputError(
+            "a certified depth lies above 0 mm",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy="Depth is positive into the gel.",
+        )
+    if not touching.any():
+        yield InputError(
+            "every sample is called free",
+            value="phase = free",
+            remedy="Name the phases load, hold and unload, or leave them empty.",
+        )
+        return
+    if not (touching & (depth > 0)).any():
+        yield InputError(
+            "no sample lies in the gel",
+            value=float(np.max(depth)),
+            remedy="Depth is positive into the gel: check its sign.",
+        )
+        return
+    k = int(np.argmax(depth))
+    if depth[k] > data.gel.thickness_mm:
+        yield InputError(
+            "a depth is larger than the gel is thick",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy=f"The gel is {data.gel.thickness_mm:g} mm thick; depths are in mm.",
+        )
+    if depth[k] < TYPICAL_ZERO_MM:
+        yield InputError(
+            "the deepest press is no deeper than a depth's zero is known",
+            where=_press(data, k),
+            value=float(depth[k]),
+            remedy="Depths are in mm: are these in metres?",
+        )
+    for radius in () if one_depth else np.unique(data.presses.radius_mm):
+        mine = depth[touching & (data.radius_mm == radius)]
+        if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
+            yield _of_one_depth(radius, mine)
+
+
+def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
+    force, depth = data.normal_N, data.depth_mm
+    if not data.is_curves and (force <= 0).any():
+        k = int(np.flatnonzero(force <= 0)[0])
+        yield InputError(
+            "the normal force of a certified point lies above 0 N",
+            where=_press(data, k),
+            value=float(force[k]),
+            remedy="fz_N is positive when the indenter pushes.",
+        )
+    if np.ptp(force) <= 0 and data.size > 1:
+        yield InputError("the force never changes", value=float(force[0]), remedy="Check the force's column.")
+    for radius in () if one_depth else np.unique(data.presses.radius_mm):
+        mine = (data.phase != "free") & (data.radius_mm == radius) & (depth > 0)
+        if mine.sum() > 1 and _falls(depth[mine], force[mine]):
+            if np.ptp(depth[mine]) < 2 * TOUCH * TYPICAL_ZERO_MM:  # three zeros either way: no depth of its own
+                yield _of_one_depth(radius, depth[mine])
+            yield InputError(
+                "the force falls as the depth grows",
+                where=f"radius {radius:g} mm",
+                remedy="Check the sign of fz_N, and that depth and force match.",
+            )
+
+
+def _of_one_depth(radius_mm: float, depth_mm: Floats) -> InputError:
+    return InputError(
+        "all presses of one radius have one depth, so stiffness and curvature cannot be told apart",
+        where=f"radius {radius_mm:g} mm",
+        value=float(np.median(depth_mm)),
+        remedy="Press to two depths at least, one twice the other.",
+    )
+
+
+def _falls(depth: Floats, force: Floats) -> bool:
+    """True where force and depth go opposite ways."""
+    return bool(np.sum((depth - depth.mean()) * (force - force.mean())) < 0)
+
+
+def _press(data: Observations, sample: int) -> str:
+    return f"press {data.presses.label[int(data.press[sample])]}"
+
+
+def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
+    """What a law can be fitted to: presses of this shape, of radii pressed to more than one depth.
+
+    Phases that nobody recorded are read from the depth. What is left out and what these measurements lack is said
+    in the warnings. Raises InputError where nothing is left to fit.
+    """
+    kept = of_several_depths(of_shape(data, shape))
+    check(kept, shape=shape)
+    phase = np.array(BRANCHES)[branches(kept)]
+    return replace(kept, phase=phase, warnings=(*kept.warnings, *lacks(kept)))
+
+
+def of_several_depths(data: Observations) -> Observations:
+    """Without the presses of radii pressed to one depth, where others have several; a warning names them."""
+    radii = np.unique(data.presses.radius_mm)
+    single = [r for r in radii if _one_depth(data, float(r))]
+    if not 0 < len(single) < radii.size:
+        return data
+    named = ", ".join(f"{r:g} mm" for r in single)
+    warning = f"presses of radius {named} are left out: at one depth stiffness and curvature look alike"
+    kept = data.take(~np.isin(data.presses.radius_mm, single))
+    return replace(kept, warnings=(*kept.warnings, warning))
+
+
+def clear_of_touch(data: Observations) -> Observations:
+    """Curves without the samples nearer to the first touch than three press zeros.
+
+    They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
+    """
+    if not data.is_curves:
+        return data
+    std = np.hypot(TYPICAL_ZERO_MM, np.nan_to_num(data.depth_std_mm))
+    clear = np.abs(data.depth_mm) > TOUCH * std
+    kept = np.bincount(data.press, clear, minlength=data.count) > 0
+    return data if clear.all() or not kept.all() else data.samples(clear)
+
+
+def lacks(data: Observations) -> Iterator[str]:
+    """A sentence for each thing that these measurements do not have and an analysis would use."""
+    from calibration.inputs.conditions import repeat_groups
+
+    if data.count == 1:
+        yield "there is one press: how presses differ from each other is assumed, not measured"
+    elif np.unique(repeat_groups(data)).size == data.count and data.is_curves:
+        yield "no press repeats another (same punch, like speed): how repeats differ is assumed, not measured"
+    sizes = np.bincount(data.press)
+    single = np.flatnonzero(sizes == 1)
+    if data.is_curves and single.size:
+        names = ", ".join(data.presses.label[k] for k in single[:5])
+        yield f"{single.size} presses have one sample each ({names}): they show no course in time"
+    begin, end = data.time_s[data.first], data.time_s[np.append(data.first[1:], data.size) - 1]
+    late = np.flatnonzero(begin[1:] < np.maximum.accumulate(end)[:-1])
+    if late.size:
+        pair = " and ".join(data.presses.label[k] for k in (late[0], late[0] + 1))
+        yield f"{late.size} presses begin before another ends ({pair}): the waits between them are not known"
+
+
+def at_one_depth(data: Observations) -> bool:
+    """True where the points of each radius have one depth, be it a single point: they tell a secant, and no more.
+
+    Depths that lie no further apart than their zeros scatter are one depth, too.
+    """
+    radii = np.unique(data.presses.radius_mm)
+    stated = data.depth_std_mm[np.isfinite(data.depth_std_mm)]
+    scatter = 2 * TOUCH * (float(np.median(stated)) if stated.size else TYPICAL_ZERO_MM)
+    return not data.is_curves and all(_one_depth(data, float(radius), scatter) for radius in radii)
+
+
+def _one_depth(data: Observations, radius_mm: float, scatter_mm: float = 0.0) -> bool:
+    mine = (data.phase != "free") & (data.radius_mm == radius_mm)
+    depth = data.depth_mm[mine]
+    return bool(depth.size and np.ptp(depth) < max(SAME_DEPTH * np.max(depth), scatter_mm))

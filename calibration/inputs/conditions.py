@@ -1,0 +1,127 @@
+"""Which presses repeat each other, and what was recorded beside depth and force.
+
+Presses of one radius at one rate (within a factor 2) are repeats of each other: how they differ is the error
+model's business, whatever the law. The smooth bases of a group take the group's mean curve out, so that noise
+is estimated from differences between repeats and from what is rough, never from what a law lacks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration.effects.photometric_drift import running_share
+from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
+from calibration.inputs.observations import Ints, Observations
+from tactilevision.records import Floats
+
+DEGREES = (4, 1, 3, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Covariate:
+    """Something recorded: `values` (N,), no NaN; `of_press` where it is one number a press, or acts as one."""
+
+    name: str
+    unit: str
+    values: Floats
+    of_press: bool
+
+
+def repeat_groups(data: Observations) -> Ints:
+    """Number of the group of like presses, (M,)."""
+    rate = np.nan_to_num(np.round(np.log2(np.maximum(data.presses.speed_mm_s, 1e-9))), nan=-99)
+    table = np.column_stack([data.presses.radius_mm, rate, np.nan_to_num(data.presses.lubricated)])
+    return np.asarray(np.unique(table, axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def group_basis(data: Observations) -> Floats:
+    """Smooth curves of each group's branches, (N, k): polynomials in the depth, in a hold in the time.
+
+    What lies above the gel is a constant for each phase: no smooth curve goes around the corner at the touch, and
+    a gel that clings pulls in unloading alone.
+    """
+    groups = repeat_groups(data)[data.press]
+    branch = branches(data) + np.where(data.depth_mm > 0, 0, len(BRANCHES))
+    columns: list[Floats] = []
+    for group in np.unique(groups):
+        for kind in np.unique(branch[groups == group]):
+            mine = (groups == group) & (branch == kind)
+            along = data.depth_mm if kind != HOLD else data.time_s - data.time_s[data.first][data.press]
+            columns += _polynomials(
+                along, mine, DEGREES[int(kind)] if kind < len(BRANCHES) else 0, SAME_MM if kind != HOLD else None
+            )
+    if data.slopes is not None:  # a picture that drifts would pass for presses that scatter
+        columns.append(data.depth_mm * running_share(data))
+    return np.column_stack(columns)
+
+
+def _polynomials(
+    along: Floats, mine: npt.NDArray[np.bool_], degree: int, apart: float | None = None
+) -> list[Floats]:
+    """Of at most so many degrees as there are distinct places, less one; `apart` what parts two of them."""
+    low, high = float(along[mine].min()), float(along[mine].max())
+    unit = 2 * (along - low) / (high - low) - 1 if high > low else np.zeros(along.size)
+    distinct = (
+        np.unique(np.round(unit[mine], 6)).size if apart is None else int(clusters(along[mine], apart)[-1]) + 1
+    )
+    kept = range(min(degree, distinct - 1) + 1)
+    return [np.where(mine, np.polynomial.legendre.Legendre.basis(k)(np.clip(unit, -1, 1)), 0.0) for k in kept]
+
+
+def covariates(data: Observations) -> tuple[Covariate, ...]:
+    """Everything that was recorded and varies, in a fixed order."""
+    presses, press = data.presses, data.press
+    begin = data.time_s[data.first][press]
+    rate = np.log10(np.maximum(presses.speed_mm_s, 1e-9))
+    table = [
+        ("w", "mm", data.depth_mm, False),
+        ("w/h", "1", data.depth_mm / data.gel.thickness_mm, False),
+        ("1/w", "1/mm", 1 / np.maximum(data.depth_mm, 0.02), False),
+        ("P", "N", data.normal_N, False),
+        ("t", "log10 s", np.log10(np.maximum(data.time_s - begin, 1e-3)), False),
+        ("load/unload", "0 load, 1 hold, 2 unload, 3 free", branches(data).astype(float), False),
+        ("Fx", "N", data.force_N[:, 0], False),
+        ("Fy", "N", data.force_N[:, 1], False),
+        ("a", "mm", data.radius_mm, True),
+        ("log rate", "log10 mm/s", rate[press], True),
+        ("order", "", presses.order[press], True),
+        ("recording date", "d", presses.day[press], True),
+        ("wait", "log10 s", np.log10(np.maximum(presses.rest_s, 1e-3))[press], True),
+        ("x", "mm", presses.x_mm[press], True),
+        ("y", "mm", presses.y_mm[press], True),
+        ("azimuth", "rad", np.arctan2(presses.y_mm, presses.x_mm)[press], True),
+        ("T", "C", data.temperature_C, True),
+        ("indenter", "", presses.indenter[press].astype(float), True),
+    ]
+    if data.slopes is not None:  # what is wrong with them scales them
+        table += [
+            ("slope", "mm/mm", data.slopes.slope, True),
+            ("azimuth beside the face", "deg", data.slopes.azimuth_deg, True),
+        ]
+    found = []
+    for name, unit, values, of_press in table:
+        filled = _filled(np.asarray(values, dtype=float))
+        if filled is not None:
+            found.append(Covariate(name, unit, filled, of_press))
+    return tuple(found)
+
+
+def _filled(values: Floats) -> Floats | None:
+    """The values with a few unknown ones at the median; None where it does not vary or half is unknown."""
+    known = np.isfinite(values)
+    if known.mean() < 0.5:
+        return None
+    values = np.where(known, values, np.median(values[known]))
+    return values if np.ptp(values) > 1e-9 * max(1.0, float(np.max(np.abs(values)))) else None
+
+
+def bins(covariate: Covariate, most: int) -> Ints:
+    """Bin of each sample (N,), of about equal counts; each distinct value its own where there are few."""
+    distinct = np.unique(covariate.values)
+    if distinct.size <= most:
+        return np.searchsorted(distinct, covariate.values)
+    edges = np.quantile(covariate.values, np.linspace(0, 1, most + 1)[1:-1])
+    return np.unique(np.searchsorted(np.unique(edges), covariate.values), return_inverse=True)[1]

@@ -1,0 +1,155 @@
+"""How deep the punch was, without the noise of what was read.
+
+A plateau is many readings of one depth, a ramp a smooth course, and presses that go equally deep but for their own
+zeros go equally deep: sorted, compared or remembered by what was read, residuals would be sorted by that noise.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from calibration.inputs.observations import Ints, Observations
+from tactilevision.records import Bools, Floats
+
+LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3
+BRANCHES = ("load", "hold", "unload", "free")
+MIN_HELD, FINEST_MM = 3, 2e-4  # samples of a plateau; std of a depth that is read very well
+SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
+COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
+_KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
+
+
+def branches(data: Observations) -> Ints:
+    """LOAD, HOLD, UNLOAD or FREE for each sample (N,); from the depth itself where no phase was recorded."""
+    known = np.select([data.phase == name for name in BRANCHES], range(4), default=-1)
+    if (known >= 0).all():
+        return np.asarray(known, dtype=np.int64)
+    found = np.full(data.size, LOAD)
+    for start, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+        depth = data.depth_mm[start:end]
+        deepest = int(np.argmax(depth))
+        found[start + deepest + 1 : end] = UNLOAD
+        near = np.flatnonzero(depth > depth[deepest] - SAME_MM / 2)  # no finer, or readings' noise would sort them
+        if near.size > 2:
+            found[start + near[0] + 1 : start + near[-1] + 1] = HOLD
+    return np.where(known >= 0, known, found)
+
+
+def ways(data: Observations) -> Ints:
+    """The same (N,), but that a plateau begins and ends where the depth does: phases go by one clock, and depths
+    may by another.
+    """
+    way, depth = branches(data).copy(), data.depth_mm
+    for begin, end in zip(data.first, [*data.first[1:], data.size], strict=True):
+        one = slice(int(begin), int(end))
+        for first, last in _runs(way[one] == HOLD):
+            if last - first + 1 >= MIN_HELD:
+                _fit_plateau(way[one], depth[one], first, last)
+    return way
+
+
+def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
+    """Move the ends of the plateau first to last of one press, in place."""
+    held = depth_mm[first : last + 1]
+    level = float(np.median(held))
+    flat = np.abs(depth_mm - level) <= 3 * max(1.48 * float(np.median(np.abs(held - level))), FINEST_MM)
+    for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
+        k = end + step
+        while 0 <= k < way.size and way[k] == beside and flat[k]:
+            way[k], k = HOLD, k + step
+        k = end
+        while first <= k <= last and not flat[k]:
+            way[k], k = beside, k - step
+
+
+def _runs(inside: Bools) -> list[tuple[int, int]]:
+    """First and last index of each stretch of True."""
+    edges = np.diff(inside.astype(np.int64), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+
+def denoised_depth(data: Observations) -> Floats:
+    """Depth (N,) without most of its readings' noise: a plateau's mean, a smooth course of the others.
+
+    Not to be written to.
+    """
+    return _depths(data)[0]
+
+
+def nominal_depth(data: Observations) -> Floats:
+    """The same without presses' own zeros, as far as equal depths show them: presses of one radius whose deepest
+    points they alone may part reach one depth, and so do plateaus, and points.
+
+    Not to be written to.
+    """
+    return _depths(data)[1]
+
+
+def _depths(data: Observations) -> tuple[Floats, Floats]:
+    """Both, kept for the last few data sets, since every prediction of an effect that remembers asks again."""
+    key = (data.depth_mm, data.time_s, data.phase, data.press)
+    for known, steady, nominal in _KEPT:
+        if all(a is b for a, b in zip(known, key, strict=True)):
+            return steady, nominal
+    steady = _steady(data) if data.is_curves else data.depth_mm.copy()
+    nominal = _nominal(data, steady)
+    for table in (steady, nominal):
+        table.setflags(write=False)
+    _KEPT.append((key, steady, nominal))
+    return steady, nominal
+
+
+def _steady(data: Observations) -> Floats:
+    branch, steady = ways(data), data.depth_mm.copy()
+    begins = np.flatnonzero(np.diff(branch, prepend=-1) | np.diff(data.press, prepend=-1))
+    for start, end in zip(begins, [*begins[1:], data.size], strict=True):
+        if branch[start] != FREE:  # air may come and go as it likes
+            ramp = bool(branch[start] in (LOAD, UNLOAD))
+            steady[start:end] = _course(data.time_s[start:end], data.depth_mm[start:end], ramp)
+    return steady
+
+
+def _nominal(data: Observations, steady: Floats) -> Floats:
+    deepest = np.maximum.reduceat(steady, data.first)
+    nominal = steady + (_alike(deepest, data.presses.radius_mm) - deepest)[data.press]
+    flat = np.isin(branches(data), (HOLD, FREE)) if data.is_curves else np.ones(data.size, dtype=bool)
+    nominal[flat] = _alike(nominal[flat], data.radius_mm[flat])
+    return np.asarray(nominal)
+
+
+def _alike(depths: Floats, radius: Floats) -> Floats:
+    """Depths (n,) at the mean of those of their radius that zeros alone may part."""
+    alike = depths.copy()
+    for one in np.unique(radius):
+        mine = np.flatnonzero(radius == one)
+        mine = mine[np.argsort(depths[mine], kind="stable")]
+        number = clusters(depths[mine], SAME_MM)
+        alike[mine] = (np.bincount(number, depths[mine]) / np.bincount(number))[number]
+    return alike
+
+
+def clusters(values: Floats, apart: float) -> Ints:
+    """Which cluster each of the values (n,), sorted, belongs to: one begins where the last one's first is `apart`
+    away, so that the readings of a ramp, however near each other, are no cluster.
+    """
+    ordered = np.sort(values)
+    number, start = np.zeros(values.size, dtype=np.int64), 0
+    while (start := int(np.searchsorted(ordered, ordered[start] + apart, side="right"))) < values.size:
+        number[start:] += 1
+    return number
+
+
+def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
+    """The mean of depths (n,), or a polynomial in the time through them; depths as read where they are too few,
+    or lie farther from it than readings scatter.
+    """
+    degree = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
+    if ramp and not (degree and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
+        return depth_mm
+    if not degree:
+        return np.full(time_s.size, np.mean(depth_mm))
+    course = np.asarray(np.polynomial.Polynomial.fit(time_s, depth_mm, degree)(time_s))
+    return course if np.abs(depth_mm - course).max() < SAME_MM else depth_mm

@@ -1,0 +1,134 @@
+"""The way that the depth took between its samples: straight in each phase, with the corners that no sample hit.
+
+A rig that loads at one speed and then holds turns a sharp corner between two samples. Joined by a straight line
+the depth would be wrong there by up to speed times the gap; drawn on from both sides, the corner is found. A ramp
+so fast that one sample alone hit it goes at the speed of its press.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.inputs.denoised_depth import FREE, HOLD, LOAD, UNLOAD, ways
+from calibration.inputs.observations import Ints, Observations
+from tactilevision.records import Floats
+
+COMING_S = 1.0  # longer than any clock is off
+CORNERS = ((LOAD, HOLD), (HOLD, UNLOAD), (LOAD, UNLOAD))
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Corners of all presses: times since each press's first sample, the presses one after the other, and depths;
+    the first and the last such time of each press, and where its samples lie.
+    """
+
+    time_s: Floats
+    depth_mm: Floats
+    begin_s: Floats
+    end_s: Floats
+    samples_s: Floats
+
+
+_KEPT: deque[tuple[tuple[np.ndarray, ...], _Course]] = deque(maxlen=8)
+
+
+def depth_at(data: Observations, later_s: float) -> Floats:
+    """The depth as read (N,), at each sample's time plus `later_s`. Before a press that was caught on its way in
+    the punch comes at that press's speed, after one that was left on its way out it goes on; else it stands still.
+    """
+    course, press = _course(data), data.press
+    asked = np.clip(course.samples_s + later_s, course.begin_s[press], course.end_s[press])
+    return np.asarray(np.interp(asked, course.time_s, course.depth_mm))
+
+
+def _course(data: Observations) -> _Course:
+    """Kept for the last few data sets: the fit of a clock asks again and again."""
+    key = (data.depth_mm, data.time_s, data.phase, data.press, data.presses.speed_mm_s)
+    for known, course in _KEPT:
+        if all(a is b for a, b in zip(known, key, strict=True)):
+            return course
+    course = _drawn(data)
+    _KEPT.append((key, course))
+    return course
+
+
+def _drawn(data: Observations) -> _Course:
+    branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
+    for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
+        one = slice(start, end)
+        time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
+        if _coming(time, depth, float(speed)):
+            time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
+        if (going := _leaving(time, depth, int(branch[end - 1]), float(speed))) is not None:
+            time, depth = np.append(time, time[-1] + COMING_S), np.append(depth, depth[-1] + going * COMING_S)
+        times.append(time - time[0] + after)
+        depths.append(depth)
+        samples.append(data.time_s[one] - time[0] + after)
+        after = float(times[-1][-1]) + COMING_S
+    ends = np.array([(time[0], time[-1]) for time in times])
+    return _Course(np.concatenate(times), np.concatenate(depths), ends[:, 0], ends[:, 1], np.concatenate(samples))
+
+
+def _coming(time_s: Floats, depth_mm: Floats, speed_mm_s: float) -> bool:
+    """Whether a press begins on its way in: nearer to the speed of its loading than to rest."""
+    first = _line(time_s[:2], depth_mm[:2]) if time_s.size > 1 else None
+    return first is not None and np.isfinite(speed_mm_s) and first > speed_mm_s / 2 > 0
+
+
+def _leaving(time_s: Floats, depth_mm: Floats, last: int, speed_mm_s: float) -> float | None:
+    """The speed (mm/s, negative) of a press that was left on its way out, None where it had come to rest: in air
+    it is still on its way if it goes nearer to the speed of its press than to rest.
+    """
+    going = _line(time_s[-2:], depth_mm[-2:]) if time_s.size > 1 else None
+    on_its_way = last == UNLOAD or (last == FREE and going is not None and going < -speed_mm_s / 2 < 0)
+    return going if on_its_way else None
+
+
+def with_corners(
+    time_s: Floats, depth_mm: Floats, branch: Ints, speed_mm_s: float = np.nan
+) -> tuple[Floats, Floats]:
+    """Time and depth of one press with the corners between its phases put in."""
+    ways = {LOAD: speed_mm_s, UNLOAD: -speed_mm_s}
+    places, times, depths = [], [], []
+    for k in np.flatnonzero(np.diff(branch)):
+        corner = _corner(time_s, depth_mm, branch, int(k), ways)
+        if corner is not None:
+            places.append(k + 1)
+            times.append(corner[0])
+            depths.append(corner[1])
+    return np.insert(time_s, places, times), np.insert(depth_mm, places, depths)
+
+
+def _corner(
+    time_s: Floats, depth_mm: Floats, branch: Ints, k: int, ways: Mapping[int, float]
+) -> tuple[float, float] | None:
+    """Where the lines on both sides of the gap after sample k meet; None where they do not meet in it."""
+    kinds = (int(branch[k]), int(branch[k + 1]))
+    if kinds not in CORNERS:
+        return None
+    before, after = (ways.get(kind) for kind in kinds)
+    if k and branch[k - 1] == branch[k]:
+        before = _line(time_s[k - 1 : k + 1], depth_mm[k - 1 : k + 1])
+    if k + 2 < len(branch) and branch[k + 2] == branch[k + 1]:
+        after = _line(time_s[k + 1 : k + 3], depth_mm[k + 1 : k + 3])
+    if kinds[0] == HOLD:
+        before = 0.0
+    if kinds[1] == HOLD:
+        after = 0.0
+    if before is None or after is None or not np.isfinite(before - after) or before == after:
+        return None
+    gap = float(time_s[k + 1] - time_s[k])
+    since = (float(depth_mm[k + 1] - depth_mm[k]) - after * gap) / (before - after)
+    if not 0 < since < gap:
+        return None
+    return float(time_s[k]) + since, float(depth_mm[k]) + before * since
+
+
+def _line(time_s: Floats, depth_mm: Floats) -> float | None:
+    step = float(time_s[1] - time_s[0])
+    return float(depth_mm[1] - depth_mm[0]) / step if step > 0 else None

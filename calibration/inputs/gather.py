@@ -1,0 +1,370 @@
+"""From the points or the curves of recordings to Observations."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from calibration.inputs.observations import (
+    DAY_S,
+    DepthSource,
+    EdgeDrop,
+    Measured,
+    Observations,
+    Presses,
+    RecordingLike,
+    Shared,
+)
+from tactilevision.errors import InputError
+from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
+
+NAN = float("nan")
+FALL = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class _Touch:
+    """One press on its way into the flat arrays."""
+
+    label: str
+    recording: int
+    indenter: Indenter
+    protocol: Press
+    time_s: Floats
+    depth_mm: Floats
+    force_N: Floats
+    phase: Any
+    temperature_C: Floats
+    depth_std_mm: Floats
+    force_std_N: Floats
+    reconstructed_mm: Floats
+    reconstructed_std_mm: Floats
+    dated_s: float  # what calendar and clock say of its beginning, since the calendar's; NaN: nothing
+    falls: tuple[EdgeDrop, ...] = ()
+
+    @property
+    def begin_s(self) -> float:
+        """When it began: by its clock; by its date where there is no clock or one that knows no days; else NaN."""
+        clock, days = float(self.time_s[0]), 1.5 * DAY_S
+        told = np.isfinite(clock) and not (self.protocol.date and abs(clock - self.dated_s) > days)
+        return clock if told else self.dated_s
+
+
+def observe_points(measured: Sequence[Measured] | Measured) -> Observations:
+    """The accepted points of one or several recordings, one sample a press.
+
+    Raises InputError where an indenter is not described or a number is not finite.
+    """
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    return _gather(sets, [t for k, m in enumerate(sets) for t in _point_touches(m, k)])
+
+
+def observe_curves(measured: Sequence[Measured] | Measured) -> Observations:
+    """Every finite sample of the curves of one or several recordings.
+
+    Raises InputError where an indenter is not described or a press holds no finite sample.
+    """
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    return _gather(sets, [t for k, m in enumerate(sets) for t in _curve_touches(m, k)])
+
+
+def observe_all(measured: Sequence[Measured] | Measured) -> Observations:
+    """The curves of these recordings, which tell more; the accepted points where no recording has curves."""
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    return observe_curves(sets) if any(m.curves for m in sets) else observe_points(sets)
+
+
+def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
+    recording = measured.recording
+    protocol = {p.press: p for p in recording.presses}
+    shift = _days_since_epoch(recording.date) * DAY_S
+    for point in measured.points:
+        if not point.accepted:
+            continue
+        indenter = _indenter(recording, point.indenter, point.press)
+        row = _merge(protocol.get(point.press), point)
+        yield _Touch(
+            label=point.press,
+            recording=number,
+            indenter=indenter,
+            protocol=row,
+            time_s=np.array([point.time_s]) + shift,
+            depth_mm=np.array([_finite(point)]),
+            force_N=np.array([[_zero(point.fx_N), _zero(point.fy_N), point.fz_N]]),
+            phase=np.array(["load"]),
+            temperature_C=np.array([row.temperature_C]),
+            depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
+            force_std_N=np.array([point.fz_std_N]),
+            reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
+            reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
+            dated_s=_dated_s(row, recording),
+            falls=tuple(_falls(point, number)),
+        )
+
+
+def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
+    """What the columns fall_AZIMUTH_FROM_TO_mm say of one press."""
+    gain_std, ball_slope = (_number(point.extra, name) for name in ("slope_gain_std", "ball_slope"))
+    for name in point.extra if np.isfinite(gain_std) and ball_slope > 0 else ():
+        place, fall_mm = FALL.fullmatch(name), _number(point.extra, name)
+        if place is not None and np.isfinite(fall_mm):
+            azimuth, begin, end = (float(text) for text in place.groups())
+            yield EdgeDrop(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
+
+
+def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
+    recording = measured.recording
+    protocol = {p.press: p for p in recording.presses}
+    shift = _days_since_epoch(recording.date) * DAY_S
+    for curve in measured.curves:
+        row = protocol.get(curve.press) or _only_indenter(recording, curve.press)
+        use = np.isfinite(curve.time_s) & np.isfinite(curve.depth_mm) & np.isfinite(curve.force_N[:, 2])
+        if not use.any():
+            raise InputError("a curve has no sample with time, depth and force", where=f"press {curve.press}")
+        size = int(use.sum())
+        temperature = curve.extra.get("temperature_C")
+        seen = curve.extra.get("reconstructed_depth_mm")
+        yield _Touch(
+            label=curve.press,
+            recording=number,
+            protocol=row,
+            indenter=_indenter(recording, row.indenter, curve.press),
+            time_s=curve.time_s[use] + shift,
+            depth_mm=curve.depth_mm[use],
+            force_N=np.nan_to_num(curve.force_N[use]),
+            phase=curve.phase[use],
+            temperature_C=np.full(size, row.temperature_C)
+            if temperature is None
+            else np.asarray(temperature, dtype=float)[use],
+            depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
+            force_std_N=np.full(size, _force_std(recording)),
+            reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
+            reconstructed_std_mm=np.full(size, NAN),
+            dated_s=_dated_s(row, recording),
+        )
+
+
+def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations:
+    if not touches:
+        raise InputError("there is no press to fit", remedy="Hand in accepted points, or curves.")
+    gel = _one_gel([m.recording for m in sets])
+    touches = sorted(touches, key=lambda t: (_sortable(t.begin_s), t.recording, _sortable(t.time_s[0])))
+    origin = math.floor(touches[0].begin_s / DAY_S) * DAY_S if np.isfinite(touches[0].begin_s) else 0.0
+    indenters = list(dict.fromkeys(t.indenter for t in touches))
+    sizes = [t.time_s.size for t in touches]
+    seen, seen_std = (
+        np.concatenate([getattr(t, f"reconstructed{name}_mm") for t in touches]) for name in ("", "_std")
+    )
+    return Observations(
+        gel=gel,
+        indenters=tuple(indenters),
+        presses=_presses(touches, indenters, origin),
+        press=np.repeat(np.arange(len(touches)), sizes),
+        time_s=np.concatenate([t.time_s for t in touches]) - origin,
+        depth_mm=np.concatenate([t.depth_mm for t in touches]),
+        force_N=np.concatenate([t.force_N for t in touches]),
+        phase=np.concatenate([t.phase for t in touches]),
+        temperature_C=np.concatenate([t.temperature_C for t in touches]),
+        depth_std_mm=np.concatenate([t.depth_std_mm for t in touches]),
+        force_std_N=np.concatenate([t.force_std_N for t in touches]),
+        depth_source=_depth_source(sets),
+        reconstructed_mm=seen if np.isfinite(seen).any() else None,
+        reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
+        falls=tuple(fall for t in touches for fall in t.falls),
+        recordings=tuple(m.recording.name for m in sets),
+        shared=_shared(sets),
+    )
+
+
+def _presses(touches: Sequence[_Touch], indenters: Sequence[Indenter], origin: float) -> Presses:
+    def column(name: str) -> Floats:
+        return np.array([float(getattr(t.protocol, name)) for t in touches])
+
+    begin = np.array([t.time_s[0] for t in touches]) - origin
+    end = np.array([t.time_s[-1] for t in touches]) - origin
+    rest = column("rest_s")
+    if any(t.time_s.size > 1 for t in touches):  # whole curves show the wait themselves
+        gap = np.concatenate([[NAN], begin[1:] - end[:-1]])
+        rest = np.where(np.isfinite(rest), rest, gap)
+    speed = column("speed_mm_s")
+    speed = np.where(np.isfinite(speed), speed, [_speed(t) for t in touches])
+    return Presses(
+        label=tuple(t.label for t in touches),
+        recording=np.array([t.recording for t in touches]),
+        indenter=np.array([indenters.index(t.indenter) for t in touches]),
+        radius_mm=np.array([t.indenter.radius_mm for t in touches]),
+        x_mm=column("x_mm"),
+        y_mm=column("y_mm"),
+        rest_s=rest,
+        speed_mm_s=speed,
+        hold_s=column("hold_s"),
+        temperature_C=column("temperature_C"),
+        lubricated=column("lubricated"),
+        day=np.array([_day(t, origin) for t in touches]),
+        order=np.arange(len(touches), dtype=float),
+    )
+
+
+def _speed(touch: _Touch) -> float:
+    """Median speed of loading, mm/s; NaN for a single sample."""
+    loading = touch.phase == "load" if (touch.phase == "load").any() else touch.phase != "free"
+    time, depth = touch.time_s[loading], touch.depth_mm[loading]
+    steps = np.diff(time) > 0
+    if not steps.any():
+        return NAN
+    rate = np.diff(depth)[steps] / np.diff(time)[steps]
+    return float(np.median(rate[rate > 0])) if (rate > 0).any() else NAN
+
+
+def _day(touch: _Touch, origin: float) -> float:
+    if np.isfinite(touch.begin_s):
+        return (touch.begin_s - origin) / DAY_S
+    return 0.0 if touch.recording == 0 else NAN
+
+
+def _dated_s(press: Press, recording: RecordingLike) -> float:
+    """The press's own date and time of day, else its recording's date; NaN where there is none."""
+    date = press.date or recording.date
+    return _days_since_epoch(date) * DAY_S + _zero(press.time_of_day_s) if date else NAN
+
+
+def _sortable(time: float) -> float:
+    return time if np.isfinite(time) else math.inf
+
+
+def _days_since_epoch(date: object) -> float:
+    """Days of a date, a datetime or an ISO text; 0 where there is none."""
+    if isinstance(date, datetime.datetime):
+        date = date.date()
+    if isinstance(date, str) and date:
+        try:
+            date = datetime.date.fromisoformat(date[:10])
+        except ValueError as fault:
+            raise InputError("a date is written YYYY-MM-DD", where="date", value=date) from fault
+    return float(date.toordinal()) if isinstance(date, datetime.date) else 0.0
+
+
+def _one_gel(recordings: Sequence[RecordingLike]) -> Gel:
+    gels = [r.sensor.gel for r in recordings]
+    first = gels[0]
+    if first is None:
+        raise InputError(
+            "the gel's thickness is needed to fit a material",
+            where=recordings[0].name,
+            remedy="Add [sensor.gel] thickness_mm to recording.toml.",
+        )
+    for recording, gel in zip(recordings, gels, strict=True):
+        if gel is None or gel.thickness_mm != first.thickness_mm:
+            raise InputError(
+                "recordings that are fitted together are of one gel",
+                where=recording.name,
+                value=None if gel is None else gel.thickness_mm,
+                remedy=f"The first one states thickness_mm = {first.thickness_mm:g}.",
+            )
+    return first
+
+
+def _indenter(recording: RecordingLike, name: str, press: str) -> Indenter:
+    if name not in recording.indenters:
+        raise InputError(
+            "an indenter is named but not described",
+            where=f"press {press}",
+            value=name,
+            remedy=f"Add [indenter.{name}] to recording.toml.",
+        )
+    return recording.indenters[name]
+
+
+def _only_indenter(recording: RecordingLike, press: str) -> Press:
+    if len(recording.indenters) != 1:
+        raise InputError(
+            "a curve's press is not listed, so its indenter is unknown",
+            where=f"press {press}",
+            remedy="Add the press to presses.csv.",
+        )
+    return Press(press, next(iter(recording.indenters)), NAN, NAN)
+
+
+def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
+    """The protocol's row, with what the point itself says put first."""
+    row = protocol or Press(point.press, point.indenter, NAN, NAN)
+    own = {name: getattr(point, name) for name in ("rest_s", "speed_mm_s", "x_mm", "y_mm")}
+    for name in ("temperature_C", "lubricated", "hold_s"):
+        own[name] = _number(point.extra, name)
+    return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
+
+
+def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: RecordingLike) -> float:
+    """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
+    whole = point.depth_std_mm
+    if not np.isfinite(whole):
+        return _zero(recording.depth_std_mm, NAN)
+    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(_number(point.extra, "rise_ratio")))
+    shared = math.hypot(height, _rise_std(point) * point.depth_mm)
+    if _certified(point):  # made up of just these parts
+        return math.sqrt(max(whole**2 - shared**2, 0.0))
+    return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
+
+
+def _ruled(point: CertifiedPoint) -> bool:
+    return bool(np.isfinite(_number(point.extra, "ruler_std")))
+
+
+def _rise_std(point: CertifiedPoint) -> float:
+    """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
+    rise = _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
+    return math.hypot(rise, _zero(_number(point.extra, "ruler_std")))
+
+
+def _shared(sets: Sequence[Measured]) -> Shared:
+    """What certified depths share by the way in which they were certified."""
+    points = [p for m in sets for p in m.points if p.accepted]
+    touch = [_zero(_number(p.extra, "touch_shared_std_mm")) for p in points]
+    rise = [_rise_std(p) for p in points]
+    if not points:
+        return Shared()
+    return Shared(float(np.median(touch)), float(np.median(rise)), heights=not all(_ruled(p) for p in points))
+
+
+def _depth_source(sets: Sequence[Measured]) -> DepthSource:
+    """Where the depths come from: what a certificate of our own says is a gauge's, whatever the curves are."""
+    certified = [_certified(p) for m in sets for p in m.points if p.accepted]
+    if certified and all(certified) and not any(m.curves for m in sets):
+        return "gauge"
+    return cast(DepthSource, sets[0].recording.depth_source or "vision")
+
+
+def _certified(point: CertifiedPoint) -> bool:
+    """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
+    return bool(np.isfinite(_number(point.extra, "rise_ratio_std")))
+
+
+def _force_std(recording: RecordingLike) -> float:
+    return NAN if recording.force_std_N is None else float(recording.force_std_N[2])
+
+
+def _finite(point: CertifiedPoint) -> float:
+    if not (np.isfinite(point.depth_mm) and np.isfinite(point.fz_N)):
+        raise InputError(
+            "an accepted point has a depth and a force",
+            where=f"press {point.press}",
+            value=(point.depth_mm, point.fz_N),
+        )
+    return point.depth_mm
+
+
+def _number(extra: Mapping[str, Any], name: str) -> float:
+    try:
+        return float(extra.get(name, NAN))
+    except (TypeError, ValueError):
+        return NAN
+
+
+def _zero(value: float | None, instead: float = 0.0) -> float:
+    return float(value) if value is not None and np.isfinite(value) else instead

@@ -1,1 +1,0 @@
-"""From stiffness and bend to E and nu: routes, theory, and where they end."""

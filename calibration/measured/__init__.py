@@ -1,1 +1,0 @@
-"""What presses measured, made ready for a fit: its checks, its conditions, its shared tolerances."""

@@ -1,0 +1,1 @@
+"""A model: a contact law and effects, composed in stages, with parameters."""

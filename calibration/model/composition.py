@@ -1,0 +1,142 @@
+"""A law and its effects, composed: one function from parameters to the force that the sensor should read.
+
+model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from calibration.inputs.observations import Observations
+from calibration.model.parameters import Parameter
+from calibration.model.stages import Effect, Law, Stage, State
+from tactilevision.errors import InputError
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A contact law and the effects on it. `+` adds one; the order of adding does not matter."""
+
+    law: Law
+    effects: tuple[Effect, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        keys = [effect.key for effect in self.effects]
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        if twice:
+            raise InputError("an effect stands in a model once", where="Model", value=", ".join(twice))
+        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=_place)))
+
+    def __add__(self, effect: Effect) -> Model:
+        return Model(self.law, (*self.effects, effect))
+
+    def without(self, key: str) -> Model:
+        """The model less one effect."""
+        return Model(self.law, tuple(e for e in self.effects if e.key != key))
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of the effects, in the order in which they act."""
+        return tuple(effect.key for effect in self.effects)
+
+    @property
+    def name(self) -> str:
+        """The law's key and the effects', joined by +."""
+        return " + ".join((self.law.key, *self.keys))
+
+    def parameters(self, data: Observations) -> tuple[Parameter, ...]:
+        """All parameters in the order of `predict`: the law's, then each effect's as `key.name`."""
+        effects = [replace(p, name=f"{e.key}.{p.name}") for e in self.effects for p in _known(e, data)]
+        return (*self.law.parameters(data), *effects)
+
+    def slices(self, data: Observations) -> dict[str, slice]:
+        """Where each part's values stand in the vector of parameters: "law", then the effects' keys."""
+        return self._places(len(self.law.parameters(data)))
+
+    def _places(self, start: int) -> dict[str, slice]:
+        places = {"law": slice(0, start)}
+        for effect in self.effects:
+            places[effect.key] = slice(start, start + len(effect.parameters))
+            start = places[effect.key].stop
+        return places
+
+    def slices_of(self, size: int) -> dict[str, slice]:
+        """The same for a vector of this many values, without data."""
+        return self._places(size - sum(len(e.parameters) for e in self.effects))
+
+    def defaults(self, data: Observations) -> Floats:
+        """Where each parameter rests; with every effect off."""
+        return np.array([p.default for p in self.parameters(data)])
+
+    def predict(self, values: Floats, data: Observations) -> Floats:
+        """Normal force (N,) that the sensor should read, in N. `values` as `parameters` orders them."""
+        return self.state(values, data).force_N
+
+    def state(self, values: Floats, data: Observations) -> State:
+        """The state after the last stage."""
+        if not any(getattr(e, "reads_force", False) for e in self.effects):
+            return self._pass(values, data)
+        first = self._pass(values, data)
+        second = self._pass(values, data.with_force(first.force_N))
+        return self._pass(values, data.with_force(_limit(data.normal_N, first.force_N, second.force_N)))
+
+    def _pass(self, values: Floats, data: Observations) -> State:
+        """All stages once, with the force in `data` for effects that read it."""
+        places = self.slices_of(values.size)
+        state = rest_state(data)
+        stages = [(e.stage, e) for e in self.effects]
+        for effect in (e for stage, e in stages if stage < Stage.MATERIAL):
+            state = effect.apply(state, values[places[effect.key]], data)
+        state = self.law.apply(state, values[places["law"]], data)
+        for effect in (e for stage, e in stages if stage >= Stage.MATERIAL):
+            state = effect.apply(state, values[places[effect.key]], data)
+        return state
+
+    def slope(self, values: Floats, data: Observations) -> Floats:
+        """d force / d depth as read (N,), N/mm, by central differences over 1 um."""
+        step = 1e-3
+        high, low = (self.predict(values, data.shifted(side * step)) for side in (0.5, -0.5))
+        return (high - low) / step
+
+
+class Composable:
+    """Gives a law the `+` that makes a model of it."""
+
+    def __add__(self: Any, effect: Effect) -> Model:
+        return Model(self) + effect
+
+
+def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
+    """Where x -> f(x) comes to rest, from x, f(x), f(f(x)): Aitken's step, exact where f is a straight line."""
+    shrink = (once - start) - (twice - once)
+    safe = np.abs(shrink) > 1e-9 * (1 + np.abs(twice))
+    ratio = np.where(safe, (twice - once) / np.where(safe, shrink, 1.0), 0.0)
+    return np.asarray(np.where(np.abs(ratio) < 5, twice + ratio * (twice - once), twice))
+
+
+def rest_state(data: Observations) -> State:
+    """The state before the first stage: everything as it was read or stated."""
+    ones, zeros = np.ones(data.size), np.zeros(data.size)
+    thickness = np.full(data.size, data.gel.thickness_mm)
+    sticking = float(not data.lubricated)  # to the edge: silicone grips what it is pressed on
+    return State(data.depth_mm, data.radius_mm, data.edge_mm, thickness, ones, zeros, zeros, sticking)
+
+
+def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
+    """An effect's parameters with its priors; one that states none on data needs no such method."""
+    stated = getattr(effect, "parameters_on", None)
+    return effect.parameters if stated is None else tuple(stated(data))
+
+
+def _place(effect: Effect) -> tuple[int, int, str]:
+    from calibration.effects import CATALOGUE
+
+    return (
+        int(effect.stage),
+        CATALOGUE.index(effect.key) if effect.key in CATALOGUE else len(CATALOGUE),
+        effect.key,
+    )

@@ -1,0 +1,143 @@
+"""The stages that every model passes in one fixed order, and the two protocols that fill them.
+
+    depth -> geometry -> (law) -> material -> history -> instrument
+
+depth        what was read as depth becomes the depth of the punch in the gel
+geometry     radius, thickness, and a factor on the stiffness (the surroundings)
+law          elastic force of the punch on that geometry
+material     the elastic force changes with strain, age, temperature
+history      the force depends on what happened before (relaxation, recovery, softening, pull-off)
+instrument   the force becomes what the force sensor reads
+
+Within a stage effects act in the order of the catalogue, private ones last. An effect at its defaults returns the
+state as it came.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from calibration.model.parameters import Parameter
+from tactilevision.records import Floats
+
+if TYPE_CHECKING:
+    from calibration.inputs.observations import Observations
+
+
+class Stage(IntEnum):
+    """Where in the chain an effect acts."""
+
+    DEPTH = 0
+    GEOMETRY = 1
+    MATERIAL = 2
+    HISTORY = 3
+    INSTRUMENT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What travels through the stages; each array is (N,), one number a sample.
+
+    `depth_mm` of the punch in the gel; `radius_mm` of the punch, `edge_mm` by which its edge is rounded and
+    `sticking` from a gel that slides over that (0) to one that sticks (1); `thickness_mm` of the gel; `factor` on
+    the stiffness; set by the law: `stiffness_N_per_mm` (force over depth as the depth goes to 0, of a sharp edge)
+    and `force_N`.
+    """
+
+    depth_mm: Floats
+    radius_mm: Floats
+    edge_mm: Floats
+    thickness_mm: Floats
+    factor: Floats
+    stiffness_N_per_mm: Floats
+    force_N: Floats
+    sticking: float = 0.0
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A contact law: the elastic force of one shape of indenter on the gel."""
+
+    @property
+    def key(self) -> str:
+        """The name in the catalogue."""
+
+    def parameters(self, data: Observations) -> tuple[Parameter, ...]:
+        """What is fitted; may depend on the indenters that occur."""
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """Fill `stiffness_N_per_mm` and `force_N`."""
+
+
+@runtime_checkable
+class Effect(Protocol):
+    """A physical or an instrument effect; see EffectBase for what each part says."""
+
+    @property
+    def key(self) -> str:
+        """The name in the catalogue."""
+
+    @property
+    def stage(self) -> Stage:
+        """Where it acts."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What is fitted."""
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """The state with the effect of these values, in the order of `parameters`."""
+
+    def missing(self, data: Observations) -> str:
+        """Why these data cannot show the effect; empty where they can."""
+
+    def starts(self, data: Observations) -> Floats:
+        """Values (S, q) to begin a fit from, and to look for the effect with."""
+
+
+class EffectBase:
+    """What an effect has in common with the others; a new one need give `key`, `stage`, `parameters`, `apply`.
+
+    `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
+    that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
+    beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over which it has
+    to have one size, where what looks like it has several; `reads_force` where it depends on the normal force
+    itself: the model hands it the force that it predicts, for the measured one's noise would pass for the effect.
+    """
+
+    key: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    stage: ClassVar[Stage]
+    seen_in: ClassVar[tuple[str, ...]] = ()
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    separated_by: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str] = ""
+    threshold: ClassVar[bool] = False
+    same_over: ClassVar[tuple[str, ...]] = ()
+    reads_force: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What is fitted."""
+        raise NotImplementedError(f"{type(self).__name__} states no parameters")
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same, with what is known of them beforehand on these data; nothing, unless said otherwise."""
+        return self.parameters
+
+    def missing(self, data: Observations) -> str:
+        """Any data show it, unless said otherwise."""
+        return ""
+
+    def starts(self, data: Observations) -> Floats:
+        """Half a typical size on either side of the default, inside the bounds, in the first parameter."""
+        table = self.parameters
+        first = table[0]
+        rest = [p.default for p in table[1:]]
+        sides = [np.clip(first.default + s * first.scale / 2, *first.bounds) for s in (1.0, -1.0)]
+        kept = [side for side in dict.fromkeys(sides) if side != first.default]
+        return np.array([[side, *rest] for side in kept])

@@ -1,0 +1,1 @@
+"""The error model: variances, serial correlation, and their estimation by REML."""

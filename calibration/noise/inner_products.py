@@ -1,0 +1,103 @@
+"""Inner products under the error model, worked out once for every size of its parts.
+
+    A^T V^-1 B = sum over presses of (A^T B - A^T G S (1 + S G^T G S)^-1 S G^T B) / scale^2
+
+S = diag(gain, zero)/scale, columns in units of a sample's own noise and with their correlation taken out: only
+G's part depends on the sizes, and of each press it is 2 x 2 (Woodbury's identity). A search for the sizes, and a
+bootstrap that estimates them anew for each draw, then never touch the samples again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.effects.support.hereditary import Grid
+from calibration.inputs.observations import Observations
+from calibration.noise.model import Alike, Linear, Noise
+from tactilevision.records import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns (N, k) as the error model weighs them: `table` (M, T, k), and `beside` (M, 2, k) with gain and
+    zero.
+    """
+
+    table: Floats
+    beside: Floats
+
+    @property
+    def flat(self) -> Floats:
+        """(M T, k)."""
+        return self.table.reshape(-1, self.table.shape[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """A^T V^-1 B for any sizes: `rest` (a, b), `left` (M, 2, a), `right` (M, 2, b), `common` (M, 2, 2).
+
+    With `rest` (b,) A and B are the same, and only the diagonal is meant.
+    """
+
+    rest: Floats
+    left: Floats
+    right: Floats
+    common: Floats
+
+    def under(self, noise: Noise) -> Floats:
+        """At these sizes, (a, b) or (b,)."""
+        size = np.array([noise.gain, noise.zero_mm]) / noise.scale
+        inverse, _ = inverse_beside_one(self.common * size[:, None] * size)
+        weight = inverse * size[:, None] * size
+        way = "mrb,mrs,msb->b" if self.rest.ndim == 1 else "mra,mrs,msb->ab"
+        lost = np.einsum(way, self.left, weight, self.right, optimize=True)
+        return np.asarray((self.rest - lost) / noise.scale**2)
+
+    def of(self, k: int) -> Product:
+        """With the k-th column of B alone."""
+        return Product(self.rest[:, k : k + 1], self.left, self.right[:, :, k : k + 1], self.common)
+
+
+class Weighing:
+    """What the samples of some presses weigh, about one model: of `noise` only how alike neighbours are."""
+
+    def __init__(self, data: Observations, about: Linear, noise: Noise) -> None:
+        self._grid, self._base = Grid.of(data), about.base_N
+        self._alike = Alike.of(noise, self._grid)
+        self._shared = self._weighed(np.column_stack([about.force_N, about.slope_N_per_mm]))
+        self._common = np.asarray(self._shared.transpose(0, 2, 1) @ self._shared)
+
+    def take(self, columns: Floats) -> Columns:
+        """Columns (N, k), N."""
+        table = self._weighed(columns)
+        return Columns(table, np.asarray(self._shared.transpose(0, 2, 1) @ table))
+
+    def product(self, one: Columns, other: Columns) -> Product:
+        """Of all of one with all of the other."""
+        return Product(one.flat.T @ other.flat, one.beside, other.beside, self._common)
+
+    def squares(self, one: Columns) -> Product:
+        """Of each column with itself."""
+        return Product(np.einsum("mtk,mtk->k", one.table, one.table), one.beside, one.beside, self._common)
+
+    def log_volume(self, noise: Noise) -> float:
+        """ln det V, but for the samples' own noise at scale 1."""
+        size = np.array([noise.gain, noise.zero_mm]) / noise.scale
+        _, volumes = inverse_beside_one(self._common * size[:, None] * size)
+        own = 2 * float(self._grid.real.sum()) * np.log(noise.scale) + self._alike.log_volume(self._grid)
+        return float(own + np.sum(np.log(volumes)))
+
+    def _weighed(self, columns: Floats) -> Floats:
+        table = (columns / self._base[:, None])[self._grid.rows] * self._grid.real[:, :, None]
+        return self._alike.decorrelate(table)
+
+
+def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
+    """(1 + A)^-1 and det(1 + A) for positive A (m, 2, 2): by hand, since sizes that a search only
+    passes through make A so large that 1 is lost beside it.
+    """
+    a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
+    volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
+    return np.moveaxis(np.array([[1 + d, -b], [-b, 1 + a]]), 2, 0) / volume[:, None, None], volume

@@ -1,0 +1,143 @@
+"""The error model's sizes from the data: restricted maximum likelihood, held by weak priors where repeats are
+few.
+
+    -2 log L = sum over presses of log|V_p| + log|J^T V^-1 J + Lambda| + r^T P r
+
+J the model's derivatives, Lambda the priors' precision, P projects the fitted part out. With few presses the
+sizes of gain and zero are hardly known: log-normal priors about .5 % and 4 um (a factor 2.7 either way) then
+keep them from collapsing to 0, and fade as presses are added. Sources: Patterson, Thompson, Biometrika 58
+(1971) 545; Harville, J. Am. Stat. Assoc. 72 (1977) 320.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from calibration.inputs.observations import Observations
+from calibration.noise.inner_products import Product, Weighing
+from calibration.noise.model import Linear, Noise
+from tactilevision.records import Floats
+
+TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0
+UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
+STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
+STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
+CLOSE, MAX_STEPS = 1e-3, 40  # a size is never known to a thousandth
+FINEST = 1e-6  # of the largest force, of the stated noise, of a gain, in mm: nothing is known more finely
+CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
+
+
+def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jacobian: Floats,
+                   precision: Floats, stated: bool, of_presses: bool | None = None) -> Noise:  # fmt: skip
+    """The likeliest noise for residuals (N,) of a fit with `jacobian` (N, p) and priors' `precision` (p, p).
+
+    `of_presses`: whether presses have a gain and a zero of their own; None: curves have.
+    """
+    dof = max(data.size - jacobian.shape[1] + float(np.count_nonzero(np.diag(precision))), 0.0)
+    finest = FINEST * float(np.max(np.abs(about.force_N)))
+    first = Noise(1.0 if stated else max(float(np.std(residual_N)), finest, 1e-9), stated=stated)
+    shared = data.is_curves if of_presses is None else of_presses
+    if dof < 1 and not stated:  # nothing is left over to estimate it from
+        return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
+    columns = np.column_stack([residual_N, jacobian])
+    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest)
+    for white in WHITE if data.is_curves else ():
+        row = np.inf
+        for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
+            tried = replace(best, correlation=rho, white=white)
+            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest)
+            cost += float(np.log(data.size)) * (1 + (white > 0))  # what each number has to bring: Schwarz (1978)
+            if cost < lowest:
+                best, lowest = found, cost
+            row = min(row, cost)
+            if cost > row + 20:  # past the best correlation the cost only grows
+                break
+    freedom = dof + STATED_DOF if stated else dof
+    if data.is_curves:
+        freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
+    return replace(best, dof=max(freedom, 1e-9))
+
+
+def _likelihood(
+    data: Observations, about: Linear, columns: Floats, precision: Floats, alike: Noise
+) -> Callable[[Noise], float]:
+    """-2 log L of any sizes where neighbours are this much alike, for columns [residual | jacobian]."""
+    weighing = Weighing(data, about, alike)
+    taken = weighing.take(columns)
+    product = weighing.product(taken, taken)
+    return lambda noise: minus_two_log_likelihood(noise, weighing, product, precision=precision)
+
+
+def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product, *, precision: Floats) -> float:
+    """Of these sizes, for the `product` of [residual | jacobian] with itself; leaves out what is constant."""
+    total = product.under(noise)
+    information = total[1:, 1:] + precision
+    try:
+        root = np.linalg.cholesky(information)
+    except np.linalg.LinAlgError:
+        return 1e30  # finite, so that a search can step back
+    volume = 2 * float(np.sum(np.log(np.diag(root))))
+    explained = float(np.sum(np.linalg.solve(root, total[1:, 0]) ** 2))
+    return float(weighing.log_volume(noise) + volume + total[0, 0] - explained)
+
+
+def prior_cost(logs: Floats, *, stated: bool) -> float:
+    """-2 ln of what is known beforehand of logs = ln scale (, ln gain, ln zero_mm): presses have a usual gain and
+    zero, and a stated noise a scale of 1 (scaled inverse chi-squared).
+    """
+    usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
+    cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
+    return cost + STATED_DOF * float(2 * logs[0] + np.exp(-2 * logs[0])) if stated else cost
+
+
+def sized(noise: Noise, logs: Floats) -> Noise:
+    """The noise with logs = ln scale (, ln gain, ln zero_mm)."""
+    sizes = [float(size) for size in np.exp(logs)]
+    if len(sizes) == 1:
+        return replace(noise, scale=sizes[0])
+    return replace(noise, scale=sizes[0], gain=sizes[1], zero_mm=sizes[2])
+
+
+def stencil(size: int) -> Floats:
+    """Offsets (k, size) at which a cost shows its slope and its curvature: here, either side, and pairs."""
+    unit = np.eye(size)
+    pairs = [unit[i] + unit[j] for i, j in combinations(range(size), 2)]
+    return STEP * np.array([np.zeros(size), *unit, *-unit, *pairs])
+
+
+def newton_move(costs: Floats, size: int) -> Floats:
+    """Newton's step (size,), by at most a factor e, from the costs (k,) on the stencil."""
+    ahead, behind = costs[1 : size + 1], costs[size + 1 : 2 * size + 1]
+    hessian = np.diag((ahead + behind - 2 * costs[0]) / STEP**2)
+    for value, (i, j) in zip(costs[2 * size + 1 :], combinations(range(size), 2), strict=True):
+        hessian[i, j] = hessian[j, i] = (value - ahead[i] - ahead[j] + costs[0]) / STEP**2
+    curvature, axes = np.linalg.eigh(hessian)
+    move = -axes @ ((axes.T @ (ahead - behind)) / (2 * STEP) / np.maximum(curvature, 0.5))
+    return np.asarray(np.clip(move, -1, 1))
+
+
+def _best(
+    likelihood: Callable[[Noise], float], first: Noise, shared: bool, finest_N: float
+) -> tuple[Noise, float]:
+    """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
+    sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
+    here = np.log(sizes[: 3 if shared else 1])
+    offsets = stencil(here.size)
+    low = np.log([FINEST if first.stated else finest_N, FINEST, FINEST])[: here.size]
+
+    def cost(logs: Floats) -> float:
+        return likelihood(sized(first, logs)) + prior_cost(logs, stated=first.stated)
+
+    for _ in range(MAX_STEPS):
+        costs = np.array([cost(here + offset) for offset in offsets])
+        move = newton_move(costs, here.size)
+        while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:
+            move = move / 2
+        here = np.maximum(here + move, low)
+        if np.abs(move).max() <= CLOSE:
+            break
+    return sized(first, here), cost(here)

@@ -1,0 +1,128 @@
+"""The error model free of what the law lacks: from how repeats differ, never from what they share.
+
+Also, for a bootstrap, the noise that would be estimated from each of many drawn errors at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.conditions import group_basis
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Noise
+from calibration.noise.reml import (
+    STATED_DOF,
+    TYPICAL_GAIN,
+    TYPICAL_ZERO_MM,
+    estimate_noise,
+    newton_move,
+    prior_cost,
+    sized,
+    stencil,
+)
+from calibration.repeats.at_denoised_depth import at_denoised_depth
+from tactilevision.records import Floats
+
+BEYOND_CHANCE = 0.01
+ALIKE = (
+    1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
+)
+
+
+def repeat_noise(fitted: Fit) -> Noise:
+    """The error model free of what the law lacks; where points leave nothing to compare, the fit's own and what is
+    typical of presses. Points are presses too: they have a gain and a zero beside what is stated of them, and
+    where nothing is, how they scatter over forces and slopes says which of N, % and mm it is constant in.
+    """
+    steady, stated = at_denoised_depth(fitted), fitted.noise.stated
+    space = _explained(steady)
+    if fitted.data.size - space.shape[1] < 3:
+        if not (fitted.data.is_curves or stated) or fitted.noise.gain:
+            return fitted.noise
+        return replace(fitted.noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
+    return estimate_noise(
+        steady.data,
+        steady.about,
+        residual_N=fitted.residual_N,
+        jacobian=space,
+        precision=np.zeros((space.shape[1],) * 2),
+        stated=stated,
+        of_presses=True,
+    )
+
+
+def beyond_stated(fitted: Fit) -> float | None:
+    """How many times as much samples scatter as was stated of them; None where that may be chance.
+
+    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
+    """
+    from scipy.stats import f
+
+    dof = fitted.data.size - int(np.count_nonzero(fitted.free))
+    if not fitted.noise.stated or dof < 1:
+        return None
+    # the estimate was held to the stated one, which is taken out again
+    own = ((dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF) / dof
+    return float(np.sqrt(own)) if own > 0 and f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
+
+
+def _explained(steady: Fit) -> Floats:
+    """An orthonormal basis (N, r) of all that the law or any smooth curve of a group of repeats can explain."""
+    columns = np.column_stack([steady.jacobian[:, steady.free], group_basis(steady.data)])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    size, axes = np.linalg.eigh(columns.T @ columns)
+    kept = size > ALIKE**2 * size[-1]
+    return np.asarray(columns @ axes[:, kept] / np.sqrt(size[kept]))
+
+
+def refit_with_pure_noise(fitted: Fit) -> Fit:
+    """The same model fitted with the noise that repeats show."""
+    return fit(fitted.model, fitted.data, noise=repeat_noise(fitted), starts=fitted.values[None], tolerances=False)
+
+
+def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
+    """The noise that would be estimated from each column of errors (N, b) of a steadied fit: one Newton step.
+
+    The likelihood is quadratic in the errors, so a stencil of ten points serves all columns at once.
+    """
+    if not (fitted.data.is_curves or fitted.noise.gain):
+        return [replace(fitted.noise, scale=fitted.noise.scale * s) for s in _point_scales(fitted, errors_N)]
+    centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
+    places, cost = centre + stencil(centre.size), _costs(fitted, errors_N)
+    costs = np.array(
+        [cost(sized(fitted.noise, logs)) + prior_cost(logs, stated=fitted.noise.stated) for logs in places]
+    )
+    return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
+
+
+def _costs(fitted: Fit, errors_N: Floats) -> Callable[[Noise], Floats]:
+    """-2 log L (b,) of many residuals (N, b) at any sizes."""
+    weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+    columns, errors = weighing.take(_explained(fitted)), weighing.take(errors_N)
+    within, across = weighing.product(columns, columns), weighing.product(columns, errors)
+    squares = weighing.squares(errors)
+
+    def cost(noise: Noise) -> Floats:
+        information, seen = within.under(noise), across.under(noise)
+        explained = np.sum(seen * np.linalg.solve(information, seen), axis=0)
+        volume = weighing.log_volume(noise) + np.linalg.slogdet(information)[1]
+        return np.asarray(squares.under(noise) - explained + volume)
+
+    return cost
+
+
+def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
+    """Relative size of the noise from each draw of points, weighed with what was stated."""
+    base = fitted.noise.scale * fitted.about.base_N
+    q, _ = np.linalg.qr(_explained(fitted) / base[:, None])
+    z = errors_N / base[:, None]
+    squares = np.sum(z**2, axis=0) - np.sum((q.T @ z) ** 2, axis=0)
+    dof = fitted.data.size - q.shape[1]
+    if dof < 3:
+        return np.ones(errors_N.shape[1])
+    trust = STATED_DOF if fitted.noise.stated else 0.0
+    return np.asarray(np.sqrt((squares + trust) / (dof + trust)))

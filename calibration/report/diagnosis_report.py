@@ -1,0 +1,218 @@
+"""The page of a diagnosis: the verdict in one sentence, then the evidence, then what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calibration.diagnosis.diagnosis import Added, Diagnosis
+from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
+from calibration.diagnosis.score_test import FAILED
+from calibration.effects import get_effect
+from calibration.model.stages import EffectBase
+from calibration.report import page, wording
+from calibration.report.drawing import Card
+from calibration.report.report import Picture
+from calibration.report.verdict import SHARES, allowed_for, in_words, shown_size, verdict_sentence
+from tactilevision.errors import InputError
+
+OWN_IDEA = (
+    "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
+    "then diagnose with --effect my_effect.py."
+)
+
+
+def next_sentence(found: Diagnosis) -> str:
+    """What to measure next."""
+    if not found.measure_next:
+        return ""
+    best = found.measure_next[0]
+    gain = (
+        f", expected to part the candidates by {best.separation_sigma:.0f} std"
+        if best.separation_sigma > 0
+        else ""
+    )
+    return f"Measure next: {best.action} ({best.minutes:.0f} minutes{gain})."
+
+
+def summary(found: Diagnosis) -> list[str]:
+    """What a person at the terminal needs to see."""
+    lines = [f"{found.verdict}: {verdict_sentence(found)}"]
+    for effect in found.effects:
+        values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
+        lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
+    lines += [
+        f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
+        for w in found.would_have_to_be
+    ]
+    if found.change_point is not None:
+        lines.append(f"  since press {found.change_point}")
+    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if found.effects:
+        lines += [f"E before: {wording.estimate(before)}", f"E after:  {wording.estimate(after)}"]
+    else:
+        lines.append(f"E: {wording.estimate(after)}")
+    lines += allowed_for(found)
+    if found.not_testable:
+        lines.append("not testable with these data: " + ", ".join(in_words(key) for key in found.not_testable))
+    lines += [f"  {in_words(key)}: {why}" for key, why in found.not_testable.items() if why.startswith(FAILED)]
+    return [*lines, *([next_sentence(found)] if found.measure_next else [])]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """One candidate's card with its picture; None where it could not be drawn."""
+
+    card: Card
+    picture: Picture | None
+
+
+def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture], cards: Sequence[Drawn] = ()) -> str:
+    """The whole page."""
+    return page.page(
+        title,
+        _head(found),
+        page.section("The evidence", *(page.figure(p.data_uri, p.caption) for p in figures)),
+        page.section("Candidates", *(_card(drawn, found) for drawn in cards)),
+        page.section("What it does to the material", _material(found)),
+        page.section("Where beta does not fit theory", _outside(found)),
+        page.section("What to measure next", _next(found)),
+        page.section("Not testable with these data", _untestable(found)),
+        page.section("Too small to show", _from_here_on(found)),
+    )
+
+
+def _head(found: Diagnosis) -> str:
+    """What a reader in a hurry takes away."""
+    lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
+    lines += [page.paragraph(_in_plain_words(effect)) for effect in found.effects]
+    lines += [page.paragraph(_needed(w)) for w in found.would_have_to_be]
+    lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
+    if found.verdict == "UNKNOWN":
+        lines.append(page.paragraph(OWN_IDEA))
+    lines.append(page.paragraph(next_sentence(found)) if found.measure_next else "")
+    return page.block("verdict " + ("clean" if found.verdict == "ADEQUATE" else "found"), *lines)
+
+
+def _material_moves(found: Diagnosis) -> list[str]:
+    """What the finding does to E, in a sentence."""
+    before, after = found.before.youngs_modulus, found.after.youngs_modulus
+    if not found.effects or before.value is None or after.value is None:
+        return []
+    if found.fitted is found.base:
+        return [f"Young's modulus rests on the certified depths and stays {wording.estimate(after)}."]
+    return [
+        f"With it, Young's modulus is {wording.estimate(after)}; without, it would read "
+        f"{wording.estimate(before)}."
+    ]
+
+
+def _needed(one: InadmissibleBeta) -> str:
+    """What one candidate would have to be."""
+    what = f"{in_words(one.key).capitalize()}: {_parameter(one.parameter)} would have to be {_size(one)}"
+    return f"{what}; the line would stay straight to R² = {one.r_squared:.4f}."
+
+
+def _size(one: InadmissibleBeta) -> str:
+    if one.parameter in SHARES:
+        return f"{100 * one.value:+.0f} %"
+    return f"{one.value:.3g}" + ("" if one.unit == "1" else f" {one.unit}")
+
+
+def _in_plain_words(added: Added) -> str:
+    about = _about(added.key)
+    said = about.title if about is not None and about.title else in_words(added.key)
+    values = ", ".join(f"{_parameter(name)} {wording.estimate(value)}" for name, value in added.parameters)
+    return f"{in_words(added.key).capitalize()}: {said}; {values}."
+
+
+def _parameter(name: str) -> str:
+    """A parameter's name without the unit, which its value carries."""
+    for unit in ("_mm_per_N", "_N_per_mm", "_per_mm", "_rad", "_days", "_mm", "_N", "_s"):
+        name = name.removesuffix(unit)
+    return name.replace("_", " ")
+
+
+def _about(key: str) -> EffectBase | None:
+    try:
+        effect = get_effect(key)
+    except InputError:
+        return None
+    return effect if isinstance(effect, EffectBase) else None
+
+
+def _card(drawn: Drawn, found: Diagnosis) -> str:
+    key = drawn.card.key
+    about = _about(key)
+    rows = [
+        (_parameter(name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
+        for name, value, unit in drawn.card.values
+    ]
+    for added in found.effects:
+        if added.key == key:
+            rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
+            rows += [
+                ("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
+                ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %"),
+            ]
+    if about is not None:
+        rows += [
+            ("seen against", ", ".join(about.seen_in)),
+            ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
+            ("told apart by", "; ".join(about.separated_by)),
+            ("source", about.source),
+        ]
+    title = (
+        f"{in_words(key)}: {about.title}" if about is not None and about.title else f"{in_words(key)}: your own"
+    )
+    picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
+    return page.block("card", page.heading(title), picture, page.table(("", ""), [row for row in rows if row[1]]))
+
+
+def _material(found: Diagnosis) -> str:
+    names = (
+        ("Young's modulus E", "youngs_modulus"),
+        ("Poisson's ratio ν", "poisson_ratio"),
+        ("stiffness c", "c"),
+        ("slope β", "beta"),
+    )
+    rows = [
+        (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
+        for title, name in names
+    ]
+    return page.table(("", "before", "after"), rows)
+
+
+def _outside(found: Diagnosis) -> str:
+    rows = [
+        (in_words(w.key), f"{w.parameter} = {_size(w)}", f"{w.r_squared:.4f}", f"{1e3 * w.rms_error_N:.1f}")
+        for w in found.would_have_to_be
+    ]
+    return page.table(
+        ("candidate", "what it would have to be", "R² of P/w", "rms error (mN)"), rows, numbers=(2, 3)
+    )
+
+
+def _next(found: Diagnosis) -> str:
+    rows = [
+        (a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–")
+        for a in found.measure_next
+    ]
+    return page.table(("do", "minutes", "expected separation (std)"), rows, numbers=(1, 2))
+
+
+def _untestable(found: Diagnosis) -> str:
+    rows = [(in_words(key), why, _bias(found.possible_bias.get(key))) for key, why in found.not_testable.items()]
+    return page.table(("effect", "why", "E could be off by"), rows, numbers=(2,))
+
+
+def _from_here_on(found: Diagnosis) -> str:
+    """What would have shown, from which size on, and what smaller could do to E."""
+    rows = [(in_words(key), shown_size(found, key), _bias(share)) for key, share in found.below_visibility.items()]
+    return page.table(("effect", "shows from", "smaller, E could be off by up to"), rows, numbers=(2,))
+
+
+def _bias(share: float | None) -> str:
+    if share is None:
+        return "unknown"
+    return f"{100 * abs(share):.1f} %" if share else "not at all"

@@ -1,0 +1,235 @@
+"""What the figures of a fit and of a diagnosis show: points, laws with their bands, residuals, candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.forward_selection import TOLD_APART
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
+from calibration.diagnosis.score_test import Scored, seen_covariates
+from calibration.diagnosis.vision_depth_check import depth_ratio, sighted, unseen_beside
+from calibration.effects import EFFECTS, get_effect
+from calibration.fit.least_squares import Fit
+from calibration.fit.minimise import Box, differentiate
+from calibration.fit.tolerances import CERTIFICATE, HEIGHTS
+from calibration.inputs.conditions import Covariate, bins
+from calibration.model.stages import Effect
+from calibration.noise.model import Whitener
+from calibration.repeats.at_denoised_depth import at_denoised_depth
+from calibration.repeats.outlying_presses import own_zero_mm
+from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
+from tactilevision.plots.indentation import FittedLine, PointCloud
+from tactilevision.records import CertifiedPoint, Floats
+
+STEPS = 60
+BINS = 8
+
+
+def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
+    """The fitted samples, and the rejected points as far as they have depth and force."""
+    data = fitted.data
+    extra = [p for p in rejected if not p.accepted and p.depth_mm > 0 and np.isfinite(p.fz_N)]
+    depth, force, force_std = (
+        np.array([getattr(p, name) for p in extra]) for name in ("depth_mm", "fz_N", "fz_std_N")
+    )
+    depth_std = np.array([p.depth_std_mm for p in extra])
+    return PointCloud(
+        depth_mm=np.concatenate([data.depth_mm, depth]),
+        depth_std_mm=np.nan_to_num(np.concatenate([data.depth_std_mm, depth_std])),
+        force_N=np.concatenate([data.normal_N, force]),
+        force_std_N=np.nan_to_num(np.concatenate([data.force_std_N, force_std])),
+        fitted_N=np.concatenate([fitted.force_N, np.full(len(extra), np.nan)]),
+        thickness_mm=data.gel.thickness_mm,
+        used=np.arange(data.size + len(extra)) < data.size,
+        bars=not data.is_curves,
+    )
+
+
+def fitted_lines(fitted: Fit) -> list[FittedLine]:
+    """The law for each radius of punch, from near 0 to a little beyond the deepest sample of that radius."""
+    data = fitted.data
+    radii = np.unique(data.presses.radius_mm)
+    return [_line(fitted, float(r), f"a = {r:g} mm" if radii.size > 1 else "fitted law") for r in radii]
+
+
+def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
+    data = fitted.data
+    rows = np.flatnonzero(data.radius_mm == radius_mm)
+    row = int(rows[np.argmax(data.depth_mm[rows])])
+    depths = np.linspace(0.05, 1.05, STEPS) * data.depth_mm[row]
+
+    places = fitted.model.slices(data)
+
+    def force(values: Floats) -> Floats:
+        values = values.copy()
+        for key in (HEIGHTS, CERTIFICATE):  # errors of the points, not of the law
+            if key in places:
+                values[places[key]] = 0.0
+        at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
+        return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
+
+    jacobian = differentiate(force, fitted.values, _box(fitted))
+    std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, fitted.covariance, jacobian))
+    return FittedLine(name, depths, force(fitted.values), std, data.gel.thickness_mm)
+
+
+def _box(fitted: Fit) -> Box:
+    low, high = (np.array([p.bounds[side] for p in fitted.parameters]) for side in (0, 1))
+    fixed = low == high  # what is held has no spread; a wide box lets the difference quotient pass over it
+    return Box(
+        np.where(fixed, -np.inf, low),
+        np.where(fixed, np.inf, high),
+        np.array([p.scale for p in fitted.parameters]),
+    )
+
+
+def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
+    """The covariates that tell most, with the residual in its own std."""
+    seen = {c.name: c for c in seen_covariates(at_denoised_depth(fitted))}
+    residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
+    return [
+        Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
+        for s in scored[:most]
+        if s.key in seen
+    ]
+
+
+def own_offsets(found: Diagnosis) -> Offsets | None:
+    """Each press's own offset where something about the presses is odd; None where nothing is."""
+    fitted = found.whole or found.fitted
+    if not (found.odd or found.odd.scattered or found.change_point):
+        return None
+    order = np.argsort(fitted.data.presses.order, kind="stable")
+    own, labels = own_zero_mm(fitted), fitted.data.presses.label
+    named = tuple(labels[k] for k in order)
+    since = named.index(found.change_point) if found.change_point in named else None
+    return Offsets(named, 1e3 * (own - np.median(own))[order], tuple(n in found.odd.presses for n in named), since)
+
+
+def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
+    """Separation (k, k) of the added and best-scoring effects that show at all; None for fewer than two."""
+    keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
+    fits = []
+    for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:
+        with suppress(*CANNOT_FIT):
+            fits.append(refit_with(found.base, get_effect(key)))
+        if len(fits) == most:
+            break
+    fits = [one for one in fits if _shows(found.base, one)]
+    if len(fits) < 2:
+        return None
+    table = [[0.0 if one is other else _parted(found.base, one, other.effect) for other in fits] for one in fits]
+    return [one.effect.key for one in fits], np.array(table)
+
+
+def _shows(base: Fit, candidate: Candidate) -> bool:
+    """Whether the candidate, as fitted, changes anything that the base model could not take."""
+    whitener = Whitener(base.data, base.noise, base.about)
+    change = whitener.apply(np.column_stack([base.jacobian[:, base.free], candidate.force_N - base.force_N]))
+    taken, _ = np.linalg.qr(change[:, :-1] / np.maximum(np.linalg.norm(change[:, :-1], axis=0), 1e-300))
+    left = change[:, -1] - taken @ (taken.T @ change[:, -1])
+    return bool(np.linalg.norm(left) > TOLD_APART)
+
+
+def _parted(base: Fit, one: Candidate, other: Effect) -> float:
+    try:
+        return separation(base, one, other)
+    except CANNOT_FIT:
+        return float("inf")
+
+
+def sighting(found: Diagnosis) -> Sighting | None:
+    """Seen over certified depth of each sample, with what the found effects make of it; None without a picture."""
+    if found.sight is None:
+        return None
+    base, last = found.sight.base, found.sight.current
+    data = base.data
+    against = [("certified depth (mm)", data.depth_mm), ("press", data.presses.order[data.press] + 1)]
+    if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
+        against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    if data.slopes is not None:
+        against += [
+            ("slope beside the face", data.slopes.slope),
+            ("azimuth beside the face (degrees, 90 is down)", data.slopes.azimuth_deg),
+        ]
+    face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
+    return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))
+
+
+def picture_lacks(found: Diagnosis) -> str:
+    """What the picture cannot be looked at by, and why."""
+    return "" if found.sight is None else unseen_beside(found.sight.base.data)
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One candidate's key, its own fitted values by name with their units, and its picture; None where none is."""
+
+    key: str
+    values: tuple[tuple[str, float, str], ...]
+    overlay: Overlay | None
+
+
+def carded(found: Diagnosis) -> list[str]:
+    """The effects that get a card: those added, those that these data cannot tell from them, those tried."""
+    return list(dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *found.tried]))
+
+
+def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
+    """One card a candidate, fitted alone on top of the base model."""
+    known = {**EFFECTS, **{effect.key: effect for effect in private}}
+    seen = {effect.key: effect for effect in sighted(None if found.sight is None else found.sight.base.data)}
+    by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
+    made = []
+    elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
+    for key in carded(found):
+        if key in elsewhere:  # in the table of what each would have to be
+            continue
+        if found.sight is not None and key in by_sight:
+            made.append(_card(found.sight.base, seen[key]))
+        elif key in known:
+            made.append(_card(found.base, known[key]))
+    return made
+
+
+def _card(base: Fit, effect: Effect) -> Card:
+    try:
+        fitted = refit_with(base, effect)
+    except CANNOT_FIT:
+        return Card(effect.key, (), None)
+    pairs = zip(effect.parameters, fitted.own_values, strict=True)
+    return Card(effect.key, tuple((p.name, float(v), p.unit) for p, v in pairs), _overlay(base, fitted))
+
+
+def _overlay(base: Fit, candidate: Candidate) -> Overlay:
+    """Against the covariate along which the candidate changes most."""
+    change = candidate.force_N - base.force_N
+    std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
+    best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
+    number = bins(best, BINS)
+    rows = [number == k for k in range(int(number.max()) + 1)]
+    residual = base.residual_N / std
+    counts = np.array([np.count_nonzero(row) for row in rows])
+    spread = np.array([residual[row].std() for row in rows]) / np.sqrt(np.maximum(counts, 1))
+    return Overlay(
+        name=best.name,
+        unit=best.unit,
+        key=candidate.effect.key,
+        values=np.array([best.values[row].mean() for row in rows]),
+        residual=np.array([residual[row].mean() for row in rows]),
+        error=1.96 * spread,
+        predicted=np.array([(change / std)[row].mean() for row in rows]),
+    )
+
+
+def _spread(covariate: Covariate, change: Floats) -> float:
+    """How much of a change the bins' means carry."""
+    number = bins(covariate, BINS)
+    count = np.bincount(number)
+    mean = np.bincount(number, change) / np.maximum(count, 1)
+    return float(count @ (mean - np.average(mean, weights=count)) ** 2)

@@ -1,0 +1,182 @@
+"""The verdict of a diagnosis in words: what is wrong with the rig or the gel, and what E's interval allows for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.model.parameters import Parameter
+from calibration.report import wording
+
+NEAR = 0.1  # of a misfit: an effect that explains less is not near it
+WIDER = 0.1  # of an interval: less need not be said
+SHARES = ("relative", "gain")  # parameters that are said in per cent
+
+
+def in_words(key: str) -> str:
+    """An effect's name as a person says it."""
+    return key.replace("_", " ")
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """What is wrong with the rig or the gel, in one sentence; with presses set aside, also what holds without."""
+    if found.set_aside:
+        rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
+        many = "it" if len(found.set_aside) == 1 else "them"
+        alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
+        return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+    named = " and ".join(in_words(effect.key) for effect in found.effects)
+    held = 1e3 * found.errors.held_out_before, 1e3 * found.errors.held_out_after
+    way = "falls" if held[1] < held[0] else "goes"
+    fall = f"; the error on presses left out {way} from {held[0]:.1f} to {held[1]:.1f} mN"
+    if not any(effect.key in found.fitted.model.keys for effect in found.effects):
+        fall = "; the forces themselves are explained as well as they repeat"
+    match found.verdict:
+        case "ADEQUATE":
+            bent = " The curve bends as finite elements have it." if "bend_within_theory" in found.flags else ""
+            said = "The model explains these data as well as they repeat: nothing is missing that they could show."
+            return said + bent + unseen_sentence(found)
+        case "IDENTIFIED":
+            return f"Something is missing from the model, and it is {named}{fall if found.effects else ''}."
+        case "AMBIGUOUS":
+            several = ", ".join(in_words(key) for key in found.candidates)
+            if "beta_outside_theory" in found.flags and not found.effects:
+                beta = wording.estimate(found.before.beta)
+                what = "A line fits, but no contact law allows its slope"
+                return f"{what}, beta = {beta}; these data cannot tell which of these is off instead: {several}."
+            return f"Something is missing from the model; these data cannot tell which of: {several}."
+        case _ if found.odd:
+            return f"{_odd(found)}. Look at these presses before E is used."
+        case _ if found.alternative_explanation is not None:
+            return (
+                f"Something is missing from the model, and no effect of the catalogue is it: {_otherwise(found)}."
+            )
+        case _:
+            known = f" beyond {named}" if named else ""
+            what = f"that no effect of the catalogue explains{_left(found)}"
+            return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def unseen_sentence(found: Diagnosis) -> str:
+    """What would not have shown although it puts E off by more than its interval says; else empty."""
+    E = found.after.youngs_modulus
+    if E.value is None or E.interval95 is None:
+        return ""
+    reach = max(E.interval95[1] / E.value - 1, 1 - E.interval95[0] / E.value)
+    beyond = {key: abs(b) for key, b in found.below_visibility.items() if abs(b) > reach}
+    if not beyond:
+        return ""
+    key = max(beyond, key=lambda k: beyond[k])
+    others = [in_words(k) for k in beyond if k != key]
+    also = f" (so could {', '.join(others)})" if others else ""
+    size, off = shown_size(found, key), 100 * beyond[key]
+    return (
+        f" Yet {in_words(key)} of up to {size} would not have shown, and puts E off by up to {off:.0f} %, "
+        f"more than its interval says{also}."
+    )
+
+
+def allowed_for(found: Diagnosis) -> list[str]:
+    """What E's interval holds besides the noise, in a sentence, where that makes it wider."""
+    E, alone = found.after.youngs_modulus, found.alone_MPa
+    if E.interval95 is None or alone is None or not found.unseen:
+        return []
+    wider = (E.interval95[1] - E.interval95[0]) / (alone[1] - alone[0]) - 1 if alone[1] > alone[0] else 0.0
+    if wider < WIDER:
+        return []
+    most = found.unseen[0].chance * found.unseen[0].off ** 2
+    told = [in_words(u.key) for u in found.unseen[:3] if u.chance * u.off**2 > NEAR * most]
+    without = wording.estimate(replace(E, interval95=alone))
+    return [f"E's interval allows for what may be there unseen, above all {', '.join(told)}; without: {without}."]
+
+
+def amount(first: Parameter, size: float) -> str:
+    """A size of a parameter in words."""
+    if first.name in SHARES:
+        return f"{100 * size:.0f} %"
+    return f"{size:.2g}" + ("" if first.unit == "1" else f" {first.unit}")
+
+
+def _odd(found: Diagnosis) -> str:
+    """What is odd among the presses, in words."""
+    odd, parts = found.odd, []
+    if odd.presses:
+        many = "press" if len(odd.presses) == 1 else "presses"
+        why = (
+            "cannot belong to the others (indenter, place, bubble?)"
+            if odd.foreign or not found.set_aside
+            else "lies far out, as readings with heavy tails do"
+        )
+        parts.append(f"{many} {', '.join(odd.presses)} {why}")
+    if odd.wanders:
+        since = f", since press {found.change_point}" if found.change_point else ""
+        on = " and ".join(_said(name) for name, _ in odd.wanders[:2])
+        parts.append(f"the presses' zeros change with {on}{since}")
+    if odd.scattered:
+        noise = found.fitted.noise
+        parts.append(f"like presses scatter by {100 * noise.gain:.1f} % and {1e3 * noise.zero_mm:.0f} um")
+    said = "; ".join(parts)
+    return said[0].upper() + said[1:]
+
+
+def _left(found: Diagnosis) -> str:
+    """What is left, in half a sentence."""
+    left = found.left
+    if left is None:
+        return ""
+    on = " and ".join(list(dict.fromkeys(_said(key) for key in left.covariates))[:2])
+    parts = [f"it depends on {on}"] if on else []
+    if left.size_N > 0:
+        over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
+        parts.append(f"is about {1e3 * left.size_N:.0f} mN large{over}")
+    if found.change_point is not None:
+        parts.append(f"is there since press {found.change_point}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+def _otherwise(found: Diagnosis) -> str:
+    """What explains a misfit as well as effects together, or better than what was tried."""
+    plain = found.alternative_explanation
+    assert plain is not None
+    sizes = ", ".join(f"{p.meaning} {amount(p, value)}" for p, value in plain.sizes)
+    keys = [in_words(key) for key in plain.instead_of]
+    if not keys:
+        return f"{plain.words} ({sizes}) comes nearest to it"
+    better = "better than" if plain.cheaper > 0 else "as well as"
+    together = " together" if len(keys) > 1 else ""
+    return f"{plain.words} ({sizes}) explains it {better} {' and '.join(keys)}{together}"
+
+
+def _nearest(found: Diagnosis) -> str:
+    """What came nearest, in a sentence."""
+    if found.nearest is None or found.nearest[1] < NEAR:
+        return " Nothing in the catalogue comes near it."
+    keys, share = found.nearest
+    named = " with ".join(in_words(key) for key in keys.split("+"))
+    return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
+
+
+def _said(name: str) -> str:
+    """A covariate's name as a person says it."""
+    return {
+        "w": "the depth",
+        "w/h": "the depth",
+        "1/w": "the depth",
+        "P": "the force",
+        "t": "the time in the press",
+        "a": "the punch's radius",
+        "T": "the temperature",
+        "x": "the place in x",
+        "y": "the place in y",
+        "log rate": "the speed",
+        "wait": "the wait before",
+        "load/unload": "loading or unloading",
+    }.get(name, name)
+
+
+def shown_size(found: Diagnosis, key: str) -> str:
+    """From which size on an effect would have shown, in words."""
+    size = found.visible[key]
+    return amount(found.sizes[key], size) if key in found.sizes else f"{size:.2g}"

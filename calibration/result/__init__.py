@@ -1,0 +1,1 @@
+"""From stiffness and nonlinearity to E and nu: the routes, and the result."""

@@ -1,0 +1,88 @@
+"""What is known of E and nu together: the region in the plane of both, and the band of each route to nu.
+
+At the fitted stiffness c the two are tied by E(nu) = c (1 - nu^2)/(2 a kappa). The region of 95 % follows it:
+
+    nu = nu_0 + k s_nu t,    E = E(nu) (1 +- k s_E sqrt(1 - t^2)),    -1 <= t <= 1,    k^2 = 5.99 (two unknowns)
+
+s_nu the standard deviation of nu, s_E the relative one of E at known nu. Below, it reaches down to what a gel that
+sticks to the face would have, where friction is unknown; above, up to what a rounded edge would hide, where none
+is stated. Where nothing fixes nu the region is the band round the curve over all that silicones span.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.fit.identifiability import main_radius, modulus_of_nu, sticking_range
+from calibration.laws.flat_punch import SILICONE_NU
+from calibration.result.result import CalibrationResult
+from calibration.result.rounded_edge import usual_softening
+from tactilevision.records import Floats, Pair
+
+TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
+ONE_UNKNOWN = 1.96
+STEPS = 61
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """One route's 95 % interval of nu."""
+
+    name: str
+    interval: Pair
+    used: bool
+
+
+@dataclass(frozen=True, slots=True)
+class JointPicture:
+    """`region` (k, 2) the outline in (nu, E); `curve` (n, 2) of E(nu) at the fitted c; `best` (nu, E) or None."""
+
+    curve: Floats
+    region: Floats
+    best: Pair | None
+    bands: tuple[Band, ...]
+
+
+def joint_picture(result: CalibrationResult) -> JointPicture:
+    """The joint region of a fit of the default law, with what each route to nu says."""
+    radius = main_radius(result.fitted)
+    surplus = sticking_range(result.fitted, result.poisson_ratio, radius, [])
+    softer = usual_softening(result.fitted, radius, result.poisson_ratio.value or SILICONE_NU[1])
+    nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
+    low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
+    grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
+    curve = np.array(modulus_of_nu(result.fitted, grid, radius))
+    relative = _relative_std(result)
+    if nu is None or modulus is None:
+        across = np.linspace(*SILICONE_NU, STEPS)
+        centre, half = _modulus(result, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
+    else:
+        t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns
+        across = nu + TWO_UNKNOWNS * (result.poisson_ratio.std or 0.0) * t
+        keep = (across > 0) & (across < 0.5)
+        t, across = t[keep], across[keep]
+        centre = modulus * _modulus(result, across, radius) / _modulus(result, np.array([nu]), radius)[0]
+        half = TWO_UNKNOWNS * relative * np.sqrt(1 - t**2)
+    upper, lower = centre * (1 + half) * (1 + softer), centre * (1 - half) / (1 + surplus)
+    region = np.concatenate([np.column_stack([across, upper]), np.column_stack([across, lower])[::-1]])
+    bands = tuple(
+        Band(r.name, r.poisson_ratio.interval95, r.used)
+        for r in result.routes
+        if r.poisson_ratio.interval95 is not None and r.poisson_ratio.value is not None
+    )
+    return JointPicture(curve, region, None if nu is None or modulus is None else (nu, modulus), bands)
+
+
+def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
+    """E (n,) at the fitted stiffness."""
+    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius_mm))[:, 1]
+
+
+def _relative_std(result: CalibrationResult) -> float:
+    """Of E at known nu."""
+    variance, cross, of_nu = result.covariance[0, 0], result.covariance[0, 1], result.covariance[1, 1]
+    rest = variance - (cross**2 / of_nu if of_nu > 0 else 0.0)
+    fitted = float(result.fitted.values[result.fitted.index("youngs_modulus_MPa")])
+    return float(np.sqrt(max(rest, 0.0)) / fitted)

@@ -1,0 +1,151 @@
+"""The routes to Poisson's ratio, how they are weighed, and how far they agree.
+
+    bulge   the rise of the gel beside the punch, from the pictures: no force, hardly any friction in it
+    radii   punches of several radii feel the bonded base to different degrees
+    prior   what recording.toml states
+    beta    the published log law of the curvature: shown beside the others and never used, since beta says more
+            about friction and the constitutive law than about nu
+
+Those that are independent of each other are combined by their variances. Where they contradict each other, what is
+combined is as uncertain as the contradiction is large (Birge's ratio): none is dropped, none is believed alone.
+Source: Birge, Phys. Rev. 40 (1932) 207.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.observations import Observations
+from calibration.laws.flat_punch import STATED_NU_STD, FlatPunch
+from calibration.laws.paper import poisson_from_beta
+from calibration.model.composition import Model
+from tactilevision.errors import ConvergenceError
+from tactilevision.records import Estimate, Gel
+
+HIGHEST = 0.4999
+AT_BOUND = 1e-4
+CONTRARY = 3.0  # sigmas between two routes from which a warning says so
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """What one route says of Poisson's ratio; `used` says whether it is part of the result."""
+
+    name: str
+    poisson_ratio: Estimate
+    used: bool
+
+
+def of_bulge(bulge: Estimate | None) -> tuple[Route, ...]:
+    """The route by the pictures, as far as they could tell."""
+    return () if bulge is None else (Route("bulge", bulge, used=bulge.value is not None and bool(bulge.std)),)
+
+
+def of_prior(gel: Gel) -> tuple[Route, ...]:
+    """The stated value; a std that is not stated is STATED_NU_STD."""
+    if gel.poisson_ratio is None:
+        return ()
+    std = STATED_NU_STD if gel.poisson_ratio_std is None else gel.poisson_ratio_std
+    return (Route("prior", _estimate(gel.poisson_ratio, std), used=True),)
+
+
+def of_radii(fitted: Fit) -> tuple[Route, ...]:
+    """What several radii alone say: the same fit with nothing known of nu beforehand; none for a single radius."""
+    data, law = fitted.data, fitted.model.law
+    if np.unique(data.presses.radius_mm).size < 2 or not isinstance(law, FlatPunch):
+        return ()
+    alone = replace(data, gel=replace(data.gel, poisson_ratio=None, poisson_ratio_std=None))
+    try:
+        found = fit(
+            Model(replace(law, free_poisson_ratio=True), fitted.model.effects),
+            alone,
+            tolerances=False,
+            noise=fitted.noise,
+        )
+    except ConvergenceError:
+        return ()
+    estimate = found.estimate("poisson_ratio")
+    low, high = found.parameters[found.index("poisson_ratio")].bounds
+    value = estimate.value or 0.0
+    inside = low + AT_BOUND < value < high - AT_BOUND and bool(estimate.std)
+    if not inside:
+        estimate = replace(estimate, value=None, std=None, why="the radii differ too little for these errors")
+    return (Route("radii", estimate, used=inside),)
+
+
+def of_beta(beta: Estimate) -> tuple[Route, ...]:
+    """The published log law at the ends and the middle of beta's interval; none where beta is not above 0."""
+    if beta.value is None or beta.interval95 is None or not beta.interval95[0] > 0:
+        return ()
+    value, low, high = (poisson_from_beta(b) for b in (beta.value, *beta.interval95))
+    note = "the published log law: a reproduction, no measurement of nu"
+    return (Route("beta", Estimate(value, (high - low) / 3.92, (low, high), "1", note), used=False),)
+
+
+def informed(data: Observations, bulge: Estimate | None) -> Observations:
+    """The data with what the pictures say of nu weighed into the gel's prior; a nu stated as exact stays."""
+    routes = [route for route in (*of_bulge(bulge), *of_prior(data.gel)) if route.used]
+    if not any(route.name == "bulge" for route in routes) or data.gel.poisson_ratio_std == 0:
+        return data
+    values = np.array([route.poisson_ratio.value for route in routes])
+    stds = np.array([route.poisson_ratio.std for route in routes])
+    mean = float(np.average(values, weights=stds**-2.0))
+    std = float(np.sum(stds**-2.0) ** -0.5) * max(apart(routes), 1.0)
+    gel = replace(data.gel, poisson_ratio=min(mean, HIGHEST), poisson_ratio_std=std)
+    return replace(data, gel=gel)
+
+
+def apart(routes: Sequence[Route]) -> float:
+    """The most standard deviations that lie between two of the routes that are used; 0 for fewer than two."""
+    known = [r.poisson_ratio for r in routes if r.used and r.poisson_ratio.value is not None]
+    pairs = [(a, b) for k, a in enumerate(known) for b in known[k + 1 :]]
+    return max((_sigmas(a, b) for a, b in pairs), default=0.0)
+
+
+def tightest(routes: Sequence[Route]) -> str:
+    """The name of the used route of the smallest std; "prior" where there is none."""
+    known = [route for route in routes if route.used and route.poisson_ratio.std is not None]
+    return min(known, key=lambda route: route.poisson_ratio.std or 0.0).name if known else "prior"
+
+
+def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
+    """Assumptions and warnings: what each route says, and how far those that were used lie apart."""
+    words = {
+        "bulge": "the rise beside the punch",
+        "radii": "the several radii",
+        "prior": "the stated value",
+        "beta": "the published law of beta (not used)",
+    }
+    said = [
+        f"{words[r.name]} {r.poisson_ratio.value:.4f} ± {r.poisson_ratio.std or 0.0:.2g}"
+        for r in routes
+        if r.poisson_ratio.value is not None
+    ]
+    between = apart(routes)
+    used = sum(route.used for route in routes)
+    lines = ["Poisson's ratio by route: " + "; ".join(said)] if said else []
+    if used > 1:
+        lines.append(f"the routes to Poisson's ratio that were used lie {between:.1f} standard deviations apart")
+    silent = [
+        f"{words[r.name]} cannot tell: {r.poisson_ratio.why}" for r in routes if r.poisson_ratio.value is None
+    ]
+    warning = [
+        f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
+        "its interval is widened by as much"
+    ]
+    return [*lines, *silent], warning if between > CONTRARY else []
+
+
+def _sigmas(one: Estimate, other: Estimate) -> float:
+    assert one.value is not None
+    assert other.value is not None
+    spread = float(np.hypot(one.std or 0.0, other.std or 0.0))
+    return abs(one.value - other.value) / spread if spread > 0 else 0.0
+
+
+def _estimate(value: float, std: float) -> Estimate:
+    return Estimate(value, std, (value - 1.96 * std, value + 1.96 * std), "1")

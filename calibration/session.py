@@ -1,0 +1,102 @@
+"""The history of an analysis: every step is kept, can be undone, and is exported as a script that repeats it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from tactilevision.errors import InputError
+from tactilevision.files import write_json
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One effect put into the model: its key, a private one's file, and what it did to the error."""
+
+    key: str
+    path: str = ""
+    rms_before_N: float = float("nan")
+    rms_after_N: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """The steps taken on these recordings, and those undone, which can be redone."""
+
+    recordings: tuple[str, ...]
+    steps: tuple[Step, ...] = ()
+    undone: tuple[Step, ...] = field(default=())
+
+    def add(self, step: Step) -> History:
+        """One more step; what was undone is forgotten."""
+        if step.key in (s.key for s in self.steps):
+            raise InputError("this effect is in the model already", where="history", value=step.key)
+        return replace(self, steps=(*self.steps, step), undone=())
+
+    def undo(self) -> History:
+        """Without the last step. Raises InputError where there is none."""
+        if not self.steps:
+            raise InputError("there is no step to undo", where="history")
+        return replace(self, steps=self.steps[:-1], undone=(*self.undone, self.steps[-1]))
+
+    def redo(self) -> History:
+        """With the step that was undone last. Raises InputError where there is none."""
+        if not self.undone:
+            raise InputError("there is no step to redo", where="history")
+        return replace(self, steps=(*self.steps, self.undone[-1]), undone=self.undone[:-1])
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+
+        def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
+            return [
+                {"key": s.key, "path": s.path, "rms_before_N": s.rms_before_N, "rms_after_N": s.rms_after_N}
+                for s in steps
+            ]
+
+        return {"recordings": list(self.recordings), "steps": rows(self.steps), "undone": rows(self.undone)}
+
+    def save(self, path: Path | str) -> None:
+        """Write history.json."""
+        write_json(path, self.as_json())
+
+    def script(self, out: Path | str) -> str:
+        """A shell script that repeats the analysis with these effects and writes into `out`."""
+        options = " ".join(f"--effect {_quoted(s.path)}" if s.path else f"--with {s.key}" for s in self.steps)
+        names = " ".join(_quoted(name) for name in self.recordings)
+        command = f"tactilevision compare {names} {options}".rstrip() + f" --out {_quoted(str(out))}"
+        return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
+
+
+def load_history(path: Path | str) -> History:
+    """Read what `History.save` wrote. Raises InputError for a file that is missing or not a history."""
+    if not Path(path).is_file():
+        raise InputError(
+            "there is no history of an analysis here",
+            where=path,
+            remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.",
+        )
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        return History(
+            tuple(content["recordings"]),
+            *(tuple(_step(row) for row in content[name]) for name in ("steps", "undone")),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as fault:
+        raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
+
+
+def _step(row: dict[str, Any]) -> Step:
+    def number(name: str) -> float:
+        return float("nan") if row[name] is None else float(row[name])
+
+    return Step(str(row["key"]), str(row["path"]), number("rms_before_N"), number("rms_after_N"))
+
+
+def _quoted(text: str) -> str:
+    import shlex
+
+    return shlex.quote(text)

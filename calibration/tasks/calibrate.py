@@ -1,0 +1,174 @@
+"""From depth and force to a material: the whole of a calibration in one call.
+
+result = calibrate(Measured(recording, points=certificate.points))
+write_json("calibration.json", result.as_json())
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fit.identifiability import beta_name, identify, main_radius
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
+from calibration.inputs.gather import observe_curves, observe_points
+from calibration.inputs.observations import Measured, Observations
+from calibration.laws import FLAT, default_law, get_law, shape_of
+from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.paper import Paper
+from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
+from calibration.laws.theory.plausible import FLAG, outside_gels
+from calibration.model.composition import Model
+from calibration.model.stages import Law
+from calibration.repeats.pure_error import allow_for_indenters, noise_floor
+from calibration.result.by_radius import own_lines
+from calibration.result.edge_allowance import allow_for_edge
+from calibration.result.poisson_routes import (
+    Route,
+    in_words,
+    informed,
+    of_beta,
+    of_bulge,
+    of_prior,
+    of_radii,
+    tightest,
+)
+from calibration.result.published_route import published_route
+from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.round_result import of_round
+from tactilevision.errors import NothingCertified
+from tactilevision.records import Estimate
+
+ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
+
+
+def calibrate(
+    measured: Measured | Sequence[Measured],
+    *,
+    law: Law | str = "default",
+    effects: Model | None = None,
+    clock_offset: Estimate | None = None,
+    bulge: Estimate | None = None,
+) -> CalibrationResult:
+    """Fit a law to the accepted points, or to the curves where there are no points.
+
+    `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
+    a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
+    from the certificate, where it has them. Raises NothingCertified where every press was rejected, InputError for
+    measurements no law can be fitted to.
+    """
+    sets = [measured] if isinstance(measured, Measured) else list(measured)
+    seen = observe(sets)
+    chosen = _chosen(law, seen)
+    stated = _sized(of_shape(seen, shape_of(chosen)))
+    if shape_of(chosen) == FLAT:
+        stated = of_several_depths(stated)
+    data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
+    single = isinstance(chosen, FlatPunch) and at_one_depth(data)
+    check(data, shape=shape_of(chosen), one_depth=single)
+    model = Model(_free(chosen, data, single=single), effects.effects if effects else ())
+    result = determine_material(allow_for_indenters(fit(model, data)))
+    if single:
+        result = _of_one_depth(result)
+    if isinstance(chosen, FlatPunch):
+        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel))))
+    rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
+    return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
+
+
+def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> CalibrationResult:
+    """The result with every route to nu, the source named after the tightest one that was used."""
+    routes = (*routes, *of_radii(result.fitted), *of_beta(result.beta))
+    lines, warnings = in_words(routes)
+    source = tightest(routes) if result.poisson_ratio.value is not None else result.poisson_ratio_source
+    return replace(
+        result,
+        routes=routes,
+        poisson_ratio_source=source,
+        warnings=(*result.warnings, *warnings),
+        assumptions=(*result.assumptions, *lines),
+    )
+
+
+def observe(sets: Sequence[Measured]) -> Observations:
+    """The accepted points of these recordings, or their curves where no recording has points."""
+    if any(m.points for m in sets):
+        if not any(p.accepted for m in sets for p in m.points):
+            reasons = "; ".join(f"{p.press}: {p.reason or 'rejected'}" for m in sets for p in m.points)
+            raise NothingCertified(f"no press can be trusted ({reasons})")
+        return observe_points(sets)
+    return observe_curves(sets)
+
+
+def _chosen(law: Law | str, data: Observations) -> Law:
+    if not isinstance(law, str):
+        return law
+    return default_law({indenter.shape for indenter in data.indenters}) if law == "default" else get_law(law)
+
+
+def _sized(data: Observations) -> Observations:
+    """A cone has no radius: 0, so that its presses stay one group."""
+    return replace(data, presses=replace(data.presses, radius_mm=np.nan_to_num(data.presses.radius_mm)))
+
+
+def determine_material(fitted: Fit) -> CalibrationResult:
+    """The material behind a fit of any law in the catalogue."""
+    if shape_of(fitted.model.law) != FLAT:
+        found = of_round(fitted)
+    else:
+        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+    strange = outside_gels(found.youngs_modulus)
+    if not strange:
+        return found
+    return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
+
+
+def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
+    """The result with what rests on theory said, and no value of beta."""
+    there = "there is one press" if result.fitted.data.count == 1 else "the presses have one depth"
+    why = f"{there}: stiffness and curvature cannot be told apart"
+    low, high = result.beta.interval95 or (float("nan"), float("nan"))
+    said = (
+        f"{why}; beta is held to {low:.2f} to {high:.2f}, what contact laws have for any friction (95 %), and c "
+        "and E follow with what that leaves open"
+    )
+    return replace(
+        result,
+        beta=replace(result.beta, value=None, std=None, why=why),
+        flags=(*result.flags, ONE_DEPTH),
+        assumptions=(*result.assumptions, said),
+        warnings=(*result.warnings, f"{why}; press to two depths at least, one twice the other"),
+    )
+
+
+def _free(law: Law, data: Observations, *, single: bool) -> Law:
+    """The default law lets nu vary where several radii may fix it, and beta be theory's at a single depth."""
+    if single and isinstance(law, FlatPunch):
+        law = replace(law, one_depth=True)
+    several = np.unique(data.presses.radius_mm).size > 1
+    if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
+        return replace(law, free_poisson_ratio=True)
+    return law
+
+
+def _of_default(fitted: Fit) -> CalibrationResult:
+    known = identify(fitted)
+    radius, lines = main_radius(fitted), own_lines(fitted)
+    beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
+    h_mm = fitted.data.gel.thickness_mm
+    outside = beta_outside_theory(beta, known.poisson_ratio, radius / h_mm)
+    c, bend = next((c, bend) for one, c, bend in lines if one == radius)
+    deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
+    return CalibrationResult(
+        youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
+        c=c, beta=bend, reduced_modulus=known.reduced_modulus,
+        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
+        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted),
+        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
+        by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
+        warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
+        flags=("beta_outside_theory",) if outside else (),
+    )  # fmt: skip

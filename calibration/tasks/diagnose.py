@@ -1,0 +1,379 @@
+"""From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
+
+    testable? -> base model -> search (screen, refit, confirm, add) -> is anything left?
+
+Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
+decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
+error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
+AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect
+of the catalogue explains).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from calibration.diagnosis import manual_checks
+from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
+from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
+from calibration.diagnosis.experiment_design import NextMeasurement, measure_next
+from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
+from calibration.diagnosis.inadmissible_beta import CANDIDATES, would_have_to_be
+from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
+from calibration.diagnosis.sensitivity import hidden
+from calibration.diagnosis.unexplained import Unexplained, nearest, unexplained
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, risen, sighted
+from calibration.effects import EFFECTS
+from calibration.fit.identifiability import holding
+from calibration.fit.least_squares import Fit
+from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.observations import Observations
+from calibration.model.stages import Effect
+from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
+from calibration.repeats.pure_error import noise_floor
+from calibration.repeats.repeat_noise import beyond_stated
+from calibration.result.poisson_routes import informed
+from calibration.result.result import CalibrationResult
+from calibration.tasks.calibrate import determine_material
+from calibration.tasks.compare import base_model, fit_alone
+from tactilevision.records import Estimate
+
+LEVEL = 0.05  # family-wise chance of naming an effect where there is none
+LEFT_LEVEL = 0.01  # of saying that something unknown is left
+MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
+WORTH = 0.5  # std: an action that brings less is not worth its minutes
+SURE = 10.0  # std: one that brings more is no better for it
+NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
+FEW = 0.1  # of the presses: what can be set aside as accidents
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
+    well, and p of what is left.
+    """
+
+    searched: Searched
+    steps: tuple[Step, ...]
+    tried: tuple[str, ...]
+    left: float
+    unknown: bool
+    flags: tuple[str, ...]
+    odd: OutlyingPresses = NOTHING_ODD
+    alternative_explanation: AlternativeExplanation | None = None
+
+    @property
+    def sets(self) -> list[tuple[Candidate, ...]]:
+        """The candidates of each step that stands."""
+        return [step.equals for step in self.steps]
+
+    @property
+    def fitted(self) -> Fit:
+        """The last fit that stands."""
+        return self.steps[-1].fitted if self.steps else self.searched.start
+
+
+def diagnose(
+    data: Observations,
+    rng: np.random.Generator,
+    *,
+    effects: Sequence[Effect] = (),
+    known: Sequence[Effect] = (),
+    bulge: Estimate | None = None,
+) -> Diagnosis:
+    """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
+
+    `bulge`: nu from the rise beside the punch; forces are fitted with it, and the picture is held against none of
+    its own. A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
+    """
+    data = clear_of_touch(usable(data))
+    catalogue = [*EFFECTS.values(), *effects]
+    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge)
+    found = whole = fitted(data)
+    aside, foreign = tuple[str, ...](), False
+    while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
+        aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
+        others = ~np.isin(np.array(data.presses.label), aside)
+        found = fitted(data.take(others))
+    return _beside(whole, found, aside, foreign=foreign) if aside and not found.odd.presses else whole
+
+
+def _diagnosed(
+    data: Observations,
+    *,
+    catalogue: Sequence[Effect],
+    known: Sequence[Effect],
+    rng: np.random.Generator,
+    bulge: Estimate | None,
+) -> Diagnosis:
+    """These presses, all of them."""
+    seen, data = fit_vision_depth(data), informed(data, bulge)
+    model = base_model(data)
+    for effect in known:
+        model = model + effect
+    parts = 1 if seen is None else 2
+    found_there = forward_selection(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
+    force = _against_instrument_errors(
+        _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
+    )
+    sight = None
+    if seen is not None:
+        sight = _outcome(forward_selection(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+    return _determine(force, sight, catalogue, rng)
+
+
+def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
+    """The diagnosis of the rest, with the presses that were set aside; what is in a foreign one is not known."""
+    odd = replace(rest.odd, presses=aside, foreign=foreign)
+    plans = {plan.action: plan for plan in (*_again(odd), *rest.measure_next)}
+    return replace(
+        rest,
+        verdict="UNKNOWN" if foreign else rest.verdict,
+        without=rest.verdict,
+        set_aside=aside,
+        odd=odd,
+        whole=whole.fitted,
+        flags=("press_stands_out", *rest.flags),
+        measure_next=tuple(plans.values()),
+    )
+
+
+def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
+    """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
+    left, steps = searched.last.lack_of_fit, searched.steps
+    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
+    flags += ["press_stands_out"] if odd.presses else []
+    flags += ["presses_wander"] if odd.wanders else []
+    flags += ["presses_scatter"] if odd.scattered else []
+    odd_alone = odd or (odd.scattered and not steps)
+    if left >= level and not odd_alone:
+        return _Outcome(searched, steps, (), left, False, tuple(flags))
+    if 0 < len(steps) < MOST and searched.explained > MOSTLY and not odd_alone:  # named; its form is not exact
+        return _Outcome(searched, steps, (), left, False, (*flags, "small_remainder"))
+    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
+    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
+
+
+def _against_instrument_errors(force: _Outcome) -> _Outcome:
+    """With the plain error that does as well as what was named, which then stands no more, or better than what was
+    tried.
+    """
+    found = alternative_explanation(force.searched) if force.steps or (force.unknown and not force.odd) else None
+    if found is None:
+        return force
+    return replace(
+        force, steps=(), tried=force.tried or found.instead_of, unknown=True, alternative_explanation=found
+    )
+
+
+def _determine(
+    force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+) -> Diagnosis:
+    """The verdict and everything that goes with it."""
+    base, fitted = force.searched.base, force.fitted
+    before, alone = determine_material(base), _concluded(fitted)
+    both = [force] if sight is None else [force, sight]
+    flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
+    sets = [s for one in both for s in one.sets]
+    outside = "beta_outside_theory" in flags
+    explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
+    others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    others += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
+    after, unseen = _material(alone, (force, sight), catalogue, [modulus / base.values[0] for modulus in others])
+    flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
+    candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
+    if explained:
+        candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
+    missing, visible = _testable(both)
+    looked = _looked_for(catalogue, sight)
+    missing = {key: why for key, why in missing.items() if key not in candidates}
+    errors = _errors(base, fitted)
+    left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
+    small = hidden(fitted, [e for e in looked if e.key not in candidates], missing, visible)
+    return Diagnosis(
+        verdict=_verdict(both, flags),
+        effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
+        candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
+        after=after, covariates=force.searched.last.covariates, score_test=force.searched.first.effects,
+        measure_next=_next(base, both, left, instead, small.bias),
+        change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
+        would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
+        tried=tuple(key for one in both for key in one.tried), possible_bias=small.bias,
+        below_visibility=small.below, base=base, fitted=fitted,
+        sight=None if sight is None else sight.searched,
+        held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
+        covariates_before=force.searched.first.covariates,
+        left=left, odd=force.odd, nearest=nearest(force.searched) if force.unknown else None,
+        alternative_explanation=force.alternative_explanation, unseen=unseen,
+        alone_MPa=alone.youngs_modulus.interval95,
+        sizes={e.key: e.parameters[0] for e in looked},
+    )  # fmt: skip
+
+
+def _concluded(fitted: Fit) -> CalibrationResult:
+    """The material of the last fit, with a word where samples scatter by more than was stated of them."""
+    result, times = determine_material(fitted), beyond_stated(fitted)
+    if times is None:
+        return result
+    said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
+    return replace(result, flags=(*result.flags, "stated_noise_too_small"), warnings=(*result.warnings, said))
+
+
+def _material(
+    alone: CalibrationResult,
+    both: tuple[_Outcome, _Outcome | None],
+    catalogue: Sequence[Effect],
+    shares: Sequence[float],
+) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
+    """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
+    force, sight = both
+    averaged, unseen = average_models(alone.youngs_modulus, force.fitted, catalogue)
+    after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
+    after = replace(
+        after,
+        youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
+        warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())),
+    )
+    return (after if sight is None else _risen(after, sight)), unseen
+
+
+def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
+    if any(one.unknown for one in both):
+        return "UNKNOWN"
+    if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
+        return "AMBIGUOUS"
+    return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
+
+
+def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
+    """What neither search could look for and why, and the smallest amplitude that would have been seen."""
+    first = [one.searched.first for one in both]
+    looks = [
+        one.searched.rounds[k].score_test for one in both for k in (0, -1)
+    ]  # a bend or an effect hides some more
+    visible = {key: size for score_test in looks for key, size in score_test.visible.items()}
+    looked = {key for score_test in first for key in score_test.visible if key not in score_test.not_testable}
+    missing = {
+        key: why for score_test in first for key, why in score_test.not_testable.items() if key not in looked
+    }
+    return missing, visible
+
+
+def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
+    """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
+    seen = () if sight is None else sighted(sight.searched.base.data)
+    return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
+
+
+def _beyond_prior(fitted: Fit, key: str) -> bool:
+    """Whether an effect's value lies more than three std from what was known of it beforehand."""
+    return any(
+        abs(value - p.prior.mean) > TOLD_APART * p.prior.std
+        for value, p in zip(fitted.values, fitted.parameters, strict=True)
+        if p.prior is not None and p.name.startswith(f"{key}.")
+    )
+
+
+def _tried(searched: Searched) -> tuple[Candidate, ...]:
+    """The base, then what screened beyond chance at first: where nothing is named, E may be any of theirs."""
+    first = searched.rounds[0]
+    beyond = [c for c in first.candidates if first.scored[c.effect.key].p_adjusted < LEVEL]
+    if not beyond:
+        return ()
+    here = searched.base
+    return (Candidate(beyond[0].effect, here.model, here.values, here.chi2, here.force_N), *beyond)
+
+
+def _spanning(
+    after: CalibrationResult, sets: Sequence[tuple[Candidate, ...]], others: Sequence[float]
+) -> CalibrationResult:
+    """E's interval stretched to what the candidates that cannot be told apart, and `others`, would make of it."""
+    E = after.youngs_modulus
+    others = [*others, *(c.values[0] / s[0].values[0] for s in sets for c in s[1:])]  # of the first of each set
+    if not others or E.interval95 is None:
+        return after
+    low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
+    warning = "E's interval spans the candidates that these data cannot tell apart"
+    return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
+
+
+def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
+    """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
+    share = max(
+        (risen(c, sight.fitted.data) for s in sight.sets for c in s if c.effect.key == "bevel_rise"), default=0.0
+    )
+    E = after.youngs_modulus
+    if share <= 0 or E.interval95 is None:
+        return after
+    wide = replace(E, interval95=(E.interval95[0], E.interval95[1] / (1 - share)))
+    warning = f"if the bevel met the gel early, depths are {100 * share:.1f} % too large and E that much too small"
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
+
+
+def _added(fitted: Fit, step: Step) -> Added:
+    key = step.best.effect.key
+    values = tuple((p.name, fitted.estimate(f"{key}.{p.name}")) for p in step.best.effect.parameters)
+    return Added(key, values, step.scored.p_adjusted, step.skill)
+
+
+def _errors(base: Fit, current: Fit) -> Errors:
+    before = held_out_rms(base)
+    after = before if current is base else held_out_rms(current)
+    return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
+
+
+def _next(
+    base: Fit,
+    both: Sequence[_Outcome],
+    left: Unexplained | None,
+    instead: Sequence[Candidate],
+    bias: Mapping[str, float],
+) -> tuple[NextMeasurement, ...]:
+    """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows."""
+    open_sets = [group for one in both for group in one.sets]
+    if not open_sets and instead:
+        open_sets = [tuple(instead)]
+    plans = [plan for group in open_sets for plan in manual_checks.of_candidates(group)]
+    for group in both[0].sets or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
+        if len(group) > 1:
+            plans += measure_next(base, group[0], group[1:])
+            break
+    worth = [plan for plan in plans if plan.separation_sigma > WORTH]
+    worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
+    follow = manual_checks.of_left(left.covariates) if left is not None else []
+    found = [*_again(both[0].odd), *follow, *worth, *manual_checks.of_hidden(bias)]
+    return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
+
+
+def _again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
+    """Presses that do not repeat the others are pressed again before anything else is asked of them."""
+    if odd.presses:
+        names = ", ".join(odd.presses)
+        action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
+    elif odd.wanders:
+        action, minutes = "repeat the first press after the last one: is it still the same?", 3.0
+    else:
+        return ()
+    return (NextMeasurement(action, minutes, float("nan")),)
+
+
+def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:
+    """Of one step's fit; the last one's is known."""
+    return errors.held_out_after if fitted is last else held_out_rms(fitted)
+
+
+def _refitted(base: Fit, keys: Sequence[str]) -> Sequence[Candidate]:
+    """These effects on top of the base; with beta out of theory the stated thickness is itself in doubt."""
+    found = []
+    for key in keys:
+        if key not in base.model.keys:
+            with suppress(*CANNOT_FIT):
+                found.append(refit_with(base, freed(EFFECTS[key])))
+    return found

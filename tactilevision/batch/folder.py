@@ -1,0 +1,211 @@
+"""A whole folder of frames into height maps: streamed, on all cores, taken up again where it was cut off.
+
+Each frame's map is written whole under its own name before the frame counts as done (streaming.py).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+
+from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
+from tactilevision.certificate.depth.face_depth import UNHELD, FaceDepthCorrection
+from tactilevision.contact.region import at_border, find_contact
+from tactilevision.errors import InputError
+from tactilevision.exports.tiff import masked, write_tiff
+from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
+from tactilevision.files import make_folder, write_text
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import BadFrame, Recording
+from tactilevision.records import Bools, Frame, HeightMap
+from tactilevision.records.flags import BORDER, add
+from tactilevision.uncertainty.depth import DepthError
+
+TABLE = "depth.csv"
+MAPS, STDS, STORE = "depth", "depth_std", "depth.zarr"
+QUANTITIES = {MAPS: "depth into the gel", STDS: "standard deviation of the depth into the gel"}
+JOURNAL, SCRATCH = ".depth-journal.csv", ".depth.zarr-unfinished"
+COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm", "flags")
+Form = Literal["tiff", "zarr"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameResult:
+    """One row of depth.csv: `status` is "ok", or why there is no map; `flags` (flags.py) say what is doubtful."""
+
+    frame: str
+    status: str
+    peak_mm: float = float("nan")
+    contact_area_mm2: float = float("nan")
+    ms: float = float("nan")
+    peak_std_mm: float = float("nan")
+    flags: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, row: Row) -> Self:
+        """From its row of text."""
+        peak_mm, area_mm2, ms, std_mm = (float(cell or "nan") for cell in row[2:-1])
+        return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
+
+    def as_row(self) -> Row:
+        """As text, every digit kept."""
+        numbers = (self.peak_mm, self.contact_area_mm2, self.ms, self.peak_std_mm)
+        return (self.frame, self.status, *map(repr, numbers), " ".join(self.flags))
+
+
+@dataclass(frozen=True)
+class DepthJob:
+    """One frame into its height map; `scratch` is the store that is being filled, None for a TIFF each.
+
+    `names` are the frames' without endings, where that leaves them apart. `with_std` keeps the deviation, too.
+    `anchor` puts the faces of certified presses where their certificate has them.
+    """
+
+    reconstructor: Reconstructor
+    out: Path
+    scratch: Path | None = None
+    anchor: FaceDepthCorrection = UNHELD
+    with_std: bool = False
+    names: Mapping[str, str] = field(default_factory=dict)
+    columns: int = len(COLUMNS)
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
+        """Write the map; the row says how it went."""
+        if isinstance(frame, BadFrame):
+            return FrameResult(frame.name, f"unreadable: {frame.why}").as_row()
+        try:
+            start = time.perf_counter()
+            height = self.anchor(self.reconstructor.height_map(frame))
+            spent = 1e3 * (time.perf_counter() - start)
+        except InputError as fault:
+            return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
+        contact = find_contact(height, self.reconstructor.error)
+        peak_mm, area_mm2 = _measured(height, contact)
+        flags = add(height.flags, [BORDER] if at_border(contact) else [])
+        self._keep(replace(height, flags=flags), frame.name, number)
+        std_mm = std_at(height, peak_mm)
+        return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
+
+    def kept(self, row: Row) -> bool:
+        """Whether the map is there. A store that is being filled is there as a whole."""
+        if row[1] != "ok":
+            return True
+        if self.scratch is not None:
+            return self.scratch.exists()
+        return all(self._path(row[0], folder).exists() for folder in (MAPS, *((STDS,) if self.with_std else ())))
+
+    def _keep(self, height: HeightMap, name: str, number: int) -> None:
+        std_mm = np.full(height.depth_mm.shape, np.nan) if height.std_mm is None else height.std_mm
+        fields = {MAPS: height} | ({STDS: replace(height, depth_mm=std_mm)} if self.with_std else {})
+        if self.scratch is not None:
+            write_frame(self.scratch, number, {f"{kind}_mm": masked(one) for kind, one in fields.items()})
+            return
+        for kind, one in fields.items():
+            write_tiff(self._path(name, kind), one, quantity=QUANTITIES[kind])
+
+    def _path(self, name: str, kind: str) -> Path:
+        return self.out / kind / f"{self.names.get(name, Path(name).stem)}.tiff"
+
+
+def reconstruct_folder(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    out: Path | str,
+    *,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    form: Form = "tiff",
+    anchor: FaceDepthCorrection = UNHELD,
+    with_std: bool = False,
+) -> tuple[FrameResult, ...]:
+    """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
+
+    `form` "tiff": depth/NAME.tiff, of two frames that differ in their ending alone depth/NAME.ENDING.tiff; "zarr":
+    depth.zarr with depth_mm (frames, rows, columns) and frame, the names. `with_std` adds the standard deviation
+    of every depth: depth_std/NAME.tiff, or depth_std_mm.
+    `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
+    over. An earlier, unfinished run into the same folder with the same recording and method is continued.
+    `anchor` holds the faces of certified presses (press/anchor.py).
+    """
+    out, names = Path(out), recording.frame_names
+    kinds = (MAPS, STDS) if with_std else (MAPS,)
+    for folder in (out / kind for kind in kinds) if form == "tiff" else (out,):
+        make_folder(folder)
+        clear_leftovers(folder)
+    scratch = out / SCRATCH if form == "zarr" else None
+    seen = way_of_reading(recording, reconstructor.height_map)
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, anchor.gauge, with_std))
+    job = DepthJob(reconstructor, out, scratch, anchor, with_std, _apart(recording))
+    sensor = reconstructor.sensor
+
+    def begin() -> None:
+        if scratch is not None:
+            about = {"mm_per_px": list(sensor.mm_per_px), "quantity": "depth into the gel"}
+            fields = dict.fromkeys((f"{kind}_mm" for kind in kinds), "mm")
+            begin_frames(scratch, names, fields, shape=(sensor.height_px, sensor.width_px), about=about)
+
+    done = run_job(recording, job, journal, workers=workers, progress=progress, begin=begin)
+    rows = tuple(FrameResult.of(row) for row in done)
+    if scratch is not None:
+        end_frames(scratch, out / STORE)
+    write_text(out / TABLE, table(rows))
+    journal.end()
+    return rows
+
+
+def _apart(recording: Recording) -> dict[str, str]:
+    """Names of the frames' maps: without their endings, but where two frames differ in nothing else."""
+    stems = Counter(Path(name).stem for name in recording.frame_names)
+    apart = {name: stem if stems[stem := Path(name).stem] == 1 else name for name in recording.frame_names}
+    if len(set(apart.values())) != len(apart):
+        raise InputError(
+            "two frames would share a map's name",
+            where=recording.path,
+            remedy="Rename one: a map is stored under its frame's name.",
+        )
+    return apart
+
+
+def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
+    """Peak depth in mm, and the area in mm² in contact (contact/region.py); `error` of the map's method.
+
+    The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
+    """
+    return _measured(height, find_contact(height, error))
+
+
+def _measured(height: HeightMap, contact: Bools) -> tuple[float, float]:
+    depth = height.depth_mm[height.valid]
+    if depth.size == 0:
+        return float("nan"), float("nan")
+    area_mm2 = np.count_nonzero(contact) * height.mm_per_px[0] * height.mm_per_px[1]
+    return float(np.percentile(depth, 99.9)), float(area_mm2)
+
+
+def std_at(height: HeightMap, peak_mm: float) -> float:
+    """Standard deviation of the depths from `peak_mm` on: their median; NaN where it is not known."""
+    if height.std_mm is None:
+        return float("nan")
+    there = height.std_mm[height.valid & (height.depth_mm >= peak_mm)]
+    return float(np.median(there)) if there.size else float("nan")
+
+
+def table(rows: Iterable[FrameResult]) -> str:
+    """depth.csv: what is not known is left empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        numbers = (row.peak_mm, row.contact_area_mm2, row.ms, row.peak_std_mm)
+        writer.writerow(
+            [row.frame, row.status, *("" if np.isnan(n) else f"{n:.4f}" for n in numbers), " ".join(row.flags)]
+        )
+    return text.getvalue()

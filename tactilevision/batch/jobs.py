@@ -1,0 +1,244 @@
+"""Frames through a job: streamed, on all cores, taken up again where they were cut off.
+
+A worker writes what a frame gives whole, then notes the frame in the journal, itself and at once. Killing any
+process at any moment therefore loses no frame, and a second run does only what is left, and again the one frame
+a worker was at.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import multiprocessing
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from multiprocessing.connection import wait as wait_for_end
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from tactilevision.errors import InputError, RecordingError
+from tactilevision.files import append_text, write_text
+from tactilevision.recording import BadFrame, Recording, iter_frames
+from tactilevision.records import Frame, HeightMap
+
+Row = tuple[str, ...]
+Progress = Callable[[int, int], None]
+CHUNK = 4  # frames that a worker reads for itself, one ahead of the other
+FEW = 12  # frames that are done before a second process has started
+
+
+class Job(Protocol):
+    """What becomes of each frame. It is sent to every worker once, so it can be pickled.
+
+    A call writes the frame's result whole and returns its row of text, the frame's name first. A frame that
+    cannot be used comes back as a row that says so.
+    """
+
+    @property
+    def columns(self) -> int:
+        """Cells of a row."""
+        ...
+
+    def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
+        """`number` is the frame's place among `Recording.frame_names`."""
+        ...
+
+    def kept(self, row: Row) -> bool:
+        """Whether what the row promises is still on disk."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """What is done so far: a file with a fingerprint of the run, then one row of text for each frame."""
+
+    path: Path
+    fingerprint: str
+
+    def read(self, job: Job) -> dict[str, Row]:
+        """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
+        try:
+            lines = self.path.read_text(encoding="utf-8").split("\n")
+        except (OSError, UnicodeDecodeError):
+            return {}
+        if lines[0] != self.fingerprint:
+            return {}
+        rows = (tuple(row) for row in csv.reader(lines[1:-1]))
+        return {row[0]: row for row in rows if len(row) == job.columns and job.kept(row)}
+
+    def begin(self, done: dict[str, Row]) -> None:
+        """Write the journal anew with the rows that hold."""
+        write_text(self.path, self.fingerprint + "\n" + "".join(map(as_line, done.values())))
+
+    def add(self, row: Row) -> None:
+        """Append one row; many processes may do so at a time."""
+        append_text(self.path, as_line(row))
+
+    def end(self) -> None:
+        """The run is over and its results are in place."""
+        self.path.unlink(missing_ok=True)
+
+
+def run_job(
+    recording: Recording,
+    job: Job,
+    journal: Journal,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    begin: Callable[[], None] | None = None,
+) -> list[Row]:
+    """Every frame's row in the order of the frames; those that the journal holds are not done again.
+
+    `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,
+    then after each frame, so that a rate taken from it is this run's own.
+    """
+    done = journal.read(job)
+    if not done and begin is not None:
+        begin()
+    journal.begin(done)
+    names = recording.frame_names
+    left = [number for number, name in enumerate(names) if name not in done]
+    report = progress or (lambda done, total: None)
+    report(len(done), len(names))
+    for row in _rows(_bare(recording), left, (job, journal), workers or os.cpu_count() or 1):
+        done[row[0]] = row
+        report(len(done), len(names))
+    return [done[name] for name in names]
+
+
+def fingerprint_of(recording: Recording, *parts: object) -> str:
+    """Of the recording's place and frames, and of what else decides the result."""
+    about = [str(recording.path.resolve()), *recording.frame_names, *map(repr, parts)]
+    return hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+
+def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
+    """A hash of the first frame's map: another method, or another calibration of it, gives another one."""
+    numbers = range(len(recording.frame_names))
+    frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
+    if frame is not None:
+        with suppress(InputError):
+            return hashlib.sha256(np.ascontiguousarray(height_map(frame).depth_mm).tobytes()).hexdigest()
+    return ""
+
+
+def as_line(row: Row) -> str:
+    """A row as a line of CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(row)
+    return text.getvalue()
+
+
+_at_work: tuple[Recording, Job, Journal] | None = None  # one a process: sent once, not with each frame
+
+
+def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
+    global _at_work
+    import cv2
+
+    cv2.setNumThreads(1)
+    _at_work = recording, job, journal
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: Any) -> None:
+    """A killed parent cannot end its workers: each watches for itself."""
+    wait_for_end([sentinel])
+    os._exit(1)
+
+
+def _read_and_do(numbers: list[int]) -> list[Row]:
+    assert _at_work is not None
+    frames = _frames(_at_work[0], numbers)
+    return [_do(number, frame) for number, frame in zip(numbers, frames, strict=True)]
+
+
+def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
+    """The frames of these numbers; one of another kind or size than the others is a bad one, and only that."""
+    left = deque(numbers)
+    while left:
+        try:
+            for frame in iter_frames(_part(recording, list(left))):
+                yield frame
+                left.popleft()
+        except RecordingError as fault:
+            number = left.popleft()
+            yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
+
+
+def _do(number: int, frame: Frame | BadFrame) -> Row:
+    assert _at_work is not None
+    _, job, journal = _at_work
+    row = job(frame, number)
+    journal.add(row)
+    return row
+
+
+def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], workers: int) -> Iterator[Row]:
+    if not left:
+        return
+    if workers == 1 or len(left) <= FEW:
+        _start_worker(recording, *what)
+        yield from (_do(number, frame) for number, frame in zip(left, _frames(recording, left), strict=True))
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(recording, *what)) as pool:
+        pending: set[Future[list[Row]]] = set()
+        try:
+            for future in _tasks(pool, recording, left):
+                pending.add(future)
+                if len(pending) >= 3 * workers:
+                    ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+                    for one in ready:
+                        yield from one.result()
+            while pending:
+                ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for one in ready:
+                    yield from one.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _tasks(pool: ProcessPoolExecutor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:
+    """Pictures are read by the workers themselves; a video can be read by one process only."""
+    assert recording.frames_path is not None
+    if recording.frames_path.is_dir():
+        for start in range(0, len(left), CHUNK):
+            yield pool.submit(_read_and_do, left[start : start + CHUNK])
+        return
+    for number, frame in zip(left, _frames(recording, left), strict=True):
+        yield pool.submit(_do_all, number, frame)
+
+
+def _do_all(number: int, frame: Frame | BadFrame) -> list[Row]:
+    return [_do(number, frame)]
+
+
+def _part(recording: Recording, numbers: list[int]) -> Recording:
+    names = tuple(recording.frame_names[number] for number in numbers)
+    return replace(recording, frame_names=names, frame_times_s=recording.frame_times_s[np.array(numbers)])
+
+
+def _bare(recording: Recording) -> Recording:
+    """Without what no frame needs: it travels to every worker."""
+    return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
+                   settings={}, warnings=())  # fmt: skip
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove the temporary files of writers that were killed (`.NAME-xxxxxxxx.tiff`)."""
+    for path in folder.glob(".*-????????.*"):
+        with suppress(OSError):
+            path.unlink()

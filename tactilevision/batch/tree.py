@@ -1,0 +1,190 @@
+"""A tree of recordings, bare folders of frames and videos, mixed: every one of them into height maps.
+
+What cannot be read, a recording as a whole or a frame of it, is listed with the reason and passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
+from tactilevision.errors import InputError, OutputError, RecordingError
+from tactilevision.files import write_text
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording, layout
+from tactilevision.recording.pictures import find_frames
+
+REFERENCE = layout.FLATS.split("/")[0]
+Open = Callable[[Path], Recording]
+Light = Callable[[Recording], Reconstructor]
+Run = Callable[[Recording, Reconstructor, Path], tuple[FrameResult, ...]]
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One source of frames in the tree: `name` is its path within it; `rows` of its depth.csv, or `why` there are
+    none."""
+
+    name: str
+    rows: tuple[FrameResult, ...] = ()
+    why: str = ""
+
+    def path_of(self, row: FrameResult) -> str:
+        """A frame's path in the tree."""
+        return row.frame if self.name == "." else f"{self.name}/{row.frame}"
+
+
+def find_sources(root: Path | str, *, leave: Path | None = None) -> tuple[Path, ...]:
+    """Recordings, folders that hold pictures, and videos below `root`, by name; nothing inside a recording.
+
+    Hidden folders are left alone, and `leave`, where results go, and links that lead back to where they are.
+    Raises InputError where there is no such folder.
+    """
+    root = Path(root)
+    if not root.is_dir():
+        raise InputError("there is no such folder", where=root)
+    return tuple(_walk(root, set() if leave is None else {leave.resolve()}))
+
+
+def reconstruct_tree(
+    root: Path | str,
+    out: Path | str,
+    *,
+    read: Open,
+    light: Light,
+    form: Form = "tiff",
+    workers: int | None = None,
+    progress: Progress | None = None,
+    with_std: bool = False,
+) -> tuple[Branch, ...]:
+    """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
+
+    `read` opens a source, `light` makes its reconstructor. A run that was cut off goes on where it was: sources
+    that are finished are known by their depth.csv. Raises InputError where no source is found.
+    """
+    root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
+    found, refused = _opened(root, out, read)
+    total = sum(len(recording.frame_names) for recording in found.values())
+    finished = {
+        name: rows
+        for name, recording in found.items()
+        if (rows := _rows_of_finished(out / name, recording, way)) is not None
+    }
+    branches = [Branch(name, rows) for name, rows in finished.items()]
+    before = sum(len(branch.rows) for branch in branches)
+    if progress is not None:
+        progress(before, total, "")
+    for name, recording in found.items():
+        if name in finished:
+            continue
+
+        def report(done: int, of: int, before: int = before, name: str = name) -> None:
+            if progress is not None:
+                progress(before + done, total, name)
+
+        run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
+        branches.append(_branch(name, recording, out, light=light, run=run, way=way))
+        before += len(recording.frame_names)
+    every = sorted((*branches, *refused), key=lambda branch: branch.name)
+    if all(branch.why for branch in every):
+        raise InputError(
+            "none of its recordings, folders and videos can be read",
+            where=root,
+            remedy=f"The first of {len(every)}: {every[0].why}",
+        )
+    write_text(out / TABLE, _table(every))
+    for name in found:
+        _finished(out / name).unlink(missing_ok=True)
+    return tuple(every)
+
+
+def _opened(root: Path, out: Path, read: Open) -> tuple[dict[str, Recording], list[Branch]]:
+    """The sources below `root` by their path in it, and those that cannot be read."""
+    found: dict[str, Recording] = {}
+    refused: list[Branch] = []
+    for path in find_sources(root, leave=out):
+        name = path.relative_to(root).as_posix()
+        try:
+            found[name] = read(path)
+        except InputError as fault:
+            refused.append(Branch(name, why=str(fault)))
+    if not found and not refused:
+        raise InputError("there are neither recordings, pictures nor videos in it", where=root)
+    return found, refused
+
+
+def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Run, way: str) -> Branch:
+    place = out / name
+    try:
+        rows = run(recording, light(recording), place)
+    except OutputError:
+        raise
+    except InputError as fault:
+        return Branch(name, why=str(fault))
+    write_text(_finished(place), "\n".join((way, str(recording.path.resolve()), *recording.frame_names)))
+    return Branch(name, rows)
+
+
+def _finished(place: Path) -> Path:
+    """Says, until the whole tree is done, that this branch is."""
+    return place / ".depth-finished"
+
+
+def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
+    try:
+        said = _finished(place).read_text(encoding="utf-8").split("\n")
+        with (place / TABLE).open(encoding="utf-8", newline="") as file:
+            header, *rows = [tuple(row) for row in csv.reader(file)]
+    except (OSError, ValueError):
+        return None
+    if header != COLUMNS or said != [way, str(recording.path.resolve()), *recording.frame_names]:
+        return None
+    return tuple(FrameResult.of(row) for row in rows)
+
+
+def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:
+    here = folder.resolve()
+    if here in leave:
+        return
+    names = sorted(name for name in os.listdir(folder) if not name.startswith("."))
+    if layout.SETTINGS in names:
+        yield folder
+        return
+    own = _frames_of(folder)
+    if own is not None or any(name.lower().endswith(layout.IMAGE_SUFFIXES) for name in names):
+        yield folder
+    for name in names:
+        path = folder / name
+        if path == own or (path.is_dir() and name in (layout.FRAMES, REFERENCE)):
+            continue
+        if path.is_dir():
+            yield from _walk(path, {*leave, here})
+        elif path.suffix.lower() in layout.VIDEO_SUFFIXES:
+            yield path
+
+
+def _frames_of(folder: Path) -> Path | None:
+    try:
+        return find_frames(folder)
+    except RecordingError:
+        return folder / layout.FRAMES  # what is wrong with it is said when it is read
+
+
+def _table(branches: list[Branch]) -> str:
+    """Every frame under its path in the tree; a source that was passed over is one row."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for branch in branches:
+        if branch.why:
+            writer.writerow([branch.name, f"passed over: {branch.why}", *[""] * (len(COLUMNS) - 2)])
+        rows = [replace(row, frame=branch.path_of(row)) for row in branch.rows]
+        writer.writerows(csv.reader(table(rows).splitlines()[1:]))
+    return text.getvalue()

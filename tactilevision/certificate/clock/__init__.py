@@ -1,0 +1,1 @@
+"""The camera's and the force sensor's clocks, aligned."""

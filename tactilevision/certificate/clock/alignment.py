@@ -1,0 +1,193 @@
+"""How far the F/T sensor's clock is ahead of the camera's, from what both saw: depth and force of the presses.
+
+Three steps: correlation finds the offset to a few frames whatever the clocks' origins; parabolas of depth over
+force, press by press, to some 10 ms; the joint fit of clock_fit.py to about a millisecond. What tells the offset
+are the corners (first contact, end of the ramp) and the difference between loading and unloading. Times in s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.certificate.clock.joint_fit import ClockProblem, fit_clock, memory, number_of
+from tactilevision.records import Estimate, Floats, ForceSeries
+
+_MEMORIES_S = (0.2, 1.0, 5.0)
+_NEAR_S, _STEP_S = 2.0, 0.01
+_WIDE = 20000  # offsets tried at most where the clocks have different origins
+_AROUND_S = 0.6
+_JUMP_S, _ELSEWHERE = 0.15, 9.0  # s, and times the mean square: what no press of one clock does
+_COVERED = 0.3  # of the frames must have force readings
+_SMOOTH_S = 0.045
+_SURE = 10.0  # by which the likelihood must favour a relaxing gel beyond the criterion of Schwarz
+_AGREE = 2.0  # standard deviations of that by what presses say of it one by one
+_CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known yet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Depths (N,) of one press at times (N,) on the camera's clock.
+
+    `kind` names presses that share their reading of depth: those of one punch radius. `touch_N` is the normal
+    force at the bevel's touch, in the zero of the readings it goes with, inf where there is none, NaN where that
+    is not known yet. `stiffness` is how much harder this punch presses than others at one depth, in any unit.
+    """
+
+    time_s: Floats
+    depth_mm: Floats
+    kind: float = 0.0
+    touch_N: float = float("nan")
+    stiffness: float = 1.0
+
+    def clear(self) -> Seen:
+        """Where the touch is not known: the frames that hardly feel the bevel."""
+        keep = np.isfinite(self.depth_mm)
+        if np.isnan(self.touch_N) and keep.any():
+            keep &= self.depth_mm <= _CLEAR * float(np.nanmax(self.depth_mm))
+        return replace(self, time_s=self.time_s[keep], depth_mm=self.depth_mm[keep])
+
+
+def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, float]:
+    """Offset at which depth times stiffness and normal force correlate best, to about a frame, and that
+    correlation.
+
+    Looks within two seconds first, then over all offsets at which the forces cover the frames.
+    """
+    time = np.concatenate([seen.time_s for seen in presses])
+    depth = np.concatenate([seen.stiffness * seen.depth_mm for seen in presses])
+    good = np.isfinite(depth)
+    time, depth = time[good], depth[good]
+    smooth = _smooth(forces)
+    near = np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)
+    best, score = _best_correlation(near, time, depth, forces.time_s, smooth)
+    if score > 0.9 and abs(best) < 0.95 * _NEAR_S:
+        return best, score
+    first, last = forces.time_s[0] - time.max(), forces.time_s[-1] - time.min()
+    step = max(2 * _STEP_S, (last - first) / _WIDE)
+    thin = slice(None, None, max(1, time.size // 400))
+    wide, _ = _best_correlation(np.arange(first, last, step), time[thin], depth[thin], forces.time_s, smooth)
+    around = wide + np.arange(-3 * step, 3 * step + 1e-9, _STEP_S)
+    found, sure = _best_correlation(around, time, depth, forces.time_s, smooth)
+    return (found, sure) if sure > score else (best, score)
+
+
+def _best_correlation(
+    offsets: Floats, time: Floats, depth: Floats, force_time: Floats, force: Floats
+) -> tuple[float, float]:
+    best, top, sure = float(offsets[0]), -np.inf, 0.0
+    for offset in offsets:
+        moved = time + offset
+        seen = (moved >= force_time[0]) & (moved <= force_time[-1])
+        if seen.mean() < _COVERED:
+            continue
+        there = np.interp(moved[seen], force_time, force)
+        there, here = there - there.mean(), depth[seen] - depth[seen].mean()
+        size = float(np.sqrt((there**2).sum() * (here**2).sum()))
+        score = float((there * here).sum()) / size if size > 0 else -1.0
+        if score * np.sqrt(seen.mean()) > top:  # the better covered of two that fit alike
+            best, top, sure = float(offset), score * float(np.sqrt(seen.mean())), score
+    return best, sure
+
+
+def near_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> float:
+    """A better start: the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
+    grid = start_s + np.arange(-_AROUND_S, _AROUND_S + 1e-9, _STEP_S)
+    force, total = _smooth(forces), np.zeros(grid.size)
+    for clear in (seen.clear() for seen in presses):
+        if _ramps(clear):
+            total += clear.time_s.size * np.log(_beside_parabola(clear, grid, forces.time_s, force) + 1e-8)
+    return float(grid[int(total.argmin())])
+
+
+def jumps(presses: Mapping[str, Seen], forces: ForceSeries, offset_s: float) -> dict[str, float]:
+    """By how much the clocks of single presses are off `offset_s` (s), of those that fit far better elsewhere.
+
+    One clock was set anew between them and the others, or readings were lost and the rest moved up.
+    """
+    grid = np.r_[offset_s, offset_s + np.arange(-_NEAR_S, _NEAR_S + 1e-9, _STEP_S)]
+    force, found = _smooth(forces), {}
+    for name, clear in ((name, seen.clear()) for name, seen in presses.items()):
+        if not _ramps(clear):
+            continue
+        square = _beside_parabola(clear, grid, forces.time_s, force)
+        away = float(grid[int(square.argmin())]) - offset_s
+        if abs(away) > _JUMP_S and square[0] > _ELSEWHERE * square.min() + 1e-8:
+            found[name] = away
+    return found
+
+
+def said_of_jumps(strays: Mapping[str, float]) -> Iterator[str]:
+    """A warning that names the presses whose force comes too late or too early."""
+    if strays:
+        named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in strays.items())
+        yield (
+            "forces.csv: depth and force of some presses go together only at another offset of the clocks than "
+            f"those of the others: {named}. Was a clock set anew, or were readings lost? Give these a recording "
+            "of their own."
+        )
+
+
+def _ramps(clear: Seen) -> bool:
+    return clear.time_s.size >= 6 and bool(np.ptp(clear.depth_mm) > 0)
+
+
+def _beside_parabola(seen: Seen, offsets: Floats, force_time: Floats, force: Floats) -> Floats:
+    """Mean square (offsets,) in mm² of the depth beside the best parabola of the force at each offset."""
+    moved = np.interp(seen.time_s[None, :] + offsets[:, None], force_time, force)
+    basis = np.stack([np.ones_like(moved), moved, moved**2], axis=-1)
+    normal = basis.transpose(0, 2, 1) @ basis + 1e-9 * np.eye(3)
+    right = basis.transpose(0, 2, 1) @ seen.depth_mm
+    fitted = (np.linalg.solve(normal, right[..., None])[..., 0] * right).sum(axis=1)
+    return np.asarray(np.maximum((seen.depth_mm**2).sum() - fitted, 0) / seen.time_s.size)
+
+
+def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> Estimate:
+    """Offset near `start_s` with its standard deviation.
+
+    A gel that relaxes within a few frames looks like a clock that is late: it is believed where the presses agree
+    on it, for the frames of one press err together.
+    """
+    clear = [seen.clear() for seen in presses]
+    clear = [seen for seen in clear if seen.time_s.size >= 4 and np.ptp(seen.depth_mm) > 0]
+    if sum(seen.time_s.size for seen in clear) < 12:
+        return Estimate(None, None, None, "s", why="too few frames show the ramps of the presses")
+    plain = fit_clock(_problem(clear, forces, ()), start_s)
+    fading = fit_clock(_problem(clear, forces, _MEMORIES_S), plain.offset_s)
+    needed = len(_MEMORIES_S) * np.log(sum(seen.time_s.size for seen in clear)) + _SURE
+    gain = plain.misfit - fading.misfit
+    scatter = float(np.std(gain, ddof=1)) * np.sqrt(gain.size) if gain.size > 1 else 0.0
+    best = fading if gain.sum() - _AGREE * scatter > needed else plain
+    std = max(best.std_s, 1e-4)
+    return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
+
+
+def _problem(presses: Sequence[Seen], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
+    smooth, slow = _smooth(forces), _smooth(forces, min(_MEMORIES_S))
+    zero = float(np.median(smooth[smooth <= np.quantile(smooth, 0.3)]))
+    time = np.concatenate([seen.time_s for seen in presses])
+    scale = max(float(np.ptp(smooth)), 1e-9)
+    normal = (smooth - zero) / scale
+    counts = [seen.time_s.size for seen in presses]
+    touch = [(seen.touch_N - zero) / scale if np.isfinite(seen.touch_N) else np.inf for seen in presses]
+    return ClockProblem(
+        time_s=time,
+        depth_mm=np.concatenate([seen.depth_mm for seen in presses]),
+        press=np.repeat(np.arange(len(presses)), counts),
+        kind=number_of([seen.kind for seen in presses], counts),
+        touch=np.repeat(touch, counts),
+        force_time_s=forces.time_s,
+        # a memory of the readings' own noise would smooth it, which fits better whatever the gel does
+        series=np.array([normal, *(memory(forces.time_s, slow / scale, fade) for fade in memories)]),
+    )
+
+
+def _smooth(forces: ForceSeries, width_s: float = _SMOOTH_S) -> Floats:
+    """Normal force, averaged over what rounds the ramps' corners only where no frame would tell."""
+    force = forces.force_N[:, 2]
+    interval = max(float(np.median(np.diff(forces.time_s))), 1e-9)
+    half = min(int(0.5 * width_s / interval), max(force.size // 20, 0))
+    padded = np.pad(force, half, mode="edge")
+    return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid"))

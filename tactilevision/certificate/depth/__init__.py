@@ -1,0 +1,1 @@
+"""The certified depth: pile-up beside the punch, edge profile, scale of depth."""

@@ -1,0 +1,42 @@
+"""Whole presses as curves: the camera's depth and the force on the camera's clock, anchored at the certificate.
+
+The camera reads the depth of a steep-walled face in a scale of its own, which depends on the depth. All
+certified presses together give that scale (the gauge, true over seen as a function of seen); each press is
+then scaled so that its own event reads what certifies it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.certificate.rejection import PressEvidence
+from tactilevision.records import CertifiedPoint, Curve
+
+_SMOOTH = 5
+
+
+def press_curve(look: PressEvidence, point: CertifiedPoint, gauge: DepthScale | None) -> Curve | None:
+    """Curve of one press; None without a force. Rows are the frames."""
+    if look.force is None:
+        return None
+    track, window = look.track, look.force
+    time = track.time_s + look.offset_s
+    covered = (time >= window.time_s[0]) & (time <= window.time_s[-1])
+    if covered.sum() < 2:
+        return None
+    depth = track.depth_mm * (gauge.scale(track.depth_mm) if gauge is not None else 1.0)
+    if look.touch is not None and point.accepted and look.touch.depth_seen_mm > 0:
+        seen = look.touch.depth_seen_mm
+        read = seen * (float(gauge.scale(seen)) if gauge is not None else 1.0)
+        depth = depth * (point.depth_mm / read)
+    kernel = np.full(_SMOOTH, 1 / _SMOOTH)
+    smooth = [
+        np.convolve(np.pad(axis, _SMOOTH // 2, mode="edge"), kernel, mode="valid") for axis in window.force_N.T
+    ]
+    force = np.stack([np.interp(time[covered], window.time_s, axis) for axis in smooth], axis=1)
+    phase = np.full(int(covered.sum()), "", dtype="<U6")
+    if window.phases is not None:
+        names = window.phases.names(window.time_s.size)
+        phase = names[np.clip(np.searchsorted(window.time_s, time[covered]), 0, names.size - 1)]
+    return Curve(point.press, track.time_s[covered], depth[covered], force, phase)

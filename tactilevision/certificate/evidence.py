@@ -1,0 +1,72 @@
+"""What the report shows of a press: the frame at the event, its height map, the bevel's window, the force
+about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tactilevision.certificate.certificate import Evidence, Finding
+from tactilevision.certificate.rejection import PressEvidence
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.press_track import Reconstructs
+from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_signal
+from tactilevision.errors import TactilevisionError
+from tactilevision.recording import Recording, read_frame
+from tactilevision.records import HeightMap, Pair
+
+
+def evidence_of(
+    recording: Recording, reconstructor: Reconstructs, look: PressEvidence, said: tuple[Finding, ...]
+) -> Evidence:
+    """Evidence of one press; its event's frame is read and reconstructed once more.
+
+    Where the force does not tell the time of the event, the deepest frame stands in for it, and a touch that
+    does not stand out of the noise is none.
+    """
+    track, window = look.track, look.force
+    timed = np.isfinite(look.event_s) and not any(finding.reason == "saturated" for finding in said)
+    place = int(np.argmin(np.abs(track.time_s - look.event_s))) if timed else track.deepest
+    touch = look.touch if timed and look.touch is not None and look.touch.onset.gain > SURE else None
+    name = track.names[place]
+    index = recording.frame_names.index(name) if name in recording.frame_names else None
+    signal = None
+    if look.distance_mm is not None and track.footprint is not None:
+        signal = height_signal(
+            track.strips, track.s_mm, distance_mm=look.distance_mm, radius_mm=track.footprint.radius_mm
+        )
+    return Evidence(
+        press=track.press.press, frame_index=index, frame_name=name, footprint=track.footprint,
+        height_map=_height_map(recording, reconstructor, index), bevel_window_mm=_window(look),
+        time_s=track.time_s, depth_mm=track.depth_mm, signal_mm=signal, touch=touch,
+        event_s=look.event_s, force_time_s=np.zeros(0) if window is None else window.time_s - look.offset_s,
+        force_N=np.zeros((0, 3)) if window is None else window.force_N, findings=said,
+    )  # fmt: skip
+
+
+def _height_map(recording: Recording, reconstructor: Reconstructs, index: int | None) -> HeightMap | None:
+    if index is None:
+        return None
+    try:
+        height = reconstructor.height_map(read_frame(recording, index))
+    except TactilevisionError:
+        return None
+    std = None if height.std_mm is None else height.std_mm.astype(np.float32)
+    return replace(height, depth_mm=height.depth_mm.astype(np.float32), std_mm=std)
+
+
+def _window(look: PressEvidence) -> tuple[Pair, Pair] | None:
+    """Corners (x, y) of the window at the bevel's edge, on the pad."""
+    face = look.track.footprint
+    if face is None or look.distance_mm is None:
+        return None
+    along = np.array(SIDES[look.track.side])
+    across = np.array([-along[1], along[0]])
+    middle = np.array(face.centre_mm) + look.distance_mm * along
+    corners = np.array(
+        [middle - EDGE_MM * along - HALF_WIDTH_MM * across, middle + EDGE_MM * along + HALF_WIDTH_MM * across]
+    )
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    return (float(x0), float(y0)), (float(x1), float(y1))

@@ -1,0 +1,264 @@
+"""Whether a press can be trusted: each check says why not, with its figures, or nothing.
+
+Limits come from what the figures of the whole recording scatter by, or from what an error would do to the
+certified depth and force; where both speak, the larger one counts. Several may speak; the first in ORDER is
+the press' reason: what is seen at once and spoils the rest comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.certificate.certificate import ContactEvent, Finding
+from tactilevision.certificate.force.event_force import EventForce
+from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.window import ForceWindow
+from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.press_track import PressTrack
+from tactilevision.contact.bevel import SIDES
+from tactilevision.contact.footprint import relief_mm, unevenness_mm
+from tactilevision.records import Bools, Floats, ForceSeries, Press
+
+TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resultant by six degrees
+TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by against the face
+TILT_READ = 0.005  # rad: what a height map that is right to one part in a hundred may tilt a flat face by
+RADIUS_SHARE = 0.06  # c grows as the radius does: three times what the footprint itself may be off
+UNEVEN_SHARE = (
+    0.05  # of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
+)
+FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
+_GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
+_REST = 0.5  # of the usual rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressEvidence:
+    """One press with all that was read of it. `event_s` (camera): its touch, or where the touch was to be
+    expected.
+    """
+
+    track: PressTrack
+    force: ForceWindow | None
+    touch: ContactEvent | None
+    event: EventForce | None
+    event_s: float
+    depth_mm: float
+    distance_mm: float | None
+    rest_s: float
+    offset_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingStatistics:
+    """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
+    interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
+    uneven the gel is beside the face, and how far the face is from flat."""
+
+    radius: dict[str, float]
+    tilt: Floats
+    tilt_scatter: float
+    interval_s: float
+    rest_s: float
+    equal: float
+    uneven_mm: float
+    relief_mm: float
+
+
+def rejection_reasons(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> tuple[Finding, ...]:
+    """All that speaks against a press, the main reason first."""
+    said = [check(look, usual, forces) for check in ORDER]
+    return tuple(finding for finding in said if finding is not None)
+
+
+def _border(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, map_ = look.track.footprint, look.track.face_map
+    if face is None:
+        return None
+    half = [0.5 * n * s for n, s in zip(map_.depth_mm.shape[::-1], map_.mm_per_px, strict=True)]
+    room = min(h - abs(c) - face.radius_mm for h, c in zip(half, face.centre_mm, strict=True))
+    if room < 2 * max(map_.mm_per_px):
+        return Finding("border", f"the face comes within {room:.2f} mm of the view's border")
+    if look.distance_mm is not None:
+        edge = [c + look.distance_mm * e for c, e in zip(face.centre_mm, SIDES[look.track.side], strict=True)]
+        out = max(abs(place) - h for place, h in zip(edge, half, strict=True))
+        if out > 0:
+            return Finding("border", f"the bevel's edge lies {out:.2f} mm outside the view")
+    return None
+
+
+def _footprint(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, nominal = look.track.footprint, look.track.indenter.radius_mm
+    if face is None:
+        return Finding("footprint", "no round face is to be seen")
+    if face.residual_mm > RADIUS_SHARE * face.radius_mm:
+        return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
+    uneven = unevenness_mm(look.track.face_map, face, away_from=SIDES[look.track.side])
+    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.uneven_mm):
+        return Finding(
+            "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
+        )
+    relief = relief_mm(look.track.face_map, face) if look.track.indenter.shape == "flat_cylinder" else 0.0
+    if relief > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.relief_mm):
+        return Finding(
+            "footprint", f"the face is not flat: {1e3 * relief:.0f} µm rms beside a plane; is it chipped?"
+        )
+    if not np.isfinite(nominal):
+        return None
+    ratio = face.radius_mm / nominal / usual.radius.get(look.track.indenter.name, 1.0)
+    limit = max(RADIUS_SHARE, 3 * face.radius_std_mm / nominal, 3 * look.track.indenter.radius_std_mm / nominal)
+    if abs(ratio - 1) > limit:
+        text = f"the face has a radius of {face.radius_mm:.2f} mm, the indenter {nominal:.2f} mm"
+        return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % against the other presses)")
+    return None
+
+
+def face_tilt(track: PressTrack) -> Floats:
+    """Tilt (2,) of the face while it is deep, the mean over those frames."""
+    deep = track.depth_mm > 0.6 * np.nanmax(track.depth_mm)
+    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
+
+
+def _tilt(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.track.footprint is None or not np.nanmax(look.track.depth_mm) > 0:
+        return None
+    tilt = float(np.hypot(*(face_tilt(look.track) - usual.tilt)))
+    lever = look.distance_mm or 2 * look.track.footprint.radius_mm
+    limit = max(TILT_SHARE * look.depth_mm / lever, 5 * usual.tilt_scatter, TILT_READ)
+    if tilt > limit:
+        return Finding(
+            "tilt", f"the face is tilted by {np.degrees(tilt):.2f} degrees (limit {np.degrees(limit):.2f})"
+        )
+    return None
+
+
+def _tangential(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.event is not None:
+        force, std = look.event.force_N, look.event.std_N
+    elif look.force is not None and look.force.phases is not None:
+        phases = look.force.phases
+        held = look.force.force_N[phases.hold : phases.release + 1]
+        force, std = held.mean(axis=0), held.std(axis=0) / np.sqrt(max(len(held), 1))
+    else:
+        return None
+    sideways, normal = float(np.hypot(force[0], force[1])), float(force[2])
+    if normal > 0 and sideways - 3 * float(np.hypot(std[0], std[1])) > TANGENTIAL * normal:
+        return Finding("tangential", f"the tangential force is {100 * sideways / normal:.0f} % of the normal one")
+    return None
+
+
+def _saturated(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.force is None:
+        return None
+    raw = look.force.force_N + look.force.tare.at(look.force.time_s)
+    for axis, name in enumerate(("fx", "fy", "fz")):
+        reading = np.abs(raw[:, axis])
+        top = float(np.nanmax(reading))
+        if top < 20 * forces.std_N[axis]:
+            continue
+        run = _longest(reading >= top * (1 - 1e-9))
+        if run >= 10 and usual.equal**run < 1e-6:
+            return Finding("saturated", f"{name} stands at {top:.3f} N for {run} readings")
+    return _stalled(look, look.force)
+
+
+def _stalled(look: PressEvidence, force: ForceWindow) -> Finding | None:
+    """The force has stopped growing while the camera still sees the face go deeper."""
+    seen = find_phases(look.track.depth_mm)
+    if force.phases is None or seen is None or seen.hold == 0:
+        return None
+    still_s = float(force.time_s[force.phases.hold]) - look.offset_s
+    depth = look.track.depth_mm
+    after = int(np.searchsorted(look.track.time_s, still_s))  # a frame taken since: none is made up in a gap
+    if after >= depth.size:
+        return None
+    there, deepest = float(depth[after]), float(np.nanmax(depth[after:]))
+    if deepest - there > max(5 * seen.noise, 0.15 * deepest):
+        return Finding(
+            "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"
+        )
+    return None
+
+
+def _longest(run: Bools) -> int:
+    edges = np.flatnonzero(np.diff(np.r_[0, run.astype(np.int8), 0]))
+    return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+
+
+def interval_at(time_s: Floats, event_s: float) -> float:
+    """Interval between the frames before and after an event; inf where it lies outside them."""
+    after = int(np.searchsorted(time_s, event_s))
+    if not 0 < after < time_s.size:
+        return float("inf")
+    return float(time_s[after] - time_s[after - 1])
+
+
+def _dropped(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.force is None:
+        return Finding("dropped_frames", "there are no force readings to go with the frames of this press")
+    if not np.isfinite(look.event_s):
+        return None
+    gap = interval_at(look.track.time_s, look.event_s)
+    moved = min(gap, _moving_s(look, look.force))
+    if moved <= _GAPS * usual.interval_s:
+        return None
+    if look.event is not None and np.isfinite(moved):
+        open_N = look.force.ramp_N_s * moved / np.sqrt(12)
+        if open_N < FORCE_SHARE * float(look.event.force_N[2]):
+            return None
+    text = f"{1e3 * gap:.0f} ms without a frame at the event, {1e3 * usual.interval_s:.0f} ms are usual"
+    return Finding("dropped_frames", text)
+
+
+def _moving_s(look: PressEvidence, force: ForceWindow) -> float:
+    """How long the rig needs for what it moved between the frames about the event: a dwell is no gap."""
+    after = int(np.searchsorted(look.track.time_s, look.event_s))
+    if not 0 < after < look.track.time_s.size or not force.ramp_N_s > 0:
+        return float("inf")
+    there = force.at(look.track.time_s[after - 1 : after + 1] + look.offset_s)
+    grown = abs(float(there[1] - there[0]))
+    return grown / force.ramp_N_s if np.isfinite(grown) else float("inf")
+
+
+def _not_touched(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    indenter = look.track.indenter
+    if indenter.height_mm is None or indenter.bevel is None:
+        return Finding("bevel_not_touched", f"indenter {indenter.name} has no bevel of known height")
+    if look.touch is None:
+        return Finding("bevel_not_touched", "no touch of the bevel is to be seen")
+    if look.touch.onset.gain < SURE:
+        sigma = np.sqrt(max(look.touch.onset.gain, 0.0))
+        return Finding(
+            "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
+        )
+    return None
+
+
+def _short_rest(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if look.rest_s < _REST * usual.rest_s:
+        return Finding("short_rest", f"the gel had rested {look.rest_s:.1f} s, {usual.rest_s:.1f} s are usual")
+    return None
+
+
+def rests(presses: Sequence[Press]) -> list[float]:
+    """Rest before each press: as recorded, else the time since the end of the one before."""
+    found = []
+    for k, press in enumerate(presses):
+        earlier = [p.end_s for p in presses[:k] if p.end_s <= press.start_s]
+        since = press.start_s - max(earlier) if earlier else float("nan")
+        found.append(press.rest_s if np.isfinite(press.rest_s) else since)
+    return found
+
+
+ORDER: tuple[Callable[[PressEvidence, RecordingStatistics, ForceSeries], Finding | None], ...] = (
+    _border,
+    _footprint,
+    _saturated,
+    _tilt,
+    _tangential,
+    _dropped,
+    _not_touched,
+    _short_rest,
+)

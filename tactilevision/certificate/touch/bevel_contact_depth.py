@@ -1,0 +1,214 @@
+"""First touch of the bevel in every press of a recording, found together.
+
+The presses share the shape of the growing dent (its amplitude per depth, its share k), since they share the
+bevel; each has its own depth of touch. The depth that drives the signal is read from the force, P = c w (1 +
+b w), c and b from the touches themselves at the machined heights: a height map's own depth is too crooked
+where the walls are steep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.certificate.force.phases import noise_of
+from tactilevision.certificate.touch.press_track import PressTrack
+from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
+from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
+from tactilevision.records import Bools, Floats, Indenter, Pair
+
+SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
+# An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
+# to .3 of its final growth; a camera or a compression that swallows the faintest dents shows less of it.
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
+# of fill_mm: blur and the gel beside the edge smear it by what is not known beforehand
+_FILLS = (0.25, 0.5, 1.0, 2.0)
+SHAPE = 0.1  # of fill_mm: what the family of shapes itself leaves open
+_TYPICAL = 0.4
+_ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
+_ANGLE_DEG = 10.0  # of a bevel of which nothing is said
+# of the amplitude, by which presses of one bevel differ (gain, sideways place), one sigma: at least, at most
+_LIKE = (0.03, 0.15)
+_TELLING = 4  # presses from which their amplitudes' scatter can be told
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressSignal:
+    """A press to be searched: its frames up to the end of the hold (`use`), and the driving depth or force
+    (N,).
+    """
+
+    track: PressTrack
+    drive: Floats
+    use: Bools
+
+    def signal(self, distance_mm: float) -> Floats | None:
+        track = self.track
+        radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
+        return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthOfForce:
+    """w(P) of P = c w (1 + b w)."""
+
+    c_N_per_mm: float
+    b_per_mm: float
+
+    def depth(self, force_N: Floats) -> Floats:
+        force = np.asarray(force_N, dtype=np.float64)
+        if self.b_per_mm == 0:
+            return force / self.c_N_per_mm
+        root = np.sqrt(np.maximum(1 + 4 * self.b_per_mm * force / self.c_N_per_mm, 1e-6))
+        return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
+
+    def force(self, depth_mm: Floats | float) -> Floats:
+        w = np.asarray(depth_mm, dtype=np.float64)
+        return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
+
+
+def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
+    """c and b through (depth, force) anchors, robustly; b is kept at 0 where all depths are alike."""
+    usable = np.array([a for a in anchors if a[0] > 0 and a[1] > 0])
+    if not len(usable):
+        return None
+    depth, stiffness = usable[:, 0], usable[:, 1] / usable[:, 0]
+    if np.ptp(depth) < 0.25 * depth.max():
+        return DepthOfForce(float(np.median(stiffness)), 0.0)
+    keep = np.ones(depth.size, dtype=bool)
+    slope, start = 0.0, float(np.median(stiffness))
+    for _ in range(5):
+        slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
+        residual = np.abs(stiffness - start - slope * depth)
+        keep = residual <= max(3 * 1.4826 * float(np.median(residual)), 1e-9)
+        if keep.sum() < 3:
+            break
+    return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
+
+
+def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
+    """The onset of each press; None where its bevel is out of view or its signal never rises."""
+    traces = [case.signal(distance_mm) for case in signals]
+    known = [
+        (case.drive[case.use], trace[case.use])
+        for case, trace in zip(signals, traces, strict=True)
+        if trace is not None
+    ]
+    found = iter(_together(known, max(fill_mm(case.track.indenter) for case in signals)))
+    return [None if trace is None else next(found) for trace in traces]
+
+
+def fill_mm(indenter: Indenter) -> float:
+    """Depth beyond the touch at which the bevel's wedge fills the window at its edge."""
+    angle = indenter.bevel_angle_deg if indenter.bevel_angle_deg is not None else _ANGLE_DEG
+    return EDGE_MM * float(np.tan(np.radians(np.clip(angle, 1.0, 60.0))))
+
+
+def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
+    """Onsets of many signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
+    first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
+    sure = [onset for onset in first if onset is not None and onset.gain > SURE]
+    if not sure:
+        return first
+    noise = float(np.median([onset.noise for onset in sure]))
+    trials, misfit = [], []
+    for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
+        free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
+        seen = [o for o in free if o is not None and o.gain > SURE]
+        alike = _alike(seen)
+        trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise) for x, y in traces]
+        trials.append(trial)
+        misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
+    count = sum(len(x) for x, _ in traces)
+    scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
+    weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
+    return [
+        _mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE * fill)
+        for k in range(len(traces))
+    ]
+
+
+def _alike(onsets: Sequence[Onset]) -> Pair | None:
+    """Mean amplitude, and how far those of the presses lie apart beyond their own errors; None without any."""
+    if not onsets:
+        return None
+    amplitude = np.array([onset.amplitude for onset in onsets])
+    own = np.array([onset.amplitude_std for onset in onsets])
+    middle = float(np.median(amplitude))
+    if len(onsets) < _TELLING:
+        return middle, _LIKE[1] * middle
+    apart = 1.4826 * float(np.median(np.abs(amplitude - middle)))
+    beyond = float(np.sqrt(max(apart**2 - float(np.median(own**2)), 0.0)))
+    return middle, float(np.clip(beyond, _LIKE[0] * middle, _LIKE[1] * middle))
+
+
+def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, shape_mm: float) -> Onset | None:
+    """One onset from its likes under several shapes.
+
+    `scale` is the chi-square a degree of freedom that the best shape leaves, `shape_mm` what none may say right.
+    """
+    kept = [(onset, float(weight)) for onset, weight in zip(onsets, weights, strict=True) if onset is not None]
+    if not kept or sum(weight for _, weight in kept) <= 0:
+        return None
+    share_out = np.array([weight for _, weight in kept])
+    at = np.array([onset.at for onset, _ in kept])
+    variance = scale * np.array([onset.std**2 for onset, _ in kept])
+    mean = float(np.average(at, weights=share_out))
+    best = kept[int(share_out.argmax())][0]
+    shared = float(np.average((at - mean) ** 2, weights=share_out)) + shape_mm**2
+    return replace(
+        best,
+        at=mean,
+        std=float(np.sqrt(np.average(variance, weights=share_out) + shared)),
+        shared_std=float(np.sqrt(shared)),
+    )
+
+
+def find_distance(signals: Sequence[PressSignal]) -> float | None:
+    """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
+    near = max(case.track.indenter.radius_mm for case in signals) + 0.8
+    far = max(float(case.track.s_mm[-1]) for case in signals)
+    coarse = _most_sure(signals, np.arange(near, far, 2 * EDGE_MM))
+    return None if coarse is None else _most_sure(signals, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
+
+
+def _most_sure(signals: Sequence[PressSignal], places: Floats) -> float | None:
+    totals = np.zeros(places.size)
+    for k, place in enumerate(places):
+        for case in signals:
+            trace = case.signal(float(place))
+            if trace is None:
+                continue
+            drive, trace = case.drive[case.use], trace[case.use]
+            growth = Growth(_TYPICAL, fill_mm(case.track.indenter))
+            onset = find_onset(drive, trace, growth=growth, noise=max(noise_of(trace), 1e-6))
+            totals[k] += 0.0 if onset is None else min(onset.gain, _ENOUGH) / len(signals)
+    if not places.size or totals.max() < SURE:
+        return None
+    best = int(totals.argmax())
+    around = slice(max(best - 1, 0), best + 2)
+    return float(np.average(places[around], weights=totals[around]))
+
+
+def find_in_pictures(
+    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], distance_mm: float
+) -> list[Onset | None]:
+    """The same touches from the change of the pictures' colours; None where they do not show there."""
+    known: list[int] = []
+    traces = []
+    for k, (case, onset) in enumerate(zip(signals, onsets, strict=True)):
+        if onset is None or onset.gain <= SURE:
+            continue
+        colours, drive = case.track.colours[case.use], case.drive[case.use]
+        trace = picture_signal(colours, case.track.s_mm, drive, distance_mm=distance_mm, onset=onset)
+        if trace is not None:
+            known.append(k)
+            traces.append((drive, trace))
+    found: list[Onset | None] = [None] * len(signals)
+    if traces:
+        fill = max(fill_mm(case.track.indenter) for case in signals)
+        for k, onset in zip(known, _together(traces, fill), strict=True):
+            found[k] = onset
+    return found

@@ -1,0 +1,85 @@
+"""Height maps on disk: a float32 TIFF that carries its scale, and one Zarr store for a whole folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.files import replacing
+from tactilevision.records import HeightMap, Pair
+from tactilevision.records.flags import add
+
+
+def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
+    """Write depth in mm as float32, NaN where invalid, never clipped; the scale goes into the file's own tags.
+
+    `quantity`: what is in place of the depth. What makes the map doubtful (`flags`) goes there, too.
+    """
+    import tifffile
+
+    about = {"quantity": quantity, "unit": "mm", "mm_per_px": list(height.mm_per_px), "flags": list(height.flags)}
+    with replacing(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            masked(height),
+            description=json.dumps(about),
+            metadata=None,  # else it adds a second description, which other readers complain of
+            resolution=(10 / height.mm_per_px[0], 10 / height.mm_per_px[1]),
+            resolutionunit="CENTIMETER",
+        )
+
+
+def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
+    """Read a depth TIFF; `mm_per_px` overrides the scale in the file.
+
+    Raises InputError where it is no picture of depths, or where no scale is known.
+    """
+    import tifffile
+
+    path = Path(path)
+    try:
+        with tifffile.TiffFile(path) as file:
+            depth, about = file.asarray(), file.pages[0].description or ""  # type: ignore[union-attr]
+    except (OSError, ValueError, tifffile.TiffFileError) as fault:
+        raise InputError(f"cannot be read as a depth TIFF: {fault}", where=path) from fault
+    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
+        raise InputError(
+            "a depth TIFF holds one plane of floating-point numbers",
+            where=path,
+            value=f"{depth.shape} {depth.dtype}",
+        )
+    told = _told(about)
+    scale = mm_per_px or _scale(told)
+    if scale is None:
+        raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told))
+
+
+def _told(description: str) -> Any:
+    try:
+        return json.loads(description)
+    except ValueError:
+        return {}
+
+
+def _flags(about: Any) -> tuple[str, ...]:
+    flags = about.get("flags", ()) if isinstance(about, dict) else ()
+    return add((), map(str, flags)) if isinstance(flags, list) else ()
+
+
+def _scale(about: Any) -> Pair | None:
+    try:
+        x, y = about["mm_per_px"]
+        return float(x), float(y)
+    except (ValueError, TypeError, KeyError):
+        return None
+
+
+def masked(height: HeightMap) -> npt.NDArray[np.float32]:
+    """Depth in mm as float32 with NaN where it is not known."""
+    return np.where(height.valid, height.depth_mm, np.nan).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Slopes to depth: Poisson solvers, borders, the zero plane, steep edges."""

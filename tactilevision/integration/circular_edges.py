@@ -1,0 +1,238 @@
+"""Round rims in a slope map: circles along which the surface drops steeply, with a sharp flank on the inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.records import Floats, Pair, SlopeMap
+from tactilevision.robust import median
+
+MIN_STEEP = 12  # pixels; fewer are noise
+ENOUGH = 200  # pixels that tell a circle to look for a rim on
+MIN_RADIUS_PX = 6.0
+MIN_ROUND = 1 / 3  # of the rim in the picture
+OFF_ROUND_PX = 1.0  # spread of the flank about a circle
+SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
+BIN_PX = 0.5
+ACROSS = 4  # directions to a sector
+CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
+INNER_PX, OUTER = 12.0, 0.4  # the profile reaches this far inside the rim, and this part of the radius outside
+NEAR_PX = 4.0  # about the edge alone, this far outside
+MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
+STIFFENING = 1e-9 * np.eye(3)
+HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
+
+Picture = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class CircularEdge:
+    """`centre_mm` from the middle of the top left pixel; `radius_mm`; `blur_mm` of its flank, one sigma;
+    `uneven_mm` rms distance of the flank from a circle.
+
+    `slopes` (J,) towards the centre at `places_mm` from it, the median over directions: on a side away from all
+    lights they are read far too low. `highest` (J,) in all but a fifth of them, `std` (J,) of the median by their
+    scatter. NaN where unseen.
+    """
+
+    centre_mm: Pair
+    radius_mm: float
+    blur_mm: float
+    uneven_mm: float
+    places_mm: Floats
+    slopes: Floats
+    highest: Floats
+    std: Floats
+
+
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
+    """Sharp round rims about regions that are anywhere steeper than `limit`."""
+    # every second pixel: a rim is long, and a frame has little time
+    p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
+    squared = cv2.add(cv2.multiply(p, p, dst=p), cv2.multiply(q, q, dst=q), dst=p)
+    beyond = cv2.compare(squared, limit**2, cv2.CMP_GT)
+    if 4 * cv2.countNonZero(beyond) < MIN_STEEP:
+        return []
+    gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)
+    _, labels = cv2.connectedComponents(cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
+    steep = 4 * np.bincount(labels[beyond > 0])
+    found = []
+    for label in np.flatnonzero(steep >= MIN_STEEP)[:8]:
+        at = np.flatnonzero(labels == label)
+        at = at[:: max(1, len(at) // ENOUGH)]
+        rows, columns = np.divmod(at, labels.shape[1])
+        x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
+        rim = _measure(slopes, mm_per_px, _circle(x, y, squared.ravel()[at].astype(np.float64)))
+        if rim is not None:
+            found.append(rim)
+    return found
+
+
+def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
+    """The rim near a circle, None where it is not round and sharp.
+
+    Twice: first about the edge alone, by a circle that what lies outside makes too large.
+    """
+    px = min(mm_per_px)
+    x, y, radius = circle
+    if not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+        return None
+    places, values = _profiles(slopes, mm_per_px, circle, _bounds(radius, px, radius + NEAR_PX * px))
+    flank = _flanks(places, values, 0.5)
+    good = np.isfinite(flank)
+    if np.count_nonzero(good) < MIN_ROUND * len(good):
+        return None
+    (radius, shift_x, shift_y), spread, uneven = _harmonics(flank, good)
+    if spread > OFF_ROUND_PX * px or not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
+        return None
+    centre = x + shift_x, y + shift_y
+    bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
+    places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
+    low, middle, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
+    half, quarter = _flanks(places, np.stack([middle, middle]), np.array([0.5, 0.25]))
+    blur = (half - quarter) / (QUARTER - HALF)
+    if not blur < SHARP * radius:  # nor where it is not known
+        return None
+    std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
+    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
+
+
+def _bounds(radius: float, px: float, outer: float) -> Pair:
+    return max(0.4 * radius, radius - INNER_PX * px), outer
+
+
+def _profiles(
+    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], bounds_mm: Pair
+) -> tuple[Floats, Floats]:
+    """Distances (J,) within bounds from a circle's centre, and slopes (K, J) towards it in K sectors.
+
+    A circle is (x, y, radius); slopes are NaN where unseen.
+    """
+    px = min(mm_per_px)
+    sectors = int(min(max(0.8 * circle[2] / px, 8), 32))
+    across, down = _directions(sectors * ACROSS)
+    places = np.arange(bounds_mm[0] + 0.5 * BIN_PX * px, bounds_mm[1], BIN_PX * px)
+    r = places.astype(np.float32)
+    x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
+    x += np.float32(circle[0] / mm_per_px[0])
+    y += np.float32(circle[1] / mm_per_px[1])
+    inward = _at(slopes.dz_dx, x, y)
+    inward *= -across
+    along_y = _at(slopes.dz_dy, x, y)
+    along_y *= down
+    inward -= along_y
+    if slopes.valid is not None and not slopes.valid.all():
+        seen = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
+        inward[seen == 0] = np.nan
+    means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
+    return places, np.asarray(means, np.float64) / ACROSS
+
+
+def _at(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
+    plane = np.asarray(plane, np.float32)
+    return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
+
+
+@lru_cache(maxsize=64)
+def _directions(count: int) -> tuple[Picture, Picture]:
+    """Cosines and sines (count, 1) of evenly spread directions."""
+    angle = 2 * np.pi * (np.arange(count)[:, None] + 0.5) / count
+    return np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+
+
+@lru_cache(maxsize=64)
+def _waves(sectors: int) -> Floats:
+    """1, cos and sin (3, sectors) of the sectors' angles."""
+    angle = 2 * np.pi * (np.arange(sectors) + 0.5) / sectors
+    return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+
+
+def window_of(
+    shape: tuple[int, ...], centre_mm: Pair, mm_per_px: Pair, outer_mm: float
+) -> tuple[tuple[slice, slice], Floats, Floats]:
+    """Rows and columns within `outer_mm` of a centre, and their places x (1, w), y (h, 1) from it in mm."""
+    (x0, x1), (y0, y1) = (
+        (max(0, int((c - outer_mm) / step)), max(0, min(n, int((c + outer_mm) / step) + 2)))
+        for c, step, n in zip(centre_mm, mm_per_px, shape[::-1], strict=True)
+    )
+    x = (np.arange(x0, x1) * mm_per_px[0] - centre_mm[0])[None, :]
+    y = (np.arange(y0, y1) * mm_per_px[1] - centre_mm[1])[:, None]
+    return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
+
+
+def _parts(values: Floats, *shares: float) -> Floats:
+    """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
+    last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
+    ordered = np.sort(values, axis=0)  # NaN last
+    return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
+
+
+def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
+    """Centre and radius of the weighted algebraic circle, robust to what lies off it."""
+    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
+    keep = weight
+    for _ in range(2):
+        a, b, c = _solved(terms, squares, keep)
+        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
+        off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
+        keep = weight * _trust(off, _scale(off))
+    return 0.5 * float(a), 0.5 * float(b), radius
+
+
+def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
+    """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
+    filled = np.where(np.isnan(profiles), -np.inf, profiles)
+    top, each = np.argmax(filled, axis=1), np.arange(len(filled))
+    level = part * filled[each, top]
+    below = profiles < level[:, None]  # never where NaN
+    below &= np.arange(profiles.shape[1]) < top[:, None]
+    before = profiles.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1)
+    some = below[each, before]
+    before[~some] = 0
+    low, high = profiles[each, before], profiles[each, before + 1]
+    share = (level - low) / np.where(some, high - low, np.nan)
+    return np.asarray(places[before] + share * (places[1] - places[0]))
+
+
+def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, float, float]:
+    """Mean, cos and sin part of `good` places over sectors, robust; the usual spread and the rms of what is left.
+
+    Starts from the median: a side in shadow, whose flank lies farther out, would pass for a shift of the centre.
+    """
+    terms, places = _waves(len(places))[:, good], places[good]
+    off = places - median(places)
+    solution, scale = np.zeros(3), _scale(off)
+    for _ in range(4):
+        before, solution = solution, _solved(terms, places, _trust(off, scale))
+        off = places - solution @ terms
+        scale = _scale(off)
+        if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:
+            break
+    return solution, scale, float(np.sqrt(np.mean(off**2)))
+
+
+def _solved(terms: Floats, values: Floats, weights: Floats) -> Floats:
+    """Weighted least squares of values (n,) over terms (3, n)."""
+    heavy = terms * weights
+    normal = heavy @ terms.T + STIFFENING
+    return solved(normal, heavy @ values)
+
+
+def solved(normal: Floats, right: Floats) -> Floats:
+    """The solution (k,) of normal equations (k, k)."""
+    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
+
+
+def _trust(off: Floats, scale: float) -> Floats:
+    """Weight of what is `off` by that much."""
+    weight = 1.0 / (1.0 + np.square(off * (0.5 / scale)))
+    return np.asarray(weight * weight)
+
+
+def _scale(off: Floats) -> float:
+    return 1.4826 * float(median(np.abs(off))) + 1e-9

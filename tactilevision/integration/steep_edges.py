@@ -1,0 +1,243 @@
+"""Walls too steep to read: what a flat punch's edge hides of the depth, out of the gel beside it.
+
+Beside the sharp edge of a rigid flat face of radius a the gel's surface falls away as (s: distance from the edge)
+
+    u(s) = w - sum_k c_k U_k(s)      U_k' = a s^k / (r sqrt(r^2 - a^2)),  r = a + s,  k = 0, 1, 2
+
+k = 0 is Boussinesq's punch on a half-space; a layer, friction and large depth leave the root at the edge and
+change the smooth factor, which k = 1, 2 follow. The slope has no bound at the edge: for two or three pixels it is
+steeper than any ball showed, colours saturate, and a quarter of a deep face's height hides there. Slopes
+farther out, and those at the foot of the blurred wall inside, are gentle and well read. They fix all unknowns of
+
+    seen slope = <sin t> / <cos t>      t = arctan(u'), u blurred by the edge's rounding, < > blurred by the camera
+
+(light is blurred, not slope, so a steep pixel counts by its normal), and the law carries the depth through.
+
+Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
+left alone. Assumes a flat face, at least a third of whose rim is in the picture.
+Source: Johnson, Contact Mechanics (1985), eq. 3.38 (k = 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, solved, window_of
+from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.records import Bools, Floats, Pair, SlopeMap
+
+FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
+CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)
+SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
+MIN_READ = 8  # bins
+MIN_FACE = 50  # pixels
+FINE = 0.25  # px: grid of the law
+MAX_ITERATIONS, DAMPING = 8, 1e-3
+EACH = np.arange(6)
+CONVERGENCE_TOL = (
+    0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PunchEdge:
+    """The wall round one flat face.
+
+    `centre_mm` from the middle of the picture's top left pixel; `radius_mm` of the edge; `reach_mm` from the edge
+    within which slopes are replaced; `places_mm`, `fall_mm` (n,): distances from the edge, and how far the
+    surface lies below the face there; `depth_mm` of the face over the gel at the profile's end, about;
+    `missing_mm` what the slopes as read lack of the step, `std_mm` how far the step may be off.
+    """
+
+    centre_mm: Pair
+    radius_mm: float
+    reach_mm: float
+    places_mm: Floats
+    fall_mm: Floats
+    depth_mm: float
+    missing_mm: float
+    std_mm: float
+
+
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
+    """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
+    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit)]
+    return [wall for wall in walls if wall is not None]
+
+
+def restore(slopes: SlopeMap, walls: list[PunchEdge], mm_per_px: Pair) -> None:
+    """Put the law's slopes in place of those that the walls hide, in place.
+
+    Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
+    slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
+    """
+    half = 0.5 * min(mm_per_px)
+    for wall in walls:
+        outer, inner = wall.radius_mm + wall.reach_mm, wall.radius_mm + wall.places_mm[0]
+        window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
+        square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
+        p, q = slopes.dz_dx[window], slopes.dz_dy[window]
+        face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
+        known = cv2.countNonZero(face) >= MIN_FACE
+        tilt = (cv2.mean(p, face)[0], cv2.mean(q, face)[0]) if known else (0.0, 0.0)
+        band = (square >= inner * inner) & (square < outer * outer)
+        rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
+        x, y, r = x.ravel().take(columns), y.ravel().take(rows), np.sqrt(square[band])
+        steep, left = _looked_up(wall, r, half)
+        steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm) / r
+        p[band] = steep * x + tilt[0] * left
+        q[band] = steep * y + tilt[1] * left
+
+
+def _looked_up(wall: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
+    """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
+    below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
+    steep, left = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm
+    at = (r - (wall.radius_mm + wall.places_mm[0])) / (wall.places_mm[1] - wall.places_mm[0])
+    i = at.astype(np.int32)
+    at -= i
+    np.minimum(i, len(steep) - 2, out=i)
+    steep, left = (line.take(i) + at * np.diff(line).take(i) for line in (steep, left))
+    return steep, left
+
+
+def restore_windows(
+    fine: Sequence[Planes], windows: Sequence[Window], valid: Bools, mm_per_px: Pair, limit: float
+) -> list[PunchEdge]:
+    """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
+    found = []
+    for window, (p, q) in zip(windows, fine, strict=True):
+        slopes = SlopeMap(p, q, valid[window])
+        walls = find_punch_edges(slopes, mm_per_px, limit)
+        restore(slopes, walls, mm_per_px)
+        top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
+        found += [replace(wall, centre_mm=(wall.centre_mm[0] + left, wall.centre_mm[1] + top)) for wall in walls]
+    return found
+
+
+def _through(rim: CircularEdge, limit: float, px: float) -> PunchEdge | None:
+    """The law through the gentle slopes beside a wall; None where too few of them are seen."""
+    mean, s = rim.slopes, rim.places_mm - rim.radius_mm
+    far = max(FAR * rim.radius_mm, 8 * px)
+    known = np.isfinite(mean)
+    steep = known & ~(rim.highest < limit)
+    use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
+    if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
+        return None
+    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + rim.std**2)[use]
+    law = _Law(rim.radius_mm, px, far)
+    found, covariance = law.fitted(s[use], mean[use], std)
+    shift, reach = float(found[0]), float(s[steep].max() + px)
+    falls, fall, rate = law.falls(found, reach - shift)
+    with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
+    inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
+    bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
+    read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
+    table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
+    return PunchEdge(rim.centre_mm, rim.radius_mm + shift, reach - shift, law.edges[table], falls[table],
+                fall + beyond, fall - read,
+                float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
+
+
+class _Law:
+    """The law on a fine grid. Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2."""
+
+    def __init__(self, radius_mm: float, px: float, far: float) -> None:
+        self.radius_mm, self.px, self.step = radius_mm, px, FINE * px
+        self.edges = np.arange(-14 * px, far + 8 * px, self.step)
+        self.places = self.edges[:-1] + 0.5 * self.step
+        s = np.maximum(self.edges, 0.0)
+        log, root = np.arccosh(1.0 + s / radius_mm), np.sqrt(s * (s + 2.0 * radius_mm))  # of r = a + s
+        angle = np.arctan(root / radius_mm)
+        self.lines = np.stack(
+            [angle, radius_mm * (log - angle), radius_mm * (root - radius_mm * (2 * log - angle))]
+        )
+        self.rates = np.diff(self.lines, axis=1) / self.step
+
+    def fitted(self, s: Floats, slopes: Floats, std: Floats) -> tuple[Floats, Floats]:
+        """The unknowns (6,) that `slopes` (n,) seen at `s` with deviations `std` make likeliest; their covariance.
+
+        Damped Gauss-Newton from the usual blur and the half-space's law through what lies outside.
+        """
+        rate = np.interp(s, self.places, self.rates[0]) * (s > 3 * self.px)
+        usual = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
+                          float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
+        bend = 3 * usual[3] / self.radius_mm
+        prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3], bend, bend / self.radius_mm]) ** -2
+
+        def left(unknown: Floats) -> tuple[float, Floats, Floats]:
+            """Squares that are left, half their gradient (6,), and the normal equations (6, 6)."""
+            seen, rates = self._seen(unknown, s)
+            off, aside = (seen - slopes) / std, unknown - usual
+            rates /= std
+            uphill, normal = rates @ off + prior * aside, rates @ rates.T
+            normal[EACH, EACH] += prior
+            return float(off @ off + prior @ aside**2), uphill, normal
+
+        unknown, damping = usual, DAMPING
+        squares, uphill, normal = left(unknown)
+        for _ in range(MAX_ITERATIONS):
+            if uphill @ solved(normal, uphill) < CONVERGENCE_TOL:
+                break
+            for _ in range(5):
+                trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)
+                after = left(trial)
+                if after[0] < squares:
+                    break
+                damping *= 30.0
+            else:
+                break
+            unknown, (squares, uphill, normal), damping = trial, after, max(0.1 * damping, DAMPING)
+        return unknown, np.asarray(cv2.invert(normal)[1])
+
+    def falls(self, unknown: Floats, s: float) -> tuple[Floats, float, Floats]:
+        """Falls at the grid's edges from the shifted edge on, the one at `s`, and its rates (6,) by unknown."""
+        sigma = np.exp(unknown[1]) / self.step
+        lines = _blur(self.lines, sigma)
+        falls = unknown[3:] @ lines
+        i = min(max(int((s - self.edges[0]) / self.step), 1), len(falls) - 3)
+        part = (s - self.edges[i]) / self.step
+        before, low, high, after = falls[i - 1 : i + 3]
+        there = (1.0 - part) * lines[:, i] + part * lines[:, i + 1]
+        bend = (1.0 - part) * (before + high - 2.0 * low) + part * (low + after - 2.0 * high)
+        rates = np.array([-(high - low) / self.step, sigma * sigma * bend, 0.0, *there])
+        return falls, float(unknown[3:] @ there), rates
+
+    def _seen(self, unknown: Floats, s: Floats) -> tuple[Floats, Floats]:
+        """Slopes (n,) that the picture shows at `s` (n,), and their rates (6, n) by unknown.
+
+        A Gaussian's blur diffuses: what the log of its sigma adds is sigma^2 times the second derivative.
+        """
+        edge, camera = np.exp(unknown[1:3]) / self.step
+        rates = _blur(self.rates, edge)
+        slope = unknown[3:] @ rates
+        up = 1.0 / np.sqrt(1.0 + slope * slope)
+        light = np.zeros((2, 5, len(slope)))  # sine and cosine; both, and by blur of the edge and the three c
+        light[0, 0], light[1, 0] = slope * up, up
+        light[0, 1, 1:-1] = edge**2 * (slope[2:] + slope[:-2] - 2.0 * slope[1:-1])
+        light[0, 2:] = rates
+        light[0, 1:] *= up**3
+        np.multiply(light[0, 1:], -slope, out=light[1, 1:])
+        sigma = max(camera, 1.0) * self.step
+        away = ((s - unknown[0])[:, None] - self.places) / sigma
+        near = np.exp(-0.5 * away * away)
+        blurred = np.matmul(light, near.T)
+        seen = blurred[0, 0] / blurred[1, 0]
+        found = np.empty((2, 6, len(s)))
+        found[:, 1], found[:, 3:] = blurred[:, 1], blurred[:, 2:]
+        near *= away
+        found[:, 0] = light[:, 0] @ near.T / sigma
+        near *= away
+        found[:, 2] = light[:, 0] @ near.T
+        return seen, (found[0] - seen * found[1]) / blurred[1, 0]
+
+
+def _blur(rows: Floats, sigma: float) -> Floats:
+    """Lines (K, n) blurred by `sigma` of their steps."""
+    sigma = min(max(sigma, 0.3), 0.25 * rows.shape[1])  # a step of the fit may stray
+    size = round(8.0 * sigma + 1.0) | 1
+    return np.asarray(cv2.GaussianBlur(rows, (size, 1), sigma, borderType=cv2.BORDER_REPLICATE))

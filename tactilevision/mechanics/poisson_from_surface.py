@@ -1,0 +1,343 @@
+"""Poisson's ratio from the picture: the gel beside a flat punch rises the more, the less it can be compressed.
+
+For every press i and block of the height map (surface_view.py)
+
+    depth = g_i + (t_i, s_i).(x, y) + u_i D(r; nu, a/h, w_i/h, mu) + noise,
+    D = 1 (+ e_i) under the face, -rise/depth at the *seen* radius beside it,
+
+u_i the depth on the map's own scale (its gain does not matter: only the ratio of rise to depth speaks), g, t, s
+its zero plane (and its bowl, where the light may drift), e_i the error of the step at the punch's wall, and small
+shifts of the centre. All these are linear and eliminated for each press; nu, h, mu, the map's gain and what is
+open of the profile's shape are left, with their priors, for a few steps of least squares. A view without the face
+needs a certified depth; the gain then links the two. The noise of the block means is estimated from the residuals
+(variance, correlation length, a white part), and the interval is widened to the scatter that really shows:
+between presses, between depths (rise over depth is one function at all of them), between directions from the
+punch (a light that is read wrong errs alike in all presses). It holds for a wide gel, a punch that stands
+straight within a few hundredths, and depths within the range of the profile's source.
+
+Source: the profile is profile.py's; elimination of linear parameters: Golub, Pereyra, SIAM J. Numer. Anal. 10
+(1973) 413; widening: White, Econometrica 48 (1980) 817, in clusters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.mechanics.correlated import WHITE, NoiseModel, estimate_noise
+from tactilevision.mechanics.profile import LIKELY_SHARE, LINEAR, SHARE_STD, ProfileModel
+from tactilevision.mechanics.surface_press import (
+    Joint,
+    Press,
+    WhitePress,
+    prepare,
+    residual,
+    true_depth,
+    unknowns,
+    whiten,
+)
+from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
+from tactilevision.mechanics.tables.profile import TABULATED
+from tactilevision.records import Estimate, Floats
+
+START = 0.45
+AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
+PINNED = 1e-6  # standard deviation of what is taken as known
+MIN_CLUSTERS = 4
+SECTORS = 8  # of directions from the punch
+SAME_DEPTH = 0.1
+NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFitSettings:
+    """How the maps are read. Lengths in mm.
+
+    `guard_mm` on either side of the punch's edge is left out; the profile is used to `reach` thicknesses beyond
+    it. `blur_mm` is the standard deviation of the map's blur, `step_std` that of the face's depth as a share of it
+    (0: the step at the wall is as good as the rest of the map), `gain_std` that of the map's gain,
+    `bowl_std_per_mm` that of the zero plane's curvature.
+    """
+
+    block_mm: float = 1.0
+    guard_mm: float = 0.6
+    reach: float = 2.2
+    blur_mm: float = 0.0
+    step_std: float = 0.0
+    gain_std: float = 0.05
+    bowl_std_per_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFit:
+    """nu from the picture, with what was fitted beside it.
+
+    `names` and `values`, `covariance` of the joint parameters: poisson_ratio, log_thickness (over the stated
+    one), friction_share (of friction's full effect), gain, then the model's errors of shape. `press_estimates`
+    (n,): nu as each press alone would move it; `effective_samples` counts independent readings; `residual_mm`
+    is the rms of the block means' misfit; `left_out` names the views that were not used.
+    """
+
+    poisson_ratio: Estimate
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    press_estimates: Floats
+    effective_samples: float
+    residual_mm: float
+    noise: NoiseModel
+    model: str
+    left_out: tuple[str, ...]
+
+
+NAMES = ("poisson_ratio", "log_thickness", "friction_share", "gain")
+LOWER, UPPER = (-0.5, 0.0, 0.5), (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    presses: tuple[Press, ...]
+    thickness_mm: float
+    prior: Floats
+    prior_std: Floats
+    model: ProfileModel
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        low, high = self.model.poisson_range
+        free = np.ones(len(self.model.shape_error))
+        return np.array([low, *LOWER, *-free]), np.array([high, *UPPER, *free])
+
+
+def fit_poisson_ratio(
+    views: Sequence[SurfaceView],
+    *,
+    thickness_mm: float,
+    thickness_std_mm: float = 0.0,
+    model: ProfileModel | None = None,
+    settings: SurfaceFitSettings | None = None,
+) -> SurfaceFit:
+    """Fit nu to the surfaces of any number of presses, of any depths and punch radii, together.
+
+    Where no model is given, finite elements' table is taken for gels that it holds, else linear theory. Views that
+    the model does not reach (too deep, too thin or thick a gel) are left out and named.
+    Raises InputError where no view is left that shows both the face and the gel beside it, or a length is not
+    above 0.
+    """
+    settings = settings or SurfaceFitSettings()
+    if not (thickness_mm > 0 and thickness_std_mm >= 0):
+        raise InputError("the gel's thickness lies above 0 mm", where="fit_poisson_ratio", value=thickness_mm)
+    if settings.guard_mm < 3 * settings.blur_mm:
+        raise InputError(
+            "the guard band spans three times the blur", where="fit_poisson_ratio", value=settings.guard_mm
+        )
+    thickness = (thickness_mm, thickness_std_mm)
+    if model is not None:
+        return _fit(views, thickness, model, settings)
+    low, high = TABULATED.a_over_h_range
+    if all(low <= view.radius_mm / thickness_mm <= high for view in views):
+        fit = _fit(views, thickness, TABULATED, settings)
+        if fit.values[0] > TABULATED.poisson_range[0] + AT_BOUND:
+            return fit
+    return _fit(views, thickness, LINEAR, settings)
+
+
+def _fit(
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
+) -> SurfaceFit:
+    task = _task(views, thickness, model, settings)
+    rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
+    task = replace(task, presses=_presses(_centred(task, rough), thickness[0], model, settings))
+    white = [whiten(press, WHITE) for press in task.presses]
+    misfits = [residual(w, _joint(task, rough), model)[: len(w.goal)] * WHITE.white_mm for w in white]
+    noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
+    white = [whiten(press, noise) for press in task.presses]
+    fit = _report(task, _solve(task, rough, white), white, noise)
+    used = {press.blocks.view.name for press in task.presses}
+    return replace(fit, left_out=tuple(view.name for view in views if view.name not in used))
+
+
+def _presses(
+    views: Sequence[SurfaceView], thickness_mm: float, model: ProfileModel, settings: SurfaceFitSettings
+) -> tuple[Press, ...]:
+    found = []
+    for view in views:
+        reach = view.radius_mm + settings.reach * thickness_mm
+        blocks = reduce_view(view, block_mm=settings.block_mm, guard_mm=settings.guard_mm, reach_mm=reach)
+        press = prepare(
+            blocks, blur_mm=settings.blur_mm, step_std=settings.step_std, bowl_std_per_mm=settings.bowl_std_per_mm
+        )
+        low, high = model.a_over_h_range
+        if press is None or not low <= view.radius_mm / thickness_mm <= high:
+            continue
+        if true_depth(press, 1.0) <= model.deepest * thickness_mm:
+            found.append(press)
+    return tuple(found)
+
+
+def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
+    """The views with the centre that a first fit finds: near the edge the profile bends too much for one step."""
+    moved = []
+    for press in task.presses:
+        view = press.blocks.view
+        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), task.model)[-2:]
+        moved.append(replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y))))
+    return moved
+
+
+def _task(
+    views: Sequence[SurfaceView], thickness: tuple[float, float], model: ProfileModel, settings: SurfaceFitSettings
+) -> _Task:
+    presses = _presses(views, thickness[0], model, settings)
+    if not presses:
+        raise InputError(
+            "no height map within the profile's range shows both the face and the gel beside it",
+            where="fit_poisson_ratio",
+            value=len(views),
+            remedy="Take a wider view, other depths, or the linear model.",
+        )
+    friction_std = SHARE_STD if model.frictional else PINNED
+    shape = [std for _, std in model.shape_error]
+    std = np.array([np.inf, max(thickness[1] / thickness[0], PINNED), friction_std, settings.gain_std, *shape])
+    start = np.array([START, 0.0, LIKELY_SHARE, 1.0, *np.zeros(len(shape))])
+    return _Task(presses, thickness[0], start, std, model)
+
+
+def _joint(task: _Task, theta: Floats) -> Joint:
+    nu, log_thickness, friction, gain, *shape = (float(value) for value in theta)
+    return Joint(nu, task.thickness_mm * float(np.exp(log_thickness)), friction, gain, tuple(shape))
+
+
+def _residuals(
+    task: _Task, theta: Floats, white: Sequence[WhitePress], *, rise_factor: float = 1.0
+) -> list[Floats]:
+    joint = _joint(task, theta)
+    return [residual(press, joint, task.model, rise_factor=rise_factor) for press in white]
+
+
+def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:
+    from scipy.optimize import least_squares
+
+    def everything(values: Floats) -> Floats:
+        parts = _residuals(task, values, white)
+        return np.concatenate([*parts, (values - task.prior) / task.prior_std])
+
+    def slopes(values: Floats) -> Floats:
+        return np.concatenate([*_slopes(task, values, white), np.diag(1 / task.prior_std)])
+
+    start = np.clip(theta, task.bounds[0] + 1e-6, task.bounds[1] - 1e-6)
+    scale = np.minimum(task.prior_std, 0.1)
+    found = least_squares(everything, start, jac=slopes, bounds=task.bounds, x_scale=scale, ftol=1e-5, xtol=1e-5)
+    return np.asarray(found.x)
+
+
+def _report(task: _Task, theta: Floats, white: Sequence[WhitePress], noise: NoiseModel) -> SurfaceFit:
+    now = _residuals(task, theta, white)
+    slopes = _slopes(task, theta, white)
+    information = np.diag(task.prior_std**-2.0)
+    own = [slope.T @ slope for slope in slopes]
+    covariance = np.linalg.inv(information + sum(own)).astype(float)
+    scores = np.array([slope.T @ part for slope, part in zip(slopes, now, strict=True)])
+    other = _residuals(task, theta, white, rise_factor=1 + task.model.relative_error)
+    pull = sum(slope.T @ (b - a) for slope, a, b in zip(slopes, now, other, strict=True))
+    systematic = float((covariance @ pull)[0])
+    depths = _by_depth(white, scores)
+    groups = (scores, _by_direction(white, slopes, now), depths)
+    shown = max(_clustered(covariance, information, part) for part in groups)
+    if len(depths) < MIN_CLUSTERS:  # no scatter tells what the model has wrong at these depths
+        systematic = float(np.hypot(systematic, task.model.single_depth_std / np.sqrt(len(depths))))
+    own_nu = np.array([part[0, 0] for part in own])
+    alone = theta[0] - scores[:, 0] / own_nu
+    systematic = float(np.hypot(systematic, _trend(task.presses, alone, own_nu)))
+    return SurfaceFit(
+        poisson_ratio=_estimate(theta[0], np.sqrt(covariance[0, 0]), shown, systematic),
+        names=NAMES,
+        values=theta,
+        covariance=covariance,
+        press_estimates=alone,
+        effective_samples=sum(noise.effective_samples(press.blocks) for press in task.presses),
+        residual_mm=float(np.hypot(noise.std_mm, noise.white_mm)),
+        noise=noise,
+        model=task.model.name,
+        left_out=(),
+    )
+
+
+def _slopes(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> list[Floats]:
+    """Derivative of each press's residual by the k joint unknowns, (n + UNKNOWNS + 1, k); inwards at a bound."""
+    base = _residuals(task, theta, white)
+    columns = []
+    for index in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[index] = 1e-4 if theta[index] + 1e-4 <= task.bounds[1][index] else -1e-4
+        moved = _residuals(task, theta + step, white)
+        columns.append([(b - a) / step[index] for a, b in zip(base, moved, strict=True)])
+    return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+
+
+def _by_direction(white: Sequence[WhitePress], slopes: Sequence[Floats], now: Sequence[Floats]) -> Floats:
+    """Scores (SECTORS, k) of the blocks that lie in one direction from the punch, over all presses.
+
+    A map that reads one light wrong errs alike in one direction in every press.
+    """
+    total = np.zeros((SECTORS, slopes[0].shape[1]))
+    for press, slope, part in zip(white, slopes, now, strict=True):
+        count, blocks = len(press.goal), press.press.blocks
+        misfit = np.linalg.solve(press.whitener, part[:count])
+        scores = (press.whitener.T @ slope[:count]) * misfit[:, None]
+        turn = np.arctan2(blocks.y_mm, blocks.x_mm) / (2 * np.pi) % 1.0
+        np.add.at(total, np.minimum((SECTORS * turn).astype(int), SECTORS - 1), scores)
+    return total
+
+
+def _trend(presses: Sequence[Press], estimates: Floats, weights: Floats) -> float:
+    """Half of what nu changes by over the depths, as far as that exceeds what noise and scatter make at 95 %.
+
+    The gel has one nu: a change with depth is what profile or map have wrong, and no depth is known to be right.
+    """
+    from scipy.stats import t
+
+    depth = np.array([true_depth(press, 1.0) for press in presses])
+    reach = float(np.ptp(depth))
+    if len(depth) < MIN_CLUSTERS or reach < SAME_DEPTH * depth.max():
+        return 0.0
+    away = depth - np.average(depth, weights=weights)
+    power = float(weights @ away**2)
+    slope = float(weights @ (away * estimates)) / power
+    left = estimates - np.average(estimates, weights=weights) - slope * away
+    scatter = float(weights @ left**2) / (len(depth) - 2)  # 1 where it is the noise's own
+    chance = float(t.ppf(0.975, len(depth) - 2)) ** 2 * max(scatter, 1.0) / power
+    return 0.5 * reach * float(np.sqrt(max(slope**2 - chance, 0.0)))
+
+
+def _by_depth(white: Sequence[WhitePress], scores: Floats) -> Floats:
+    """Scores (groups, k) of the presses of about one depth: what a model has wrong there, repeats do not mend."""
+    depth = np.array([true_depth(press.press, 1.0) for press in white])
+    order = np.argsort(depth)
+    group = np.concatenate([[0], np.cumsum(np.diff(depth[order]) > SAME_DEPTH * depth[order][1:])])
+    total = np.zeros((int(group[-1]) + 1, scores.shape[1]))
+    np.add.at(total, group, scores[order])
+    return total
+
+
+def _clustered(covariance: Floats, information: Floats, scores: Floats) -> float:
+    """Half of the 95 % interval of nu that the scatter of groups shows; 0 for fewer than four of them."""
+    from scipy.stats import t
+
+    count = len(scores)
+    if count < MIN_CLUSTERS:
+        return 0.0
+    meat = scores.T @ scores * count / (count - 1) + information * np.isfinite(information)
+    spread = covariance @ meat @ covariance
+    return float(t.ppf(0.975, count - 1) * np.sqrt(spread[0, 0]))
+
+
+def _estimate(value: float, std: float, shown: float, systematic: float) -> Estimate:
+    half = float(np.hypot(max(1.96 * std, shown), 1.96 * systematic))
+    low, high = max(value - half, 0.0), min(value + half, 0.5)
+    if high - low > NO_ANSWER_WIDTH:
+        return Estimate(None, None, (low, high), "", "the rise beside the punch is lost in the noise of the maps")
+    return Estimate(float(value), half / 1.96, (low, high), "")

@@ -1,0 +1,1 @@
+"""Ball presses: detection, samples, consistency, cross-validation."""

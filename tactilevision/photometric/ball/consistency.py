@@ -1,0 +1,112 @@
+"""What ball presses say against themselves: radii that contradict each other, one contact in all of the pictures.
+
+A ball whose radius is stated k times too large shows slopes 1/k of those that a law of the others expects: the
+scale of slope at a ball that was left out, found over stated, is then k. One radius alone can never be told wrong
+by slopes, two can. And a contact that was in the reference is in every picture, the wrong way round: where
+it is taken for the ball, all balls lie at one place and are of one size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.records import Floats, Pair
+
+COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
+SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
+MOST = 0.75  # of the balls; the others are seen between the two contacts
+MIN_OF_EACH = 3
+MIN_APART = 0.1  # of the scale: places and sizes differ by half of it
+SIGMAS = 3.0
+MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
+ODD = 5.0  # times the scatter of the others
+MAX_NAMED = 3
+LITTLE = 0.1
+
+
+def one_contact(balls: Sequence[Ball | None]) -> Pair | None:
+    """Where (x, y in px) MOST of the balls found lie, if they are one and the same contact; None otherwise."""
+    found = [ball for ball in balls if ball is not None]
+    if len(found) < 3:
+        return None
+    size = np.array([ball.contact_radius_px for ball in found])
+    place = np.array([ball.centre_px for ball in found])
+    middle = np.median(place, axis=0)
+    usual = float(np.median(size))
+    same = (np.hypot(*(place - middle).T) < SAME_PLACE * usual) & (np.abs(size - usual) < SAME_SIZE * usual)
+    return (float(middle[0]), float(middle[1])) if same.mean() >= MOST else None
+
+
+def radii_apart(
+    radii_mm: Mapping[int, float], gains_without: Callable[[Sequence[int]], Mapping[int, float]]
+) -> list[str]:
+    """A warning where stated radii (mm, by the number of the ball) contradict each other.
+
+    `gains_without` some balls: the scale of slope at each of them by a law of the others (`left_out.gains_of`).
+    """
+    for radius in sorted({*radii_mm.values()})[1:]:
+        group = [number for number in radii_mm if radii_mm[number] == radius]
+        if min(len(group), len(radii_mm) - len(group)) < MIN_OF_EACH:
+            continue
+        scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
+        apart = float(np.median(scale))
+        if abs(apart) > max(MIN_APART, SIGMAS * _scatter(scale) / np.sqrt(scale.size)):
+            return [
+                f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
+                f"slopes as of {radius / np.exp(apart):.2g} mm. One radius is wrong, and depth with it: see "
+                "ball_radius_mm in reference/ball.csv"
+            ]
+    return []
+
+
+def odd_balls(
+    gains: Mapping[int, float], balls: Sequence[Ball | None], names: Sequence[str], *, unsure: Mapping[int, float]
+) -> list[str]:
+    """Warnings of single balls whose scale of slope is far from that of all others, each left out of its law.
+
+    `unsure` says how far that law's scale may be off at the ball: in a corner without another one it is no wonder.
+    """
+    scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
+    all_of = np.array(list(scale.values()))
+    usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * _scatter(all_of))
+    odd = sorted(
+        (number for number in scale if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
+        key=lambda number: -abs(scale[number] - usual),
+    )
+    told = []
+    for number in odd[:MAX_NAMED]:
+        ball, share = balls[number], np.exp(scale[number] - usual)
+        assert ball is not None
+        told.append(
+            f"{names[number] or f'ball {number + 1}'}: its slopes are "
+            f"{f'{share:.2g}' if share > LITTLE else f'less than {LITTLE:g}'} times what the other balls make of "
+            f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact"
+        )
+    return told
+
+
+def in_reference(touched: Pair | None) -> list[str]:
+    """A contact in the reference is named alone: with it most balls are odd."""
+    if touched is None:
+        return []
+    x, y = touched
+    return [
+        f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a contact in the reference"
+    ]
+
+
+def coverage(cover: Floats) -> list[str]:
+    """Balls all in one corner say nothing about the light elsewhere."""
+    if cover.min() > COVERED:
+        return []
+    return [
+        f"the ball presses cover {100 * cover[0]:.0f} % by {100 * cover[1]:.0f} % of the picture only; "
+        "slopes elsewhere are extrapolated"
+    ]
+
+
+def _scatter(values: Floats) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))

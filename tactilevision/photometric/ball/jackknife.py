@@ -1,0 +1,64 @@
+"""How differently a calibration would have read slopes, place by place, had other balls been pressed.
+
+A law f is fitted to all balls, and laws f_1 .. f_K each without a K-th of them. What other balls would have made
+of f scatters by
+
+    std^2 = (K - 1)/K sum_k (f_k - f)^2
+
+(the delete-a-group jackknife; Wolter, Introduction to Variance Estimation, 2007, 4.2), which needs no truth. Of
+slopes it is asked what a contact's depth rests on: with u the colours that a slope of s in the direction n gives,
+
+    gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
+
+u is drawn from the light's law (`through_light.py`). Small between the balls, large beyond the outermost ones,
+where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
+(`held_out_depth.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
+that the law was fitted to show that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.methods.inverse_shading import colours_of, fit_light
+from tactilevision.records import Floats
+
+PLACES = (16, 12)  # across, down
+DIRECTIONS = 12
+CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
+STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
+
+
+def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
+    """Standard deviation (...) of a quantity from what leaving out each of K groups adds to it, K arrays (...)."""
+    return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
+
+
+def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> Floats:
+    """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`.
+
+    `others` are the laws fitted without a group of balls each, `contact` the samples under all of them.
+    """
+    x, y = (2.0 * (np.arange(count) + 0.5) / count - 1.0 for count in PLACES)
+    place = np.stack([grid.ravel() for grid in np.meshgrid(x, y)], axis=1)
+    light = fit_light(contact)
+    gains = np.zeros((len(others), len(place)))
+    for steep in np.hypot(*contact.slopes.T).max() * np.array(STEEP):
+        for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+            along = np.array([np.cos(angle), np.sin(angle)])
+            seen = colours_of(light, np.tile(steep * along, (len(place), 1)), place)
+            now = law.at(seen, place) @ along
+            gains += [(other.at(seen, place) @ along - now) / steep for other in others]
+    gains /= DIRECTIONS * len(STEEP)
+    maps = [
+        cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)
+        for gain in gains.reshape(len(others), *PLACES[::-1])
+    ]
+    return jackknife_std(maps)

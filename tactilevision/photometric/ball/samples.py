@@ -1,0 +1,110 @@
+"""Pairs of colour change and slope, out of ball presses: what every photometric method learns from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball.detection import Ball, ball_slopes
+from tactilevision.photometric.illumination.colour_change import Planes
+from tactilevision.records import Bools, Floats, Pair
+
+CONTACT = 9000  # samples under balls, over all presses
+RESTING = 4000  # samples of untouched gel
+INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
+OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
+
+    `noise` (N, 3): standard deviation of the changes, None where they are known exactly.
+    """
+
+    change: Floats
+    place: Floats
+    slopes: Floats
+    press: npt.NDArray[np.int64]
+    noise: Floats | None = None
+
+    def where(self, chosen: Bools) -> Samples:
+        noise = None if self.noise is None else self.noise[chosen]
+        return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
+
+
+def join(parts: Sequence[Samples]) -> Samples:
+    return Samples(
+        np.concatenate([p.change for p in parts]),
+        np.concatenate([p.place for p in parts]),
+        np.concatenate([p.slopes for p in parts]),
+        np.concatenate([p.press for p in parts]),
+    )
+
+
+def inside_ball(
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+) -> Samples:
+    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats."""
+    x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
+    inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
+    index = _draw(inside, most, rng)
+    p, q = ball_slopes(x[index], y[index], ball.contact_radius_px * mm_per_px[0], ball.radius_mm)
+    return _at(change, index, np.stack([p, q], axis=1), number)
+
+
+def untouched(
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+) -> Samples:
+    """Samples far from the ball, where slope is 0 and what change there is, is noise."""
+    _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
+    index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
+    return _at(change, index, np.zeros((len(index[0]), 2)), number)
+
+
+def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
+    """Where (H, W) the gel counts as untouched by the ball."""
+    return radii_from(ball, shape, mm_per_px) > OUTSIDE
+
+
+def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
+    """Distance (H, W) from the ball's axis, in radii of its contact."""
+    return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
+
+
+def with_noise(samples: Samples, noise: Planes) -> Samples:
+    """The samples with the noise of their changes, out of pictures of it (3, H, W)."""
+    return replace(samples, noise=seen_at(samples, noise))
+
+
+def seen_at(samples: Samples, pictures: Planes) -> Floats:
+    """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
+    columns, rows = (
+        np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
+        for at, n in zip(samples.place.T, pictures.shape[:0:-1], strict=True)
+    )
+    return np.asarray(pictures[:, rows, columns].T, np.float64)
+
+
+def _from_axis(shape: tuple[int, ...], ball: Ball, mm_per_px: Pair) -> tuple[Floats, Floats, Floats]:
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
+    return x, y, np.hypot(x, y)
+
+
+def _draw(where: Bools, most: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    rows, columns = np.nonzero(where)
+    chosen = rng.choice(len(rows), min(most, len(rows)), replace=False)
+    return rows[chosen], columns[chosen]
+
+
+def _at(
+    change: Planes, index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]], slopes: Floats, number: int
+) -> Samples:
+    height, width = change.shape[1:]
+    place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)
+    seen = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
+    return Samples(seen, place, slopes, np.full(len(place), number))

@@ -1,0 +1,1 @@
+"""The light: drift since the reference, colour change, camera response."""

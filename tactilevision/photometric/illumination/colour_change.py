@@ -1,0 +1,171 @@
+"""Colour change against the untouched gel: the quantity that slope is read from.
+
+    u_c = (I_c / (1 + drift_c) - I0_c) / (I0_c + s)
+
+Where lamps have faded apart or stray light stands out, their part is undone first, in light (`drift.py`).
+Dividing by the local brightness makes u nearly the same function of slope all over the picture; the softening s
+keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
+leans over the picture is small, and applied to first order.
+Marks on the gel are filled from around, in I0 once and in u frame by frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.illumination.block_means import means
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undone
+from tactilevision.photometric.markers import fill, marked
+from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
+from tactilevision.records import Bools, Bytes, Floats
+
+SHADOW_PX = 4  # pixels apart that shadows are looked for
+STRIP_PX = 25000  # pixels worked on at once, so that all that is made of them stays in the cache
+
+Planes = npt.NDArray[np.float32]
+Window = tuple[slice, slice]  # rows and columns
+
+
+class ChangeMaps:
+    """What makes colour changes of brightness: an untouched picture `mean` (3, h, w), at places x (w,), y (h,)."""
+
+    def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
+        self.mean, self.x, self.y = mean, x, y
+        self.scale: Planes = np.empty_like(mean)
+        self.settle()
+        # a plane over the picture is the product of two thin matrices: gain = down @ across
+        self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
+
+    def settle(self) -> None:
+        """To be called when `mean` has changed."""
+        np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
+        np.reciprocal(self.scale, out=self.scale)
+
+    def light(self, gains: Floats) -> None:
+        """Count from here on with the `gains` (3, 3) of a drift."""
+        share = 1.0 / (1.0 + gains[:, 0, None])
+        self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
+        self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
+
+    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, out: Planes) -> Planes:
+        """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
+        rows, columns = window
+        np.matmul(self.down[:, rows], self.across[..., columns], out=out)
+        for grey, plane in zip(greys, out, strict=True):
+            cv2.multiply(grey, plane, dst=plane, dtype=cv2.CV_32F)
+        out += np.float32(SOFTENING_GREY)
+        out *= self.scale[:, rows, columns]
+        out -= np.float32(1.0)
+        return out
+
+
+class ColourChange:
+    """Turns rectified frames into colour changes (3, H, W) float32, in buffers made once."""
+
+    def __init__(self, reference: Reference, response: Response | None = None) -> None:
+        self.reference = reference
+        self.tracker = DriftTracker(reference, response or Response())
+        mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
+        if reference.marks is not None:
+            fill(mean, reference.marks.mask)
+        x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
+        self.maps = ChangeMaps(mean, x, y)
+        self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
+        self.darkest = darkest_grey(reference.noise_grey)
+        self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
+        self.undo: Floats | None = None
+        self._whole: Planes = np.empty_like(mean)
+
+    def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+        """Changes (3, H, W), drift, and validity (H, W) of a frame.
+
+        The changes are overwritten by the next call.
+        """
+        drift, valid = self.take(rgb)
+        for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
+            self.maps.changes(self.greys(window), window, self._whole[:, window[0]])
+        if self.reference.marks is not None:
+            fill(self._whole, marked(rgb, self.reference.marks))
+        return self._whole, drift, valid
+
+    def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
+        """Take a frame in: its drift, and validity (H, W), to be left so; `within` then tells its changes."""
+        self._check(rgb)
+        drift = self.tracker.measure(rgb)
+        self.maps.light(drift.gains)
+        self.rgb, self.undo = rgb, drift.undo
+        if rgb.max() < SATURATED and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
+            return drift, self.reference.usable
+        brightest = _brightest(rgb)
+        return drift, self.reference.usable & (brightest < SATURATED) & (brightest > self.darkest)
+
+    def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
+        """The changes (3, h, w) of the frame taken in, strip by strip of a window.
+
+        Not where marks have to be filled: `measure` sees the whole picture.
+        """
+        for window in strips(whole):
+            size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
+            out: Planes = np.empty((3, *size), np.float32)
+            yield window, self.maps.changes(self.greys(window), window, out)
+
+    def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
+        """Channels (3, h, w) of a window of the frame taken in."""
+        greys = cv2.split(self.rgb[window])
+        return greys if self.undo is None else list(undone(greys, self.undo, self.tracker.power))
+
+    def means(self, px: int) -> Planes:
+        """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
+
+        Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
+        """
+        found = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
+        return found if self.undo is None else undone(found, self.undo, self.tracker.power)
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
+        marks = self.reference.marks
+        seen = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
+        for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
+            cv2.accumulateWeighted(grey, mean, share, mask=seen)
+        self.tracker.follow(rgb, share)
+        self.maps.settle()
+
+    @property
+    def level(self) -> Planes:
+        """The untouched picture (3, H, W) that changes are counted from, without its marks."""
+        return self.maps.mean
+
+    @property
+    def scale(self) -> Planes:
+        """Change (3, H, W) of one grey level."""
+        return self.maps.scale
+
+    def _check(self, rgb: Bytes) -> None:
+        if rgb.shape != self.reference.rgb.shape or rgb.dtype != np.uint8:
+            raise InputError(
+                "the frame does not match the reference in size or type",
+                where="frame",
+                value=f"{rgb.shape} {rgb.dtype}, the reference has {self.reference.rgb.shape} uint8",
+                remedy="Use frames and reference of the same sensor and stream.",
+            )
+
+
+def _brightest(rgb: Bytes) -> Bytes:
+    """Of the three channels (H, W, 3), pixel by pixel."""
+    return np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
+
+
+def strips(window: Window) -> Iterator[Window]:
+    """The window cut into strips of whole rows, STRIP_PX at most (but one row at least)."""
+    rows, columns = window
+    step = max(1, STRIP_PX // (columns.stop - columns.start))
+    for top in range(rows.start, rows.stop, step):
+        yield slice(top, min(top + step, rows.stop)), columns

@@ -1,0 +1,1 @@
+"""Photometric methods, one a file: colour change to slope."""

@@ -1,0 +1,139 @@
+"""The polynomial by way of the light: how colours answer to slope is fitted, and slope read out of that.
+
+    (1 + u_c) sqrt(1 + p^2 + q^2) - 1 = sum_ij L_cij(X, Y) p^i q^j        1 <= i + j <= 4
+
+A matt surface under one far light makes the left side a plane through 0; the higher terms are shine, shadow and
+several lights in one channel. L is a polynomial in place, of order 3, 1, 1, 0 for i + j = 1, 2, 3, 4, since near
+lights turn over the picture. Slopes of balls are known and colours noisy, so this is the well-posed direction: a
+few balls fix it where a polynomial of slope in colours has too much freedom, and noise pulls nothing down. The law
+is then drawn all over slopes and places, and `Polynomial` fitted to the balls and, with a share of the weight, to
+what was drawn: the law says how light goes on between the balls, the balls what the law leaves out. Frames are
+read as fast as before.
+
+On five simulated sensors with 8 or 14 balls the depth of balls left out is off by 7 9 13 16 30 um, with the direct
+fit alone by 19 14 15 27 38. Lamps as near as the pad is wide need the third order: among 14 balls slopes are off
+by 1.8 % (rms over places and directions, mean of nine drawn lights), with the second by 2.2. Real light may obey
+no such law: balls left out decide which is used, one recording at a time (`AutoMethod`; so do `depth`, `force` and
+`view`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.records import Floats
+
+PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}
+RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
+UNEVEN, SHARES = (1e-4, 1e-3), (0.1, 0.5)
+BENT = 1e-2
+USUAL = 0.3  # slope at which the terms of all orders weigh alike
+GENTLE = 0.2
+DRAWN = 8000
+BEYOND = 1.1  # of the steepest slope seen
+FREE = 1e-7  # keeps the fit solvable where balls say nothing
+SMOOTH = 1e-6  # ridge of the polynomial through the drawn samples, which leave nothing open
+
+
+def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
+    """Powers (terms, 4) of p, q, X, Y: those of place go up to an order of their own for each i + j."""
+    return np.array(
+        [
+            (i, order - i, k, n - k)
+            for order, most in place_order.items()
+            for i in range(order + 1)
+            for n in range(most + 1)
+            for k in range(n + 1)
+        ]
+    )
+
+
+TERMS = terms_of(PLACE_ORDER)
+
+
+@dataclass(frozen=True)
+class InverseShading:
+    """A Fitter of the polynomial that undoes the light's law.
+
+    `uneven` penalises the law's change over the picture; `share` of the weight is on what the law says, the rest
+    on the balls themselves.
+    """
+
+    uneven: float
+    share: float
+
+    ridges = (SMOOTH,)
+
+    @property
+    def __name__(self) -> str:
+        return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
+
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
+        law = fit_light(contact, self.uneven)
+        return fit_polynomial(
+            contact, untouched_samples, ridge=ridge, drawn=_drawn(law, contact), share=self.share
+        )
+
+
+class AutoMethod:
+    """A Fitter: slopes of colours, or colours of slopes, whichever tells balls that it never saw better."""
+
+    ways = (
+        *((fit_polynomial, ridge) for ridge in RIDGES),
+        *((InverseShading(uneven, share), SMOOTH) for uneven in UNEVEN for share in SHARES),
+    )
+
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw:
+        return fit_polynomial(contact, untouched_samples, ridge=ridge)
+
+
+def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:
+    """L (terms, 3) of samples."""
+    square = np.sum(contact.slopes**2, axis=1)
+    scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
+    design = _design(contact.slopes, contact.place, terms) * scale
+    left = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
+    weights = 1.0 / (square + GENTLE**2)
+    heavy = design * (weights / weights.sum())[:, None]
+    normal = heavy.T @ design
+    normal[np.diag_indices_from(normal)] += (
+        FREE + uneven * terms[:, 2:].sum(axis=1) + BENT * (terms[:, :2].sum(axis=1) - 1)
+    )
+    return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
+
+
+def _drawn(law: Floats, contact: Samples) -> Samples:
+    """Samples of the law, spread evenly over slopes and places."""
+    even = _evenly(DRAWN, 4)
+    steep = BEYOND * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
+    angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0
+    slopes = np.stack([steep * np.cos(angle), steep * np.sin(angle)], axis=1)
+    return Samples(colours_of(law, slopes, place), place, slopes, np.zeros(DRAWN, np.int64))
+
+
+def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:
+    """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
+    square = np.sum(slopes**2, axis=1)
+    return np.asarray((1.0 + _design(slopes, place, TERMS) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)
+
+
+def _evenly(count: int, dimensions: int) -> Floats:
+    """Places (count, dimensions) in the unit cube, evener than random: Roberts' sequence, x^(d+1) = x + 1."""
+    root = 1.5
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    steps = root ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
+
+
+def _design(slopes: Floats, place: Floats, terms: npt.NDArray[np.int64]) -> Floats:
+    values = np.concatenate([slopes, place], axis=1)
+    powers = values[:, :, None] ** np.arange(5)
+    return np.asarray(np.prod(powers[:, np.arange(4), terms], axis=2))

@@ -1,0 +1,206 @@
+"""Slope as a polynomial of the colour change, its coefficients varying smoothly over the picture.
+
+    p, q = sum_k C_k(X, Y) phi_k(u)        phi: the 19 products of one to three of the colour changes r, g, b
+    C_k(X, Y) = sum_m c_km X^i Y^j         i + j up to 5, 2, 1 for products of one, two, three; X, Y from -1 to 1
+
+Lamps as near as the pad is wide turn and fade over the picture, and what undoes them is no low polynomial: on the
+lights of a GelSlim 3.0, 14 balls, slopes of .1 are off by 8 % (rms over places) with 3 in place of 5, by 6 with 5.
+
+u (3,) is the colour change of `change.py`. There is no constant term: no change of colour is no slope. The fit is
+ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are right in
+proportion as steep ones are. The ridge grows with the order in place, so that where no ball was pressed the light
+is taken to be as elsewhere.
+
+Colours are noisy, and a plain regression on what is noisy reads slopes too low (by 4 % for u of .014). With D how
+the products phi scatter by noise, drawn for each sample, the law that is right on the mean over noise solves
+
+    (phi'W phi - D'W D) c = phi'W s
+
+What noise makes of slopes is to be small as well, but no depth rests on one pixel: as variance it counts with 1 /
+AVERAGED, over samples and untouched gel alike, which keeps dark channels from shouting.
+Valid for slopes the balls reached; beyond them a cubic runs away, so the result is held to REACH times the
+steepest slope seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.illumination.colour_change import Window, strips
+from tactilevision.records import Floats
+
+PRODUCTS = tuple(pick for n in (1, 2, 3) for pick in combinations_with_replacement(range(3), n))
+RAISED = tuple(  # colour, the products of one order from it on, their products with it
+    (slice(c, c + 1), slice(start + skip, end), slice(above, above + end - start - skip))
+    for start, end, skips, aboves in ((0, 3, (0, 1, 2), (3, 6, 8)), (3, 9, (0, 3, 5), (9, 15, 18)))
+    for c, skip, above in zip(range(3), skips, aboves, strict=True)
+)
+PLACE_ORDER = {1: 5, 2: 2, 3: 1}
+MOST = max(PLACE_ORDER.values())
+LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two and three have a part in
+POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
+TYPICAL = 0.2
+AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
+FAINT = 0.5  # of a combination's power: what is more noise than this is not made up for
+REACH = 1.5
+
+Picture = npt.NDArray[np.float32]
+
+
+def _terms() -> list[tuple[int, int]]:
+    """(colour product, power in place) of every coefficient."""
+    return [
+        (k, m)
+        for k, product in enumerate(PRODUCTS)
+        for m, power in enumerate(POWERS)
+        if sum(power) <= PLACE_ORDER[len(product)]
+    ]
+
+
+TERMS = np.array(_terms())
+
+
+@dataclass(frozen=True, slots=True)
+class Polynomial:
+    """`coefficients` (2, 19, 21): slope, colour product, power in place. `steepest` slope among the samples."""
+
+    coefficients: Floats
+    steepest: float
+
+    name = "polynomial"
+
+    def at(self, change: Floats, place: Floats) -> Floats:
+        """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
+        weights = self.coefficients[:, TERMS[:, 0], TERMS[:, 1]]
+        return self._held(_design(change, place) @ weights.T)
+
+    def _held(self, slopes: Floats) -> Floats:
+        bound = REACH * self.steepest
+        return np.asarray(np.clip(slopes, -bound, bound))
+
+    def averaged(self, noise: Floats) -> Polynomial:
+        """Itself: over noise its mean changes by next to nothing but what it makes of rest (`quiet.py`)."""
+        return self
+
+    def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
+        return PolynomialEvaluator(self, shape)
+
+    def arrays(self) -> dict[str, Floats]:
+        return {"coefficients": self.coefficients, "steepest": np.array(self.steepest)}
+
+
+def fit_polynomial(
+    contact: Samples, untouched_samples: Samples, *, ridge: float, drawn: Samples | None = None, share: float = 0.0
+) -> Polynomial:
+    """The polynomial that explains the samples.
+
+    `ridge` penalises the place terms, in parts of their power. Samples `drawn` from another law, without noise,
+    have `share` of the weight.
+    """
+    still = _design(untouched_samples.change, untouched_samples.place)
+    power, noise, right = _sums(contact)
+    if drawn is not None:
+        more = _sums(drawn)
+        power, noise, right = (
+            (1.0 - share) * a + share * b for a, b in zip((power, noise, right), more, strict=True)
+        )
+    scale = np.sqrt(np.diag(power)) + 1e-12
+    normal = _without(power / np.outer(scale, scale), noise / np.outer(scale, scale))
+    still /= scale
+    normal += (noise / np.outer(scale, scale) + still.T @ still / max(1, len(still))) / AVERAGED
+    orders = np.array([sum(POWERS[m]) for m in TERMS[:, 1]])
+    normal[np.diag_indices_from(normal)] += 1e-6 + ridge * orders
+    solution = np.linalg.solve(normal, right / scale[:, None]) / scale[:, None]
+    coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
+    coefficients[:, TERMS[:, 0], TERMS[:, 1]] = solution.T
+    return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
+
+
+def _sums(samples: Samples) -> tuple[Floats, Floats, Floats]:
+    """Weighted means over samples: of the design's products, of those of its noise, of design times slope."""
+    weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
+    weights /= weights.sum()
+    design = _design(samples.change, samples.place)
+    heavy = design * weights[:, None]
+    noise = np.zeros((design.shape[1], design.shape[1]))
+    if samples.noise is not None:
+        rng = np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
+        drawn = samples.noise * rng.standard_normal(samples.noise.shape)
+        scatter = 0.5 * (
+            _design(samples.change + drawn, samples.place) - _design(samples.change - drawn, samples.place)
+        )
+        noise = (scatter * weights[:, None]).T @ scatter
+    return heavy.T @ design, noise, heavy.T @ samples.slopes
+
+
+def _without(power: Floats, noise: Floats) -> Floats:
+    """`power` less `noise`, both (K, K); of combinations that are mostly noise no more than FAINT is taken off."""
+    root = np.linalg.cholesky(power + 1e-9 * np.eye(len(power)))
+    half = np.linalg.solve(root, noise)
+    parts, directions = np.linalg.eigh(np.linalg.solve(root, half.T))
+    turned = root @ directions
+    return np.asarray(power - (turned * np.clip(parts, 0.0, FAINT)) @ turned.T)
+
+
+class PolynomialEvaluator:
+    """The polynomial over a whole picture, row by row: in one row it is a polynomial of X alone.
+
+    slope(X) = sum_i X^i sum_k c_ik(Y) phi_k(u), so that one small matrix product a row does most of the work.
+    The products phi stand in an order in which r, g, b times what follows them gives all of the next order.
+    """
+
+    def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
+        y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MOST + 1)[None, :]
+        per_row = np.zeros((shape[0], MOST + 1, 2, len(PRODUCTS)))
+        for m, (i, j) in enumerate(POWERS):
+            per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
+        self.per_row: Picture = per_row.reshape(shape[0], -1, len(PRODUCTS)).astype(np.float32)
+        # high powers of X belong to single colours alone
+        self._low = np.ascontiguousarray(self.per_row[:, :LOW])
+        self._high = np.ascontiguousarray(self.per_row[:, LOW:, :3])
+        self.x: Picture = np.linspace(-1, 1, shape[1], dtype=np.float32)
+        self.bound = np.float32(REACH * polynomial.steepest)
+
+    def __call__(self, change: Picture) -> tuple[Picture, Picture]:
+        """Slopes (H, W) and (H, W) of changes (3, H, W)."""
+        out = np.empty((2, *change.shape[1:]), np.float32)
+        for window in strips((slice(0, change.shape[1]), slice(0, change.shape[2]))):
+            self.strip(change[:, window[0]], window, out[:, window[0]])
+        return out[0], out[1]
+
+    def strip(self, change: Picture, window: Window, out: Picture) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
+        size = change.shape[1:]
+        # made anew for each strip: so it lies where the last one's was, which is still in the cache
+        products = np.empty((len(PRODUCTS), *size), np.float32)
+        products[:3] = change
+        for first, below, above in RAISED:
+            np.multiply(products[below], products[first], out=products[above])
+        by_row = np.empty((self.per_row.shape[1], *size), np.float32)
+        rows, lines = products.transpose(1, 0, 2), by_row.transpose(1, 0, 2)
+        np.matmul(self._low[window[0]], rows, out=lines[:, :LOW])
+        np.matmul(self._high[window[0]], rows[:, :3], out=lines[:, LOW:])
+        sums, x = by_row.reshape(-1, 2, *size), self.x[window[1]]
+        found = sums[MOST]
+        for i in reversed(range(MOST)):
+            found *= x
+            found += sums[i]
+        np.clip(found, -self.bound, self.bound, out=out)
+
+    def noise(self, noise: Picture) -> Picture:
+        """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
+        x = self.x[None, :] ** np.arange(MOST + 1)[:, None]
+        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MOST + 1, 2, len(PRODUCTS))[..., :3], x)
+        return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
+
+
+def _design(change: Floats, place: Floats) -> Floats:
+    colour = np.stack([np.prod(change[:, pick], axis=1) for pick in PRODUCTS], axis=1)
+    x, y = place.T
+    powers = np.stack([x**i * y**j for i, j in POWERS], axis=1)
+    return np.asarray(colour[:, TERMS[:, 0]] * powers[:, TERMS[:, 1]])

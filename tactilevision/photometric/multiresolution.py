@@ -1,0 +1,197 @@
+"""Calm gel read in means of several pixels, and what is pressed in full.
+
+Where the surface hardly slopes its colours change slowly from pixel to pixel, and the mean of 2 by 2 to 4 by 4
+says as much of it as they do one by one: a small part of the work. So the whole picture is read in such means, and
+once more pixel by pixel in windows round all that slopes by LOUD deviations of a single pixel's noise, or where
+neighbouring means differ by more than noise, as they do in a contact of their size.
+The coarse reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
+so only where frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a
+law is smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.background import noise_bias
+from tactilevision.photometric.illumination.block_means import means, usual_pixels
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
+from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.records import Bools, Bytes, SlopeMap
+from tactilevision.robust import median
+
+if TYPE_CHECKING:
+    from tactilevision.photometric.method import CalibratedMethod
+
+LOUD = 4.0
+ROUGH = (
+    3.5  # deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
+)
+EVERY = 4  # means along each side, of which one tells what most do
+BLOCK = 8  # pixels, about: grid on which windows are cut
+SHARE = 0.5  # of the picture in windows; above that all of it is read in full
+LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
+
+PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
+
+Picture = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one frame says: its slopes, the drift of its light, and the greatest |slope|."""
+
+    slopes: SlopeMap
+    drift: Drift
+    steepest: float
+
+
+@dataclass(frozen=True, slots=True)
+class TiledSlopes:
+    """What one frame says, calm gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and `fine`
+    (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
+
+    coarse: Planes
+    windows: list[Window]
+    fine: list[Planes]
+    valid: Bools
+    drift: Drift
+    steepest: float
+
+
+def smooth_pixels(method: CalibratedMethod) -> int:
+    """Pixels along each side of the means in which calm gel is read; 1 where it is to be read pixel by pixel."""
+    side = min(method.reference.shape)
+    if method.reference.marks is not None or side < LEAST:
+        return 1
+    return usual_pixels(method.reference)
+
+
+class TiledEvaluator:
+    """Reads frames for one method in means of `px` by `px`; what depends on the method alone is made once."""
+
+    def __init__(self, method: CalibratedMethod, px: int) -> None:
+        self.method, self.px = method, px
+        height, width = method.reference.shape
+        self.size = width // px, height // px
+        self.even = slice(0, px * self.size[1]), slice(0, px * self.size[0])
+        full = method.change.maps
+        x, y = (
+            np.asarray(places[:end].reshape(-1, px).mean(axis=1))
+            for places, end in ((full.x, self.even[1].stop), (full.y, self.even[0].stop))
+        )
+        self.maps = ChangeMaps(self._over(full.mean), x, y)
+        noise = self._over(method.change.noise)
+        missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
+        self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
+        self.calm = self._over(method.calm[None])[0]
+        rest = np.stack(noise_bias(self.evaluate, noise / np.float32(px))) - self._over(np.stack(method.rest))
+        self.bias = self._over(method.bias) + rest * self.calm
+        noise = self._over(method.noise[None])[0]
+        self.loud = LOUD * noise
+        self.per_noise = np.where(self.calm > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
+        self._change = np.empty_like(self.maps.mean)
+        self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
+        self.block = round(BLOCK / px)
+        blocks = [-(-n // self.block) for n in self.calm.shape]
+        self._seen = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
+
+    def follow(self, rgb: Bytes, share: float) -> None:
+        """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
+        self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
+        self.maps.settle()
+
+    def read(self, rgb: Bytes) -> Reading:
+        """As the method's own reading, calm gel in means."""
+        look = self.look(rgb)
+        return Reading(self.whole(look), look.drift, look.steepest)
+
+    def look(self, rgb: Bytes) -> TiledSlopes:
+        """What a frame says; less work than `read`. Raises as the method does."""
+        drift, valid = self.method.change.take(rgb)
+        self.maps.light(drift.gains)
+        self._read()
+        steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
+        windows, fine = self.windows(self._slopes), []
+        for window in windows:
+            slopes, steep = self.method.read_window(window)
+            steepest = max(steepest, steep)
+            fine.append(slopes)
+        return TiledSlopes(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
+
+    def whole(self, look: TiledSlopes) -> SlopeMap:
+        """The slopes of a look pixel by pixel."""
+        down, across = (side.stop for side in self.even)
+        slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)
+        for plane, mean in zip(slopes, look.coarse, strict=True):
+            cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
+        slopes[:, down:] = slopes[:, down - 1, None]
+        slopes[..., across:] = slopes[..., across - 1, None]
+        for window, fine in zip(look.windows, look.fine, strict=True):
+            slopes[:, *window] = fine
+        return SlopeMap(slopes[0], slopes[1], look.valid)
+
+    def _read(self) -> None:
+        """The slopes (2, h, w) of the frame taken in, in means."""
+        greys = self.method.change.means(self.px)
+        for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
+            change, part = self._change[:, window[0]], self._slopes[:, window[0]]
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, change), window, part)
+            part *= self.calm[window]
+            part -= self.bias[:, window[0]]
+
+    def windows(self, slopes: Planes) -> list[Window]:
+        """Windows of the whole picture round what is not calm in its coarse `slopes`, a block to spare.
+
+        Lone means are noise, but where they scatter about each other too much there is a contact of their size.
+        """
+        height, width = self.method.reference.shape
+        steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
+        seen = self._seen[: self.size[1], : self.size[0]]
+        cv2.compare(steepest, self.loud, cv2.CMP_GT, dst=seen)  # 255 where it is
+        cv2.morphologyEx(seen, cv2.MORPH_OPEN, PAIR, dst=seen)
+        scatter = cv2.multiply(_scatter(slopes), self.per_noise)
+        usual = float(median(scatter[::EVERY, ::EVERY].ravel()))
+        seen |= cv2.compare(scatter, ROUGH**2 * max(1.0, usual), cv2.CMP_GT)
+        size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
+        blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
+        _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
+        step, found = self.px * self.block, []
+        for left, top, right, bottom in _apart(stats[1:, :4].tolist()):
+            found.append(
+                (slice(step * top, min(step * bottom, height)), slice(step * left, min(step * right, width)))
+            )
+        area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
+        return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
+
+    def _over(self, planes: Planes) -> Planes:
+        """Means (n, h, w) of planes (n, H, W)."""
+        return means(planes.transpose(1, 2, 0), self.px)
+
+
+def _scatter(slopes: Planes) -> Picture:
+    """Variance (h, w) of slopes (2, h, w) over 3 by 3 of them, both added."""
+    p, q = slopes
+    total = cv2.blur(cv2.add(cv2.multiply(p, p), cv2.multiply(q, q)), (3, 3))
+    for mean in (cv2.blur(p, (3, 3)), cv2.blur(q, (3, 3))):
+        total = cv2.subtract(total, cv2.multiply(mean, mean, dst=mean), dst=total)
+    return np.asarray(total)
+
+
+def _apart(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
+    """Boxes (left, top, right, bottom) of (left, top, width, height), those that overlap made one."""
+    apart: list[tuple[int, int, int, int]] = []
+    for left, top, width, height in boxes:
+        right, bottom = left + width, top + height
+        while near := [b for b in apart if left < b[2] and b[0] < right and top < b[3] and b[1] < bottom]:
+            apart.remove(near[0])
+            left, top = min(left, near[0][0]), min(top, near[0][1])
+            right, bottom = max(right, near[0][2]), max(bottom, near[0][3])
+        apart.append((left, top, right, bottom))
+    return apart

@@ -1,0 +1,1 @@
+"""Training of a network on random lights; only `train` loads it."""

@@ -1,0 +1,189 @@
+"""Trains the network of `network.py` on ball presses with torch, each press shown many times over by kornia.
+
+Press pictures are blurred, made noisier, their light changed by some percent and unevenly (what the following of
+the light leaves over), moved and scaled by a little: all that changes neither slopes nor their colours. Flips and
+turns would, since the lamps stay where they are. The loss is each slope's squared error over
+slope^2 + TYPICAL^2, as the polynomial's is, and the untouched gel's slope. Same samples, same network.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.photometric.ball.detection import Ball, ball_slopes
+from tactilevision.photometric.ball.samples import CONTACT, INSIDE, Samples, join
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.onnx_file import export_network, require_exporter
+from tactilevision.photometric.methods.polynomial import TYPICAL
+from tactilevision.photometric.training.single_core import one_core
+from tactilevision.records import Bools, Bytes, Floats, Pair
+
+if TYPE_CHECKING:
+    import torch
+
+WIDTH, LAYERS = 16, 2
+STEPS, AT_ONCE, RATE, DECAY = 900, 2048, 1e-2, 1e-3
+SHOWN = 4  # times that each press is shown beside its own picture
+SEED = 20261121
+QUIET = 0.1  # weight of untouched gel
+
+
+@dataclass(frozen=True)
+class NetworkFitter:
+    """Fits a network to samples; `shown` holds those of the augmented pictures of the same presses."""
+
+    shown: Samples | None = None
+    steps: int = STEPS
+
+    ridges = (DECAY,)
+
+    def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Network:
+        """The network that explains the samples; `ridge` is the decay of its weights."""
+        more = [] if self.shown is None else [self.shown.where(np.isin(self.shown.press, contact.press))]
+        return fit_network(join([contact, *more]), untouched_samples, ridge=ridge, steps=self.steps)
+
+    def prepared(
+        self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
+    ) -> NetworkFitter:
+        """The same with `pictures` (H, W, 3) augmented; a ball that was not found is None."""
+        require_exporter()
+        parts = [
+            augmented(change, rgb, ball, mm_per_px, number=number, most=SHOWN * CONTACT // len(pictures))
+            for number, (rgb, ball) in enumerate(zip(pictures, balls, strict=True))
+            if ball is not None
+        ]
+        return NetworkFitter(join(parts) if parts else None, self.steps)
+
+
+def augmented(change: ColourChange, rgb: Bytes, ball: Ball, mm_per_px: Pair, *, number: int, most: int) -> Samples:
+    """At most `most` samples of one press under SHOWN other lights, noises, sharpnesses and places."""
+    import torch
+
+    box = _around(ball, rgb.shape, mm_per_px)
+    p, q, inside = _under(ball, box, mm_per_px)
+    seen, _, valid = change.measure(rgb)
+    cut = (slice(None), *box)
+    grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255.0
+    planes = torch.as_tensor(
+        np.stack([*seen[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
+    )
+    with one_core(SEED + number), torch.no_grad():
+        light, place = _augmentations(max(change.reference.noise_grey) / 255.0)
+        many = grey[None].expand(SHOWN, -1, -1, -1).contiguous()
+        turned = 255.0 * (light(many) - many) * torch.as_tensor(change.scale[cut].copy())
+        stack = planes[None].repeat(SHOWN, 1, 1, 1)
+        stack[:, :3] += turned
+        stack = place(stack)
+        found = torch.nonzero(stack[:, 5] > 0.999)
+        found = found[torch.randperm(len(found))[:most]]
+    return _samples(stack.double().numpy(), found.numpy(), box, rgb.shape[:2], number)
+
+
+def fit_network(
+    contact: Samples, untouched_samples: Samples, *, ridge: float = DECAY, steps: int = STEPS
+) -> Network:
+    """The network that explains the samples of balls and of untouched gel."""
+    import torch
+
+    with one_core(SEED):
+        module = _trained(contact, untouched_samples, ridge, steps)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "network.onnx"
+        export_network(module, torch.zeros(1, 5, 4, 4), path, free_axes={2: "rows", 3: "columns"})
+        content = path.read_bytes()
+    return Network(content, float(np.hypot(*contact.slopes.T).max()))
+
+
+def make_module(typical_change: Floats) -> torch.nn.Module:
+    """The perceptron, untrained; `typical_change` (3,) scales its view of the colours."""
+    import torch
+    from torch import nn
+
+    class Perceptron(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            sizes = [5, *[WIDTH] * LAYERS]
+            steps = [nn.Conv2d(a, b, 1) for a, b in pairwise(sizes)]
+            self.body = nn.Sequential(*[layer for step in steps for layer in (step, nn.ReLU())])
+            self.last = nn.Conv2d(WIDTH, 6, 1)
+            with torch.no_grad():  # so that every colour counts alike at the start
+                steps[0].weight[:, :3] /= torch.as_tensor(typical_change, dtype=torch.float32)[:, None, None]
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            m, u = self.last(self.body(x)), x[:, :3]
+            slopes: torch.Tensor = m[:, :2] * u[:, :1] + m[:, 2:4] * u[:, 1:2] + m[:, 4:] * u[:, 2:3]
+            return slopes
+
+    return Perceptron()
+
+
+def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: int) -> torch.nn.Module:
+    import torch
+
+    pressed, still = (
+        torch.as_tensor(np.concatenate([s.change, s.place], axis=1), dtype=torch.float32)
+        for s in (contact, untouched_samples)
+    )
+    slopes = torch.as_tensor(contact.slopes, dtype=torch.float32)
+    module = make_module(np.sqrt(np.mean(contact.change**2, axis=0)))
+    optimiser = torch.optim.AdamW(module.parameters(), RATE, weight_decay=ridge)
+    plan = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, steps)
+    for _ in range(steps):
+        pick = torch.randint(len(pressed), (AT_ONCE,))
+        rest = torch.randint(len(still), (AT_ONCE // 4,))
+        found = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
+        off = ((found[:AT_ONCE] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
+        loss = off.mean() + QUIET * (found[AT_ONCE:] ** 2).sum(1).mean() / TYPICAL**2
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        plan.step()
+    return module
+
+
+def _augmentations(noise: float) -> tuple[torch.nn.Module, torch.nn.Module]:
+    from kornia import augmentation as draw
+
+    light = draw.AugmentationSequential(
+        draw.RandomGaussianBlur((5, 5), (0.3, 0.9), p=0.5),
+        draw.ColorJiggle(brightness=0.02, contrast=0.02, p=0.5),
+        draw.RandomLinearIllumination(gain=(0.002, 0.02), p=0.5),
+        draw.RandomGaussianNoise(std=noise, p=1.0),
+    )
+    place = draw.AugmentationSequential(draw.RandomAffine(0.0, translate=(0.05, 0.05), scale=(0.95, 1.05), p=1.0))
+    return light, place
+
+
+def _around(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> tuple[slice, slice]:
+    """The rows and columns about a ball that hold its contact, a little moved or scaled."""
+    reach = 1.2 * ball.contact_radius_px + 2
+    reach_y = reach * mm_per_px[0] / mm_per_px[1]
+    x, y = ball.centre_px
+    rows = slice(max(0, int(y - reach_y)), min(shape[0], int(y + reach_y) + 1))
+    return rows, slice(max(0, int(x - reach)), min(shape[1], int(x + reach) + 1))
+
+
+def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Floats, Floats, Bools]:
+    """Slopes of the gel in the box, and where it is the ball itself."""
+    y, x = np.mgrid[box].astype(np.float64)
+    x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
+    contact_mm = ball.contact_radius_px * mm_per_px[0]
+    return *ball_slopes(x, y, contact_mm, ball.radius_mm), np.hypot(x, y) < INSIDE * contact_mm
+
+
+def _samples(
+    stack: Floats, found: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
+) -> Samples:
+    shot, row, column = found.T
+    seen = stack[shot, :, row, column]
+    y, x = row + box[0].start, column + box[1].start
+    place = np.stack([2.0 * x / (shape[1] - 1) - 1.0, 2.0 * y / (shape[0] - 1) - 1.0], axis=1)
+    return Samples(seen[:, :3], place, seen[:, 3:5], np.full(len(found), number))

@@ -1,0 +1,74 @@
+"""Samples under drawn lights: what a method learns from that is to work before any ball is pressed.
+
+Each scene of `drawn_lights.py` shows gel of known slopes at random places: under balls (up to a slope of .3 to
+.7), on walls of every steepness to 42 degrees, in fine textures; and untouched gel. Its colour changes are counted
+from its own averaged reference, as `change.py` counts them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.photometric.ball.samples import Samples, join
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.reference import MIN_SIGNAL, SATURATED
+from tactilevision.photometric.training.random_lights import SIZE_MM, draw_scenes, expose, shade
+from tactilevision.photometric.training.single_core import one_core
+
+if TYPE_CHECKING:
+    import torch
+
+AT_ONCE = 32  # scenes
+EACH = 128  # samples a scene
+AVERAGED = 16  # frames of the reference
+
+
+def draw_samples(scenes: int, seed: int) -> tuple[Samples, Samples]:
+    """Samples of pressed and of untouched gel under at least `scenes` lights; `press` numbers the scene."""
+    import torch
+
+    rng = torch.Generator().manual_seed(seed)
+    with one_core(seed), torch.no_grad():
+        parts = [_draw(AT_ONCE * k, rng) for k in range(math.ceil(scenes / AT_ONCE))]
+    return join([pressed for pressed, _ in parts]), join([still for _, still in parts])
+
+
+def draw_slopes(count: int, rng: torch.Generator) -> torch.Tensor:
+    """Slopes (count, EACH, 2): under balls, on walls, of textures."""
+    import torch
+
+    def uniform(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=rng)
+
+    angle = 2 * math.pi * uniform(count, EACH, 1)
+    towards = torch.cat([angle.cos(), angle.sin()], -1)
+    ball = (0.3 + 0.4 * uniform(count, 1, 1)) * uniform(count, EACH, 1).sqrt() * towards
+    wall = 0.9 * uniform(count, EACH, 1) * towards
+    texture = 0.1 * torch.randn(count, EACH, 2, generator=rng)
+    which = uniform(count, EACH, 1)
+    return torch.where(which < 0.8, ball, torch.where(which < 0.9, wall, texture))
+
+
+def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
+    import torch
+
+    scenes = draw_scenes(AT_ONCE, rng)
+    place = 2 * torch.rand(AT_ONCE, EACH, 2, generator=rng) - 1
+    where = place * torch.tensor(SIZE_MM) / 2
+    slopes = draw_slopes(AT_ONCE, rng)
+    raised = torch.cat([where, torch.rand(AT_ONCE, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
+    untouched = shade(scenes, where, torch.zeros_like(slopes))
+    level = expose(scenes, untouched, rng, averaged=AVERAGED)
+    pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
+    seen = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
+    scene = torch.arange(first, first + AT_ONCE)[:, None].expand(-1, EACH)
+
+    def samples(grey: torch.Tensor, slope: torch.Tensor) -> Samples:
+        change = (grey - level) / (level + SOFTENING_GREY)
+        picked = [part[seen].double().numpy() for part in (change, place, slope)]
+        return Samples(picked[0], picked[1], picked[2], np.asarray(scene[seen].numpy(), np.int64))
+
+    return samples(pressed, slopes), samples(still, torch.zeros_like(slopes))

@@ -1,6 +1,0 @@
-"""From frames and forces to certified depth and force: clocks, phases, touch of the bevel, checks, certificate."""
-
-from tactilevision.press.certificate import Certificate, Evidence, Finding, Touch
-from tactilevision.press.certify import certify
-
-__all__ = ["Certificate", "Evidence", "Finding", "Touch", "certify"]

@@ -1,0 +1,83 @@
+"""Was the gel touched when its reference was taken? Every frame then shows that contact the wrong way round.
+
+Colours count from the reference, so gel that was pressed there and is free now comes out as a hill. Nothing makes
+one but that: gel that rises beside a contact stands much lower than the contact is deep. So hills count which lie
+at one place in the middle one of several frames, in gel that follows no drift of the light in most of them.
+At the picture's border, where light and gel change first, a hill tells nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.illumination.drift import solid
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.records import Bytes, Pair
+
+if TYPE_CHECKING:
+    from tactilevision.reconstruct import Reconstructor
+
+MIN_FRAMES, MAX_FRAMES = 3, 9
+MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
+CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
+MIN_MM = 0.03
+OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
+BORDER = 2  # blocks
+
+
+def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+    """See by rectified `pictures` that lie on it if the reference shows a contact; note it, with a warning."""
+    likeness = reader.likeness
+    if likeness is None or likeness.moved is not None or likeness.touched is not None:
+        return ()
+    likeness.touched = contact_in_reference(reader, pictures)
+    if likeness.touched is None:
+        return ()
+    x, y = likeness.touched
+    return (
+        f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that "
+        "has changed since. Take a new reference",
+    )
+
+
+def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pair | None:
+    """Where (x, y in px) the reference of `reader` shows a contact, by rectified `pictures` (H, W, 3) of its run.
+
+    None where it shows none, and where fewer than MIN_FRAMES can be read; MAX_FRAMES, spread evenly, are read.
+    A contact that most frames press again, deeper, cannot be seen.
+    """
+    method = reader.method
+    if not isinstance(method, CalibratedMethod) or reader.error is None:
+        return None
+    tracker, maps = method.change.tracker, []
+    for k in np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int)):
+        with suppress(InputError):
+            found = reader.rectified_map(pictures[k])
+            if found.std_mm is not None:
+                depth, std = (
+                    cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
+                    for a in (found.depth_mm, found.std_mm)
+                )
+                strange = ~tracker.measure(pictures[k]).untouched
+                maps.append((depth, std, strange & tracker.usable.reshape(strange.shape)))
+    if len(maps) < MIN_FRAMES:
+        return None
+    depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
+    often = np.mean([strange for _, _, strange in maps], axis=0) > 0.5
+    least = max(MIN_MM, CLEAR * float(np.median(std)))
+    block = method.reference.shape[1] / tracker.size[0]
+    count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))
+    for number in range(1, count):
+        patch = patches == number
+        top = np.unravel_index(np.argmin(np.where(patch, depth, np.inf)), depth.shape)
+        high, dent = -float(depth[top]), float(depth[patch].max())
+        inside = all(BORDER <= at < size - BORDER for at, size in zip(top, depth.shape, strict=True))
+        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, OVER_DENT * dent):
+            return block * (float(top[1]) + 0.5), block * (float(top[0]) + 0.5)
+    return None

@@ -1,0 +1,89 @@
+"""Has the picture moved against its reference? A camera that was knocked, a sensor that was opened.
+
+Colour change is counted pixel by pixel, so a picture that lies 10 px beside its reference shows up to a
+millimetre of depth that is not there. Light is too smooth to tell a shift from drift; the gel's grain, dirt and
+marks tell it:
+
+    c(d) = sum_x g_0(x) g(x + d)        g: detail of 1 to 3 px of the logarithm of brightness, of even strength
+
+has its peak where the picture lies. A contact carries little of the gel with it and blurs the peak, no more.
+Noise on the chip stays in its place and keeps a peak at 0, so a shift counts where its peak stands clearly above
+that one. Shifts of up to REACH_PX are looked for: marks on a lattice look alike farther on. A gel without grain
+tells nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.records import Bytes, Floats, Pair
+
+FINE_PX, COARSE_PX, EVEN_PX = 0.8, 3.0, 15.0
+DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
+BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
+REACH_PX = 16
+CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
+ABOVE = 1.5  # times the correlation of a picture that has not moved
+MIN_PX = 1.5  # gel that is pressed sideways moves by as much
+ALIKE_PX = 1.5
+MAX_FRAMES = 8
+
+Single = npt.NDArray[np.float32]
+
+
+def moved_by(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
+    """By how many pixels (right, down) most of the `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
+
+    None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
+    """
+    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int))
+    spectrum = _spectrum(reference)
+    found = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
+    if not found:
+        return None
+    middle = np.median(found, axis=0)
+    alike = [shift for shift in found if np.hypot(*(shift - middle)) < ALIKE_PX]
+    if 2 * len(alike) <= len(chosen):
+        return None
+    x, y = np.mean(alike, axis=0)
+    return float(x), float(y)
+
+
+def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | None:
+    """By how much (2,) one picture has moved; None where it has not, or where it cannot be seen."""
+    shape = picture.shape[:2]
+    whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
+    noise = 1.4826 * float(np.median(np.abs(whole))) + 1e-12
+    reach = min(REACH_PX, (min(shape) - 3) // 2)
+    near = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
+    y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
+    peak, still = near[y + 1, x + 1], near[reach + 1, reach + 1]
+    at: Floats = np.array([x + _top(near[y + 1, x : x + 3]), y + _top(near[y : y + 3, x + 1])]) - reach
+    if peak < max(CLEAR, ABOVE * still) or np.hypot(*at) < MIN_PX:
+        return None
+    return at
+
+
+def _top(three: Floats) -> float:
+    """Where the parabola through three values, a pixel apart, has its top, from the middle one."""
+    bend = float(three[0] - 2.0 * three[1] + three[2])
+    return 0.0 if bend >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5))
+
+
+def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:
+    grain = _grain(picture)
+    window = [np.hanning(length) for length in grain.shape]
+    return np.asarray(np.fft.rfft2(grain * np.outer(*window)))
+
+
+def _grain(picture: npt.NDArray[Any]) -> Single:
+    """Detail (H, W) of a picture, of about the same strength all over it."""
+    bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
+    fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
+    strength = cv2.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), EVEN_PX)) + np.float32(1e-4)
+    return np.asarray(np.clip(fine / strength, -BOUND, BOUND), np.float32)

@@ -1,0 +1,119 @@
+"""Is a picture one of the scene and the light that its reference was taken of?
+
+Drift of the light is undone (`photometric/drift.py`). What it cannot explain, in deviations of a block's noise, is
+small in most of the picture as long as that shows the reference's gel under the reference's lamps: its median, the
+misfit, is compared with what the calibration's own pictures had. It is MUCH larger where daylight falls in from a
+side, where the picture has moved by several pixels, and where a contact, or the slopes round it, fill most of the
+picture, so that no untouched gel tells the drift. What passes for drift and is none (a lamp was moved) bends the
+untouched gel instead, so that its zero plane is known less well: the product of both may be WAVY times the usual.
+A shift is seen from 1.5 px on by the gel's grain (`photometric/moved.py`), which takes longer: asked for once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.errors import InputError
+from tactilevision.integration.zero_plane import ZeroPlane
+from tactilevision.photometric.ball.consistency import COVERED
+from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.illumination.light_match import other_light
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.quality.image_shift import moved_by
+from tactilevision.records import Bytes, Pair
+from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
+from tactilevision.sensors import rectify
+
+if TYPE_CHECKING:
+    from tactilevision.reconstruct import Reconstructor
+    from tactilevision.recording import Recording
+
+MUCH = 3.0  # times the usual misfit, or
+WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
+MIN_MISFIT, MIN_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
+UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
+LOOKED_AT = 5  # frames of a recording
+
+
+class ReferenceMatch:
+    """Flags the pictures of one method that are unlike its reference.
+
+    `elsewhere`: the method was made in another light than its reference. `moved` (right, down) by so many pixels;
+    `touched`, where (x, y in px) the reference itself, or that of the calibration, shows a contact; `seen` of the
+    last picture, in the order of UNTOLD.
+
+    `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
+    """
+
+    def __init__(self, method: CalibratedMethod, *, usual: Mapping[str, float] | None = None) -> None:
+        self.method = method
+        told: Mapping[str, float] = method.card.get("usual", UNTOLD) if usual is None else usual
+        self.usual = max(MIN_MISFIT, float(told["misfit"])), max(MIN_STD_MM, float(told["zero_std_mm"]))
+        self.elsewhere = False
+        self.moved: Pair | None = None
+        self.touched: Pair | None = method.card.get("contact_in_reference_px")
+        self.seen: tuple[float, ...] = ()
+
+    def made_in(self, light: npt.ArrayLike) -> tuple[str, ...]:
+        """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
+        card = self.method.card
+        told = other_light(
+            light, self.method.reference, float(card.get("held_out_gain_std", self.method.relative_error))
+        )
+        self.elsewhere = bool(told)
+        return told
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """See by rectified `pictures` whether they have moved; a warning where they have."""
+        shape = self.method.reference.rgb.shape
+        self.moved = moved_by(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
+        if self.moved is None:
+            return ()
+        x, y = self.moved
+        return (
+            f"the frames lie ({x:+.1f}, {y:+.1f}) px (right, down) beside the untouched reference: was the camera "
+            "or the gel moved since? Depths are false; take a new reference",
+        )
+
+    def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
+        """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
+        lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
+        if min(self.method.card.get("balls_cover", (1.0,))) <= COVERED:
+            lasting.append(BALLS)
+        self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
+        misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
+        strange = self.elsewhere or max(misfit / MUCH, misfit * waves / WAVY) > 1.0
+        return (*lasting, LIGHT) if strange else tuple(lasting)
+
+
+def baseline(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:
+    """The median misfit, and deviation of the zero plane in mm, of rectified `pictures`, presses among them.
+
+    Those that cannot be read do not count.
+    """
+    found = []
+    for rgb in pictures:
+        with suppress(InputError):
+            reader.rectified_map(rgb)
+            found.append(reader.likeness.seen if reader.likeness else tuple(UNTOLD.values()))
+    return dict(zip(UNTOLD, map(float, np.median(found, axis=0)), strict=True)) if found else UNTOLD
+
+
+def some_frames(recording: Recording) -> list[Bytes]:
+    """LOOKED_AT rectified frames spread over a recording, of a video its first; torn ones are passed over."""
+    from tactilevision.recording import read_frame
+
+    count = len(recording.frame_names)
+    if recording.frames_path is None or not count:
+        return []
+    last = count - 1 if recording.frames_path.is_dir() else min(LOOKED_AT, count) - 1
+    found = []
+    for index in np.unique(np.linspace(0, last, LOOKED_AT).astype(int)):
+        with suppress(InputError):
+            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
+    return found

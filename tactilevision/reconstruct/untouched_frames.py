@@ -1,0 +1,90 @@
+"""What frames of the free gel say of a method: its reference renewed, its bias taken off."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric import make_reference
+from tactilevision.photometric.background import BackgroundSums
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.reference import Reference
+from tactilevision.records import Bytes
+from tactilevision.sensors import rectify
+
+if TYPE_CHECKING:
+    from tactilevision.recording import Recording
+
+FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
+MIN_FREE, MAX_FREE = 4, 16
+
+
+def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
+    """The method's reference renewed out of rectified `frames`, as far as they show the gel untouched.
+
+    Reference pictures are often means of several frames, or older than the recording; in the dark, noise that is
+    cut off at black then makes the two differ. Fewer than MIN_FREE untouched frames leave it as it was.
+    """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method.reference
+    renewed = make_reference(free, may_have_marks=method.reference.marks is not None)
+    return dataclasses.replace(renewed, usable=renewed.usable & method.reference.usable)
+
+
+def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
+    """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
+
+    They are found as surfaces will be read: from then on calm gel in means of pixels, where that can be.
+    Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
+    """
+    free = untouched_of(method, frames)
+    if len(free) < MIN_FREE:
+        return method
+    whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
+    px = smooth_pixels(method)
+    coarse = TiledEvaluator(method, px) if px > 1 else None
+    for rgb in free:
+        read = method.read(rgb).slopes
+        for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
+            sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
+    card = {**method.card, "frame_noise": whole.noise_over(method.noise), "calm_gel_px": px}
+    return dataclasses.replace(method, quiet=mean.added_to(method.current_background, method.calm), card=card)
+
+
+def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:
+    """Those of `frames` nearly all of which follows the light's drift."""
+    free = []
+    for rgb in frames:
+        drift = method.change.tracker.measure(rgb)
+        if drift.untouched[method.change.tracker.usable.reshape(drift.untouched.shape)].mean() > FREE_SHARE:
+            free.append(rgb)
+    return free
+
+
+def free_frames(recording: Recording) -> list[Bytes]:
+    """At most MAX_FREE rectified frames from the beginnings of the presses, when the gel is likely to be free.
+
+    Of a recording without presses, its flats, where they are MIN_FREE or more.
+    """
+    from tactilevision.recording import read_frame, read_image
+
+    times = recording.frame_times_s
+    if not recording.presses and len(recording.flats) >= MIN_FREE:
+        flats = recording.flats[:MAX_FREE]
+        return [rectify(recording.sensor, read_image(path, white_level=recording.white_level)) for path in flats]
+    if recording.frames_path is None or not len(times) or not recording.presses:
+        return []
+    starts = np.array([press.start_s for press in recording.presses])
+    chosen = np.linspace(0, len(starts) - 1, min(MAX_FREE, len(starts))).astype(int)
+    found = []
+    for index in np.unique(np.searchsorted(times, starts[chosen]).clip(0, len(times) - 1)):
+        with suppress(InputError):  # a torn frame is reported where the press is read
+            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
+    return found

@@ -1,0 +1,1 @@
+"""The standard deviation of a depth, term by term."""

@@ -1,0 +1,165 @@
+"""Zero, phases and the force at the event, on ramps whose force is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.certificate.force.event_force import force_in_dwell, force_on_ramp
+from tactilevision.certificate.force.phases import find_phases
+from tactilevision.certificate.force.tare import find_tare
+from tactilevision.certificate.force.window import force_window
+from tactilevision.certificate.touch.force_crossing import event_force, force_crossing
+from tactilevision.records import Floats, ForceSeries, Press
+
+STD = np.array([0.00625, 0.00625, 0.0125])
+
+
+def ramp(rng: np.random.Generator, *, bump: float = 0.0) -> tuple[Floats, Floats]:
+    """200 Hz; contact at 1 s, touch of the bevel at 2 s with 1 N, more force of the bevel after it."""
+    time = np.arange(0, 3, 0.005)
+    depth = np.clip(time - 1, 0, None) + bump * np.sin(12 * np.clip(time - 1, 0, None))
+    normal = 0.9 * depth + 0.1 * depth**2 + 2.0 * np.clip(time - 2, 0, None) ** 2
+    return time, np.c_[0.02 * normal, 0 * normal, normal] + STD * rng.standard_normal((time.size, 3))
+
+
+def test_force_on_a_ramp_is_unbiased_and_its_std_honest() -> None:
+    errors, stds = [], []
+    for seed in range(40):
+        found = force_on_ramp(*ramp(np.random.default_rng(seed)), STD, onset_s=1.03, touch_s=2.0)
+        assert found is not None
+        assert not found.dwell
+        errors.append(found.force_N[2] - 1.0)
+        stds.append(found.std_N[2])
+        assert found.rate_N_s == pytest.approx(1.1, abs=0.1)
+    assert np.mean(errors) == pytest.approx(0, abs=0.002)
+    assert 0.6 < np.std(errors) / np.mean(stds) < 1.6
+    assert np.mean(stds) < 0.004
+
+
+def test_an_uneven_ramp_is_read_from_its_last_part() -> None:
+    true = 0.9 * (1 + 0.03 * np.sin(12)) + 0.1 * (1 + 0.03 * np.sin(12)) ** 2
+    errors = []
+    for seed in range(20):
+        found = force_on_ramp(*ramp(np.random.default_rng(seed), bump=0.03), STD, onset_s=1.03, touch_s=2.0)
+        assert found is not None
+        errors.append((found.force_N[2] - true) / found.std_N[2])
+    assert np.sqrt(np.mean(np.square(errors))) < 2
+
+
+def test_a_dwell_gives_the_mean_of_two_hundred_readings() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 4, 0.005)
+    force = np.array([0.01, 0.0, 1.3]) + STD * rng.standard_normal((time.size, 3))
+    found = force_in_dwell(time, force, (0.5, 3.5), event_s=0.5)
+    assert found is not None
+    assert found.dwell
+    assert found.readings == 200
+    assert found.force_N[2] == pytest.approx(1.3, abs=4 * 0.0125 / 200**0.5)
+    assert found.std_N[2] == pytest.approx(0.0125 / 200**0.5, rel=0.2)
+
+
+def test_too_short_a_ramp_gives_nothing() -> None:
+    assert force_on_ramp(*ramp(np.random.default_rng(0)), STD, onset_s=1.0, touch_s=1.01) is None
+
+
+def test_zero_that_drifts_is_taken_between_before_and_after() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 10, 0.005)
+    zero = np.array([0.1, -0.2, 0.3]) + np.outer(time, [0.0, 0.002, 0.01])
+    press = np.where((time > 4) & (time < 6), 1.0, 0.0)
+    force = zero + np.c_[0 * press, 0 * press, press] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    tare = find_tare(series, (3.9, 6.1), free_s=(0.0, 10.0))
+    assert tare.known
+    assert tare.at(np.array([5.0]))[0] == pytest.approx([0.1, -0.19, 0.35], abs=0.004)
+    assert tare.drift_N is not None
+    assert tare.drift_N[2] == pytest.approx(0.01 * (tare.after_s - tare.before_s), abs=0.004)
+    only_before = find_tare(series, (3.9, 6.1), free_s=(0.0, 6.0))
+    assert only_before.after_N is None
+    assert only_before.at(np.array([5.0]))[0][2] == pytest.approx(0.33, abs=0.01)
+    assert not find_tare(series, (0.0, 10.0), free_s=(0.0, 10.0)).known
+
+
+def test_phases_of_a_press() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 4, 0.02)
+    depth = np.interp(time, [1, 2, 2.5, 2.8], [0, 0.3, 0.3, 0]) + 0.002 * rng.standard_normal(time.size)
+    phases = find_phases(depth)
+    assert phases is not None
+    names = phases.names(time.size)
+    for moment, name in ((0.5, "free"), (1.5, "load"), (2.3, "hold"), (2.65, "unload"), (3.5, "free")):
+        assert names[np.searchsorted(time, moment)] == name
+    assert time[phases.onset] == pytest.approx(1.03, abs=0.06)
+    assert find_phases(0.002 * rng.standard_normal(100)) is None
+
+
+def stepped(rng: np.random.Generator, *, relaxing: float) -> ForceSeries:
+    """Contact at 1 s, 1 N at 2 s, a dwell in which a part relaxes, on to 1.3 times the depth, hold, release."""
+    time = np.arange(0, 6, 0.005)
+    depth = np.interp(time, [1, 2, 3, 3.3, 4, 4.4], [0, 1, 1, 1.3, 1.3, 0])
+    branch = np.zeros_like(depth)
+    for i in range(1, time.size):
+        branch[i] = (branch[i - 1] + depth[i] - depth[i - 1]) * np.exp(-0.005 / 0.5)
+    normal = (1 - relaxing) * depth + relaxing * branch
+    force = np.c_[0 * normal, 0 * normal, normal] + STD * rng.standard_normal((time.size, 3)) + 0.2
+    return ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+
+
+@pytest.mark.parametrize("relaxing", [0.0, 0.1])
+def test_a_dwell_is_known_and_what_relaxes_in_it_is_put_back(relaxing: float) -> None:
+    series = stepped(np.random.default_rng(0), relaxing=relaxing)
+    window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
+    assert window is not None
+    assert window.ramp_N_s == pytest.approx(1.0, abs=0.12)
+    (start, end), hold = window.dwells[0], window.dwells[-1]
+    assert window.time_s[[start, end]] == pytest.approx([2.0, 3.0], abs=0.05)
+    assert window.time_s[hold[0]] == pytest.approx(3.3, abs=0.06)
+    arrived = float(window.drive_N[start])
+    assert window.at(np.array([2.5, 2.9])) == pytest.approx([arrived, arrived], abs=0.01)
+    assert window.at(np.array([3.3]))[0] - arrived == pytest.approx(0.3, abs=0.03)
+
+
+def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
+    series = stepped(np.random.default_rng(1), relaxing=0.0)
+    window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
+    assert window is not None
+    resting, moving = force_crossing(window, 1.0, 0.005), force_crossing(window, 0.6, 0.005)
+    assert resting is not None
+    assert moving is not None
+    assert resting.time_s == pytest.approx(2.0, abs=0.05)
+    assert moving.time_s == pytest.approx(1.6, abs=0.01)
+    assert moving.dwell_s is None
+    mean, fit = event_force(window, series, resting), event_force(window, series, moving)
+    assert mean is not None
+    assert fit is not None
+    assert mean.dwell
+    assert mean.force_N[2] == pytest.approx(1.0, abs=0.01)
+    assert not fit.dwell
+    assert fit.force_N[2] == pytest.approx(0.6, abs=0.012)
+    assert force_crossing(window, 2.0, 0.005) is None
+
+
+def test_the_zero_is_read_on_both_sides_though_it_drifts_and_after_a_first_try() -> None:
+    """A zero that climbs by 20 mN/s stands out of its own floor; a first touch of .5 s is contact, not a zero."""
+    rng, time = np.random.default_rng(2), np.arange(0, 9, 0.005)
+    normal = np.interp(time, [2.0, 2.2, 2.5, 2.6, 3.2, 5.0, 5.5, 6.0], [0, 0.6, 0.6, 0, 0, 1, 1, 0])
+    drift = 0.3 + 0.02 * time
+    force = np.c_[0 * time, 0 * time, normal + drift] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    window = force_window(series, Press("1", "A1", 1.9, 6.1), free_s=(0.0, 9.0), offset_s=0.0)
+    assert window is not None
+    held = (time > 5.05) & (time < 5.45)
+    assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
+
+
+def test_a_press_that_is_recorded_from_its_ramp_on_is_tared_on_the_free_gel_after_it() -> None:
+    rng, time = np.random.default_rng(3), np.arange(0, 9, 0.005)
+    normal = np.interp(time, [3.2, 5.0, 5.5, 6.0], [0, 1, 1, 0]) + 0.3
+    force = np.c_[0 * time, 0 * time, normal] + STD * rng.standard_normal((time.size, 3))
+    series = ForceSeries(time, force, (0.00625, 0.00625, 0.0125))
+    window = force_window(series, Press("1", "A1", 3.6, 6.1), free_s=(3.6, 9.0), offset_s=0.0)
+    assert window is not None
+    held = (window.time_s > 5.05) & (window.time_s < 5.45)
+    assert window.tare.before_N is None
+    assert window.force_N[held, 2].mean() == pytest.approx(1.0, abs=0.004)
