@@ -1,7 +1,7 @@
-"""The figures of docs/evidence/five_points.md: the published points, the route that reads them, what it makes of others.
+"""The figures of docs/evidence/five_points.md: the published points, the route, what it makes of others.
 
 python -m benchmarks.five_points          prints every table of the page
-python -m benchmarks.five_points solve    solves the finite elements behind docs/evidence/five_points.csv anew (minutes)
+python -m benchmarks.five_points solve    solves the elements behind docs/evidence/five_points.csv (minutes)
 python -m benchmarks.five_points draw     draws docs/evidence/five_points.png
 
 The finite element rows are P/(E w) in mm at the five published depths: truths of which everything is known, which

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 DOCS = Path(__file__).parent
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small problems wait for threads otherwise
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext")]
 
 project = "tactilevision"
@@ -42,6 +44,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "plot_gallery": True,
     "image_srcset": ["2x"],
+    "reset_modules": ("matplotlib", "example_file.set_file"),
 }
 
 html_theme = "pydata_sphinx_theme"

@@ -61,8 +61,8 @@ def panel(top: float, depth: float, title: str, *, labelled: bool) -> list[str]:
     base = [at(left, 1.1), at(right, 1.1), at(right, 1.32), at(left, 1.32)]
     face, edge = depth, depth - HEIGHT
     end = edge - SLOPE * (OUTER - BEVEL) * 0.5
-    body = [at(-RADIUS, face), at(RADIUS, face), at(RADIUS, edge - 0.42), at(BEVEL - 0.35, edge - 0.42), at(BEVEL, edge),
-            at(OUTER, end), at(OUTER, edge - 0.8), at(-RADIUS, edge - 0.8)]  # fmt: skip
+    body = [at(-RADIUS, face), at(RADIUS, face), at(RADIUS, edge - 0.42), at(BEVEL - 0.35, edge - 0.42),
+            at(BEVEL, edge), at(OUTER, end), at(OUTER, edge - 0.8), at(-RADIUS, edge - 0.8)]  # fmt: skip
     said = [shape(gel, GEL), shape(base, BASE), shape(body, STEEL)]
     said.append(text(20, top + 24, title, anchor="start", size=17))
     x, y = at(-7.4, 0.75)
@@ -120,9 +120,10 @@ def main() -> None:
         '<marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7" '
         f'orient="auto-start-reverse"><path d="M0 0 L10 5 L0 10 z" fill="{INK}"/></marker>'
     )
+    tall = 2 * PANEL - 70
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {2 * PANEL - 70}" font-family="sans-serif">',
-        f'<rect width="{WIDTH}" height="{2 * PANEL - 70}" fill="#fff"/><defs>{head}</defs>',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {tall}" font-family="sans-serif">',
+        f'<rect width="{WIDTH}" height="{tall}" fill="#fff"/><defs>{head}</defs>',
         *panel(0, -0.1, "Before contact (heights three times as large)", labelled=True),
         *panel(PANEL - 80, HEIGHT - RISE, "At the contact event", labelled=False),
         "</svg>",

@@ -9,7 +9,8 @@ quarters is part of the uncertainty, and so is what the height map's scale is of
 what the map itself says that it may be off by at the ring.
 Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. The
 two are checked against each other and combined by their variances. Where the bevel's place is neither given
-nor seen, w = H is kept with what that may be wrong. Source: docs/explanation/physics.md, "The bevel touches early".
+nor seen, w = H is kept with what that may be wrong.
+Source: docs/explanation/physics.md, "The bevel touches early".
 """
 
 from __future__ import annotations
