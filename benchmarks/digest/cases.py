@@ -18,7 +18,8 @@ BULKY = ("place_gain_std", "answers")
 EVERY = 40  # pixels between those of a map that are kept
 GELSLIM3 = SAMPLES / "gelslim3"
 RIG = SAMPLES / "hidden_rig"
-CERTIFIED = ROOT / "tests" / "data" / "before" / "calibration.json"  # of the sample gelslim3
+BEFORE = ROOT / "tests" / "data" / "before"  # files that an earlier version wrote
+CERTIFIED = BEFORE / "calibrated" / "calibration.json"  # of the sample gelslim3
 UNBOUNDED = ('shape = "disc"', 'shape = "unbounded"')  # a gel without sides, whose force is quick to work out
 
 
@@ -99,6 +100,20 @@ def _forces(space: Workspace) -> Values:
     return tractions(done, (0, 2, 5))
 
 
+def _saved_method(name: str) -> Callable[[Workspace], Values]:
+    """Height maps by a method's file that an earlier version wrote."""
+    method = BEFORE / "methods" / f"{name}.npz"
+    return lambda space: heights(
+        space.run("depth", BEFORE / "small", "--workers", 1, "--pictures", 0, "--std", "--method", method)
+    )
+
+
+def _step_back(space: Workspace) -> Values:
+    """A step of an earlier version's history, taken back."""
+    done = space.steps(BEFORE / "steps", "--undo")
+    return of_json(done / "history.json", "history")
+
+
 def _train(recording: Path, method: str) -> Callable[[Workspace], Values]:
     return lambda space: of_json(
         space.run("train", recording, "--method", method) / "method.json", "card", skip=BULKY
@@ -155,6 +170,11 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "depth held to the faces": Case(_anchored_depths),
     "force of one frame": Case(_one_force, quick=True),
     "force of eight frames": Case(_forces),
+    "points of before": Case(_calibrate(BEFORE / "calibrated"), quick=True),
+    "polynomial of before": Case(_saved_method("polynomial"), quick=True),
+    "lookup of before": Case(_saved_method("lookup")),
+    "either of before": Case(_saved_method("either")),
+    "steps of before": Case(_step_back),
     "diagnose hidden_material": Case(_diagnose(SAMPLES / "hidden_material")),
     "diagnose hidden_rig": Case(_diagnose(RIG)),
     "diagnose hidden_unknown": Case(_diagnose(SAMPLES / "hidden_unknown")),

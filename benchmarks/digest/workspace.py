@@ -66,6 +66,16 @@ class Workspace:
             self.done[key] = out
         return self.done[key]
 
+    def steps(self, folder: Path, *arguments: object) -> Path:
+        """A copy of an analysis after `tactilevision steps COPY ARGUMENTS`."""
+        key = ("steps", str(folder), *map(str, arguments))
+        if key not in self.done:
+            out = self._new_folder() / folder.name
+            shutil.copytree(folder, out)
+            self._python("tactilevision", ["steps", str(out), *map(str, arguments)])
+            self.done[key] = out
+        return self.done[key]
+
     def _make(self, module: str, words: tuple[str, ...], arguments: Sequence[object]) -> Path:
         key = (module, *words, *map(str, arguments))
         if key not in self.done:
