@@ -50,8 +50,6 @@ def test_a_difference_is_named_with_before_after_and_relative() -> None:
 
 
 def test_differences_within_the_tolerance_are_none() -> None:
-    before, after = (
-        {"c": 2.0, "depth.height.1.grid": [0.1, None]},
-        {"c": 2.0 + 1e-9, "depth.height.1.grid": [0.1000005, None]},
-    )
+    before: Values = {"c": 2.0, "depth.height.1.grid": [0.1, None]}
+    after: Values = {"c": 2.0 + 1e-9, "depth.height.1.grid": [0.1000005, None]}
     assert list(differences(before, after)) == []
