@@ -20,7 +20,7 @@ def space(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 
 
 def assert_as_recorded(name: str, space: Workspace) -> None:
-    assert list(differences(read_record()[name], CASES[name].values(space))) == []
+    assert list(differences(read_record()[name], CASES[name].values(space), name)) == []
 
 
 @pytest.mark.parametrize("name", QUICK)

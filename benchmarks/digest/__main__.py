@@ -32,7 +32,9 @@ def main(arguments: Sequence[str] = ()) -> int:
             start = time.perf_counter()
             try:
                 values = CASES[name].values(space)
-                lines = list(differences(record[name], values)) if name in record else ["not recorded before"]
+                lines = (
+                    list(differences(record[name], values, name)) if name in record else ["not recorded before"]
+                )
             except CommandError as error:
                 values, lines = {}, [str(error)]
             print(f"{name}: {len(values)} values, {time.perf_counter() - start:.1f} s, "
