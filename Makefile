@@ -3,7 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check lint types bench blind slow docs clean
+WRITE ?=
+
+.PHONY: demo test check lint types bench blind slow digest docs clean
 
 .venv/.ok: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -35,6 +37,10 @@ bench: .venv/.ok
 
 blind: .venv/.ok
 	$(BIN)/python -m benchmarks.blind
+
+# What the commands give, compared with tests/digest.json; `make digest WRITE=1` records it anew.
+digest: .venv/.ok
+	$(BIN)/python -m benchmarks.digest $(if $(WRITE),--write)
 
 docs: .venv/.ok
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-GENERATED = ("genindex", "search", "py-modindex", "_modules")  # Sphinx's own, whose anchors it makes by script
+NOT_PAGES = ("genindex", "search", "_modules", "_static")  # Sphinx's own: filled in by script, templates
 
 
 class Page(HTMLParser):
@@ -32,7 +32,7 @@ def dead_links(site: Path) -> list[str]:
     pages = {path.resolve(): Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
     dead = []
     for path, page in pages.items():
-        if path.relative_to(site.resolve()).parts[0].startswith(GENERATED):
+        if path.relative_to(site.resolve()).parts[0].startswith(NOT_PAGES):
             continue
         for link in page.links:
             parts = urlsplit(link)
