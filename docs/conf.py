@@ -26,6 +26,7 @@ extensions = [
 exclude_patterns = ["_build", "gallery/README.rst", "sg_execution_times.rst", "**/sg_execution_times.rst"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
+highlight_language = "none"  # blocks without a language are equations and command lines
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autosummary_generate = False

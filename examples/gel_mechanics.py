@@ -22,14 +22,18 @@ def main() -> None:
     print(f"kappa = {factor:.4f}: a first slope of {slope:.3f} N/mm, no friction, sharp edge")
     figure, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
     depth_mm = np.linspace(0, 0.3, 31)
-    axes.plot(depth_mm, slope * depth_mm, "k--", label="small strain, frictionless, sharp edge")
+    axes.plot(depth_mm, np.full(31, slope), "k--", label="small strain, frictionless, sharp edge")
     for friction in (0.3, float("inf")):
         curve = punch_curve(FlatContact(radius_mm, 0.05, thickness_mm, friction), gel, 0.3)
         forces = curve.force_at(np.array([0.1, 0.2, 0.3]))
-        axes.plot(depth_mm[1:], curve.force_at(depth_mm[1:]), label=f"finite elements, friction {friction:g}")
+        axes.plot(
+            depth_mm[1:],
+            curve.force_at(depth_mm[1:]) / depth_mm[1:],
+            label=f"finite elements, friction {friction:g}",
+        )
         told = ", ".join(f"{force:.3f}" for force in forces)
         print(f"friction {friction:g} ({curve.source}): {told} N at .1, .2, .3 mm")
-    axes.set(xlabel="depth w (mm)", ylabel="force P (N)")
+    axes.set(xlabel="depth w (mm)", ylabel="force over depth P/w (N/mm)")
     axes.legend()
     figure.savefig("gel_mechanics.png", dpi=150)
     write_material("gel.inp", gel)

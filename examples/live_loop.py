@@ -2,7 +2,7 @@
 A control loop, one frame at a time
 ===================================
 
-A stream takes frames as a camera gives them. Of each it says whether there is contact, how deep, where, and when.
+A stream takes frames as a camera gives them. Of each it says: contact or not, how deep, and where.
 """
 
 from itertools import islice
@@ -20,9 +20,8 @@ SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 def draw(names: list[str], peaks_mm: list[float]) -> None:
     """The greatest depth of every frame; 0 where the gel is free."""
     figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
-    axes.plot(range(len(names)), peaks_mm, "o-", color="#00429d", label="deepest point of the contact")
-    axes.set(xlabel="frame", ylabel="depth (mm)", title="What the stream says of each frame")
-    axes.legend()
+    axes.plot(range(len(names)), peaks_mm, "o-", color="#00429d")
+    axes.set(xlabel="frame", ylabel="greatest depth (mm)", title="What the stream says of each frame")
     figure.savefig("live_loop.png", dpi=150)
 
 

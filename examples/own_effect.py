@@ -61,7 +61,7 @@ def draw(found: float, std: float) -> None:
     axes.errorbar([found], [0], xerr=1.96 * std, fmt="o", capsize=4, label="found (95 % interval)")
     axes.axvline(PLANTED, color="k", ls="--", label="planted")
     axes.set(xlabel="amplitude of the clamp's creep", yticks=[], ylim=(-1, 2.2))
-    axes.legend(ncols=2, loc="upper center")
+    axes.legend(ncols=2, loc="upper right")
     figure.savefig("own_effect.png", dpi=150)
 
 

@@ -15,7 +15,7 @@ WIDTH, PANEL = 840, 370
 INK, STEEL, GEL, BASE, RED = "#1d2733", "#c9d1da", "#f6d9a8", "#8d99a6", "#b3261e"
 
 
-def text(x: float, y: float, said: str, *, anchor: str = "middle", colour: str = INK, size: int = 15) -> str:
+def text(x: float, y: float, said: str, *, anchor: str = "middle", colour: str = INK, size: int = 18) -> str:
     """A line of text."""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}" font-size="{size}">{said}</text>'
 
@@ -42,7 +42,7 @@ def shape(points: list[tuple[float, float]], fill: str) -> str:
     return f'<polygon points="{places}" fill="{fill}" stroke="{INK}" stroke-width="1.3" stroke-linejoin="round"/>'
 
 
-def panel(top: float, depth: float, title: str, *, labelled: bool) -> list[str]:
+def panel(top: float, depth: float, title: str, *, title_at: float, labelled: bool) -> list[str]:
     """One section: the gel on its base, and the indenter whose face stands at `depth` (above 0: in the gel)."""
     middle, stretch = 325.0, SCALE * HEIGHTS
 
@@ -64,7 +64,7 @@ def panel(top: float, depth: float, title: str, *, labelled: bool) -> list[str]:
     body = [at(-RADIUS, face), at(RADIUS, face), at(RADIUS, edge - 0.42), at(BEVEL - 0.35, edge - 0.42),
             at(BEVEL, edge), at(OUTER, end), at(OUTER, edge - 0.8), at(-RADIUS, edge - 0.8)]  # fmt: skip
     said = [shape(gel, GEL), shape(base, BASE), shape(body, STEEL)]
-    said.append(text(20, top + 24, title, anchor="start", size=17))
+    said.append(text(20, top + title_at, title, anchor="start", size=20))
     x, y = at(-7.4, 0.75)
     said += [
         text(x, y, "gel"),
@@ -82,20 +82,20 @@ def panel(top: float, depth: float, title: str, *, labelled: bool) -> list[str]:
 def labels(at, face: float, edge: float, end: float) -> list[str]:  # type: ignore[no-untyped-def]
     """The dimensions of the indenter."""
     (x0, y0), (x1, _) = at(0, face - 0.1), at(RADIUS, face)
-    said = [arrow(x0, y0, x1, y0), text((x0 + x1) / 2, y0 - 7, "radius_mm", size=14)]
+    said = [arrow(x0, y0, x1, y0), text((x0 + x1) / 2, y0 - 7, "radius_mm", size=15)]
     (x0, y0), (x1, _) = at(0, edge - 0.62), at(BEVEL, edge)
-    said += [arrow(x0, y0, x1, y0), text((x0 + x1) / 2 + 10, y0 - 6, "bevel_distance_mm", size=14)]
+    said += [arrow(x0, y0, x1, y0), text((x0 + x1) / 2 + 10, y0 - 6, "bevel_distance_mm", size=15)]
     said.append(dashes(x1, y0, x1, at(0, edge)[1]))
     (x0, y0), (_, y1) = at(RADIUS + 1.25, edge), at(0, face)
-    said += [arrow(x0, y0, x0, y1), text(x0 + 8, (y0 + y1) / 2 + 9, "height_mm", anchor="start", size=14)]
+    said += [arrow(x0, y0, x0, y1), text(x0 + 8, (y0 + y1) / 2 + 9, "height_mm", anchor="start", size=17)]
     said += [dashes(x0 - 14, y1, at(RADIUS, 0)[0], y1), dashes(x0 - 10, y0, at(BEVEL, 0)[0], y0)]
     x0, y0 = at(OUTER + 0.25, end)
     said += [
         text(x0, y0 - 4, "bevel", anchor="start"),
-        text(x0, y0 + 14, "bevel_angle_deg", anchor="start", size=14),
+        text(x0, y0 + 16, "bevel_angle_deg", anchor="start", size=17),
     ]
     x0, y0 = at(-RADIUS - 0.3, face - 0.15)
-    said += [text(x0, y0, "punch", anchor="end"), text(x0, y0 + 17, "punch face below", anchor="end", size=14)]
+    said += [text(x0, y0, "punch", anchor="end"), text(x0, y0 + 19, "punch face below", anchor="end", size=17)]
     return said
 
 
@@ -107,11 +107,11 @@ def contact_labels(at, face: float, edge: float) -> list[str]:  # type: ignore[n
     said.append(
         f'<line x1="{x1 + 60:.1f}" y1="{y1 - 14:.1f}" x2="{x0 + 2:.1f}" y2="{y0 + 7:.1f}" stroke="{RED}"/>'
     )
-    said.append(text(x1, y1, "contact event: the bevel meets the risen gel", anchor="start", colour=RED, size=15))
+    said.append(text(x1, y1, "contact event: the bevel meets the risen gel", anchor="start", colour=RED))
     (x0, y0), (_, y1) = at(-4.6, 0), at(0, face)
     said += [arrow(x0, y0, x0, y1), text(x0 - 8, (y0 + y1) / 2 + 5, "depth w", anchor="end")]
     said += [dashes(at(-9, 0)[0], y0, at(9.6, 0)[0], y0), dashes(x0 - 8, y1, at(-RADIUS, 0)[0], y1)]
-    said.append(text(at(9.5, 0)[0], y0 + 17, "untouched surface", anchor="end", size=14))
+    said.append(text(at(9.5, 0)[0], y0 + 17, "untouched surface", anchor="end", size=17))
     return said
 
 
@@ -124,8 +124,8 @@ def main() -> None:
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {tall}" font-family="sans-serif">',
         f'<rect width="{WIDTH}" height="{tall}" fill="#fff"/><defs>{head}</defs>',
-        *panel(0, -0.1, "Before contact (heights three times as large)", labelled=True),
-        *panel(PANEL - 80, HEIGHT - RISE, "At the contact event", labelled=False),
+        *panel(0, -0.1, "Before contact (heights three times as large)", title_at=24, labelled=True),
+        *panel(PANEL - 80, HEIGHT - RISE, "At the contact event", title_at=104, labelled=False),
         "</svg>",
     ]
     Path(__file__).with_name("indenter.svg").write_text("\n".join(lines) + "\n", encoding="utf-8")
