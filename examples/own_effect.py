@@ -20,7 +20,7 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from calibration.tasks.calibrate import observe
 from calibration.tasks.compare import compare
-from tactilevision import read_recording
+from tactilevision import Estimate, read_recording
 from tactilevision.records import Floats
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"
@@ -55,10 +55,12 @@ def share_of(data: Observations) -> Floats:
     return data.presses.order[data.press] / float(np.max(data.presses.order))
 
 
-def draw(found: float, std: float) -> None:
+def draw(found: Estimate) -> None:
     """What was planted beside what was found, with its 95 % interval."""
+    assert found.value is not None
+    assert found.std is not None
     figure, axes = plt.subplots(figsize=(6, 1.9), layout="constrained")
-    axes.errorbar([found], [0], xerr=1.96 * std, fmt="o", capsize=4, label="found (95 % interval)")
+    axes.errorbar([found.value], [0], xerr=1.96 * found.std, fmt="o", capsize=4, label="found (95 % interval)")
     axes.axvline(PLANTED, color="k", ls="--", label="planted")
     axes.set(xlabel="amplitude of the clamp's creep", yticks=[], ylim=(-1, 2.2))
     axes.legend(ncols=2, loc="upper right")
@@ -71,7 +73,7 @@ def main() -> None:
     crept = replace(data, force_N=data.force_N * (1 + PLANTED * share_of(data))[:, None])
     base, _, added = compare(crept, ["viscoelasticity", ClampCreep()], np.random.default_rng(0)).models
     found = dict(added.parameters)["clamp_creep.amplitude"]
-    draw(found.value, found.std)
+    draw(found)
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
     print(
         f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
