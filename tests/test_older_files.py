@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def test_a_calibration_is_read(tmp_path: Path) -> None:
     assert table["fz_std_N"][0] == pytest.approx(0.03636858, rel=1e-4)
 
 
-def test_steps_taken_are_read(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("steps", BEFORE / "steps") == 0
+def test_steps_taken_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(BEFORE / "steps", tmp_path / "steps")
+    assert run("steps", tmp_path / "steps") == 0
     assert "1. + viscoelasticity: rms 54.90 -> 24.11 mN" in capsys.readouterr().out
