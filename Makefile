@@ -3,8 +3,6 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-WRITE ?=
-
 .PHONY: demo test check lint types bench blind slow digest docs clean
 
 .venv/.ok: pyproject.toml constraints.txt

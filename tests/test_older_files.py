@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def test_certified_points_and_their_edge_profile_are_read(tmp_path: Path) -> Non
     assert run("calibrate", BEFORE / "calibrated", "--out", tmp_path / "out") == 0
     content = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert content["youngs_modulus_MPa"]["value"] == pytest.approx(0.18952899204, rel=1e-6)
-    assert content["youngs_modulus_MPa"]["interval95"] == pytest.approx([0.17163336532, 0.20471607153], rel=1e-6)
+    assert content["youngs_modulus_MPa"]["interval95"] == pytest.approx([0.171633, 0.204716], rel=1e-4)
     assert content["c_N_per_mm"]["value"] == pytest.approx(3.46317291754, rel=1e-6)
 
 
@@ -49,6 +50,7 @@ def test_a_calibration_is_read(tmp_path: Path) -> None:
     assert table["fz_std_N"][0] == pytest.approx(0.03636858, rel=1e-4)
 
 
-def test_steps_taken_are_read(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("steps", BEFORE / "steps") == 0
+def test_steps_taken_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(BEFORE / "steps", tmp_path / "steps")
+    assert run("steps", tmp_path / "steps") == 0
     assert "1. + viscoelasticity: rms 54.90 -> 24.11 mN" in capsys.readouterr().out

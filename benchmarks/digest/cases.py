@@ -149,12 +149,13 @@ def _simulated_pictures(*options: object) -> Callable[[Workspace], Values]:
     return values
 
 
-def _drawn(*options: object) -> Callable[[Workspace], Values]:
-    """Curves from a seed with something hidden in them, calibrated and diagnosed."""
+def _drawn(*options: object, diagnosed: bool = True) -> Callable[[Workspace], Values]:
+    """Curves from a seed with something hidden in them, calibrated and, where that is short, diagnosed."""
 
     def values(space: Workspace) -> Values:
         made = space.draw(*options)
-        return calibration(space.run("calibrate", made)) | diagnosis(space.run("diagnose", made))
+        found = calibration(space.run("calibrate", made))
+        return found | diagnosis(space.run("diagnose", made)) if diagnosed else found
 
     return values
 
@@ -162,8 +163,8 @@ def _drawn(*options: object) -> Callable[[Workspace], Values]:
 CASES: Mapping[str, Case] = MappingProxyType({
     "calibrate paper_points": Case(_calibrate(SAMPLES / "paper_points"), quick=True),
     "calibrate paper_points, paper's law": Case(_calibrate(SAMPLES / "paper_points", "--law", "paper")),
-    "calibrate gelslim3": Case(_calibrate(GELSLIM3), quick=True),
-    "calibrate hidden_material": Case(_calibrate(SAMPLES / "hidden_material"), quick=True),
+    "calibrate gelslim3": Case(_calibrate(GELSLIM3)),
+    "calibrate hidden_material": Case(_calibrate(SAMPLES / "hidden_material")),
     "calibrate hidden_unknown": Case(_calibrate(SAMPLES / "hidden_unknown")),
     "calibrate hidden_rig": Case(_calibrate(RIG)),
     "depth of three frames": Case(_few_depths, quick=True),
@@ -195,6 +196,6 @@ CASES: Mapping[str, Case] = MappingProxyType({
         _drawn("--seed", 301, "--design", "medium", "--hidden", "viscoelasticity")
     ),
     "drawn, three punches, a rig that gives": Case(
-        _drawn("--seed", 302, "--design", "rich", "--hidden", "backing_compliance", "--source", "stage")
+        _drawn("--seed", 302, "--hidden", "backing_compliance", "--source", "stage", diagnosed=False)
     ),
 })  # fmt: skip

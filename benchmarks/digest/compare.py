@@ -41,8 +41,8 @@ TOLERANCES = (
               "counts pixels of .004 or .0093 mm2: one that lies on the threshold may turn"),
     Tolerance(rf".*\.{_LAW}", 1e-9, 1e-12, "E, nu and c are the same from run to run to 1e-9"),
     Tolerance(rf"{_PICTURES}: .*", 1e-6, 1e-9,
-              "what follows from pictures (deviations, covariances, touches, tractions) was seen to differ by up to "
-              "1e-7 of itself from run to run, as the float32 maps do"),
+              "what follows from pictures (deviations, covariances, touches, tractions) differs by up to "
+              "1e-7 of itself from run to run"),
     Tolerance(r".*", 1e-9, 1e-12, "everything else is the same from run to run to the last digits"),
 )  # fmt: skip
 

@@ -91,7 +91,7 @@ class Workspace:
 
     @staticmethod
     def _python(module: str, arguments: Sequence[str]) -> None:
-        environment = {"OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", **os.environ, "PYTHONPATH": str(ROOT)}
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
         ended = subprocess.run([sys.executable, "-m", module, *arguments], cwd=ROOT, env=environment, check=False,
                                capture_output=True, text=True)  # fmt: skip
         if ended.returncode:
