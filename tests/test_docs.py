@@ -9,8 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 from tactilevision.cli import main
+from tactilevision.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -101,6 +103,23 @@ def test_the_glossary_is_in_order() -> None:
     text = (DOCS / "explanation" / "glossary.md").read_text(encoding="utf-8")
     words = re.findall(r"^(\w[^\n]*)\n  \S", text.split("```{glossary}")[1], flags=re.MULTILINE)
     assert words == sorted(words, key=str.lower)
+
+
+def called(text: str) -> list[tuple[str, list[str]]]:
+    """Each `tactilevision COMMAND ...` of a page's blocks and tables, with the options it gives."""
+    blocks = "\n".join(re.findall(r"^```\n([\s\S]*?)^```", text, flags=re.MULTILINE))
+    lines = re.findall(r"tactilevision ([a-z-]+)([^\n#]*)", blocks)
+    lines += re.findall(r"`tactilevision ([a-z-]+)([^`\n]*)`", text)
+    return [(command, re.findall(r"--[a-z-]+", rest)) for command, rest in lines]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for command, options in called(page.read_text(encoding="utf-8")):
+        assert command in commands, command
+        known = {name for option in commands[command].params for name in option.opts}
+        assert set(options) <= {*known, "--help"}, command
 
 
 def test_the_format_names_every_key_of_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
