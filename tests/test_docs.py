@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import runpy
@@ -97,6 +98,29 @@ def test_the_site_check_finds_dead_links_and_anchors(tmp_path: Path) -> None:
     (tmp_path / "b.html").write_text('<a href="a.html#here"></a><a href="https://example.org"></a>')
     check = runpy.run_path(str(DOCS / "check_links.py"))
     assert check["dead_links"](tmp_path) == ["a.html -> b.html#there", "a.html -> c.html"]
+
+
+@pytest.mark.parametrize("package", ["tactilevision", "calibration"])
+def test_the_api_shows_every_public_name(package: str) -> None:
+    shown = runpy.run_path(str(DOCS / "_ext" / "public_names.py"))["page"](package)
+    for name in getattr(importlib.import_module(package), "__all__", ()):
+        assert re.search(rf"^\.\. .*:: ({package}\.)?{name}$", shown, flags=re.MULTILINE), name
+
+
+def test_docstrings_keep_their_equations_and_lose_no_character() -> None:
+    as_rst = runpy.run_path(str(DOCS / "_ext" / "plain_docstrings.py"))["as_rst"]
+    lines = as_rst(["A `name` and a*b*c.", "", "    P = c w", "    w > 0", "", "Then."])
+    assert lines == [
+        "A ``name`` and a\\*b\\*c.",
+        "",
+        "::",
+        "",
+        "        P = c w",
+        "        w > 0",
+        "",
+        "Then.",
+        "",
+    ]
 
 
 def test_the_glossary_is_in_order() -> None:
