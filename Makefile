@@ -15,7 +15,7 @@ demo: .venv/.ok
 	$(BIN)/tactilevision calibrate sample_frames/gelslim3 --out demo_out
 
 test: .venv/.ok
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: .venv/.ok
 	$(BIN)/ruff check .

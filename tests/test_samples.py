@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared_scenes import scenes, shared
 
 from benchmarks.digest.cases import calibration
 from benchmarks.digest.compare import differences
@@ -21,8 +22,13 @@ SAMPLE = ROOT / "sample_frames" / "gelslim3"
 
 
 @pytest.fixture(scope="module")
-def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("sample")
+def calibrated() -> Path:
+    return calibrated_sample()
+
+
+@shared
+def calibrated_sample() -> Path:
+    out = scenes() / "sample"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["tactilevision", "calibrate", str(SAMPLE), "--out", str(out)])
         assert main() == 0
