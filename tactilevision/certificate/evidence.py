@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.certificate import Evidence, Finding
-from tactilevision.certificate.rejection import PressEvidence
+from tactilevision.certificate.certificate import Evidence
+from tactilevision.certificate.rejection import Finding, PressEvidence
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
 from tactilevision.certificate.touch.press_track import Reconstructs
 from tactilevision.contact.bevel import EDGE_MM, HALF_WIDTH_MM, SIDES, height_signal

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, face_tilt, interval_at
+from tactilevision.certificate.rejection import PressEvidence, RecordingStatistics, interval_at
+from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Floats

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.certificate.certificate import ContactEvent, Finding
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.press_track import PressTrack
+from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
@@ -32,6 +32,14 @@ UNEVEN_SHARE = (
 FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
 _GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
 _REST = 0.5  # of the usual rest
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A reason (one of records.REASONS) against a press, in one sentence with its figures."""
+
+    reason: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,12 +121,6 @@ def _footprint(look: PressEvidence, usual: RecordingStatistics, forces: ForceSer
         text = f"the face has a radius of {face.radius_mm:.2f} mm, the indenter {nominal:.2f} mm"
         return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % against the other presses)")
     return None
-
-
-def face_tilt(track: PressTrack) -> Floats:
-    """Tilt (2,) of the face while it is deep, the mean over those frames."""
-    deep = track.depth_mm > 0.6 * np.nanmax(track.depth_mm)
-    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
 
 
 def _tilt(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:

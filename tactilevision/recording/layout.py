@@ -89,6 +89,9 @@ POINT_COLUMNS = Columns(
         "speed_mm_s",
         "x_mm",
         "y_mm",
+        "temperature_C",
+        "lubricated",
+        "hold_s",
     ),
 )
 BALL_COLUMNS = Columns(

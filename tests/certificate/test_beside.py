@@ -12,7 +12,7 @@ from press_scenes import MM_PER_PX, SIZE, Made, line_up, recording
 
 from tactilevision.certificate.certificate import Certificate, Evidence
 from tactilevision.certificate.depth.pile_up import PileUp
-from tactilevision.certificate.depth.surface_beside_punch import surfaces_beside, with_nu, with_rise
+from tactilevision.certificate.poisson_from_rise import surfaces_beside, with_nu, with_rise
 from tactilevision.mechanics.poisson_from_surface import SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.profile import LINEAR, PunchCase, linear_profile, seen_profile
 from tactilevision.reconstruct import Reconstructor

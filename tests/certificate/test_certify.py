@@ -38,7 +38,7 @@ def test_every_press_is_judged_for_its_true_reason(whole) -> None:  # type: igno
     assert [p.reason for p in certificate.points] == [m.fault for m in made]
     assert [p.accepted for p in certificate.points] == [not m.fault for m in made]
     for point in certificate.points:
-        assert point.accepted or point.reason in point.extra["findings"]
+        assert point.accepted or point.reason in point.details.findings
 
 
 def test_touch_within_a_frame_and_force_within_its_std(whole) -> None:  # type: ignore[no-untyped-def]
@@ -149,7 +149,7 @@ def test_a_long_press_is_read_the_same_without_keeping_its_maps(
     short = certify(read, drawn)
     monkeypatch.setattr(sys.modules["tactilevision.certificate.certify"], "_LONG", 20)
     for once, again in zip(short.points, certify(read, drawn).points, strict=True):
-        assert again.time_s == pytest.approx(once.time_s, abs=2 * float(str(once.extra["touch_std_s"])))
+        assert again.time_s == pytest.approx(once.time_s, abs=2 * once.details.contact_std_s)
         assert again.accepted
 
 
@@ -183,7 +183,7 @@ def test_few_frames_while_the_rig_stands_still_at_the_touch_are_no_loss(tmp_path
     made = line_up([Made(0.35), Made(0.5), Made(0.35, dwell_s=0.6), Made(0.5), Made(0.5, fault="dropped_frames")])
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", "", "", "dropped_frames"]
-    assert certificate.points[2].extra["force_dwell"] == 1
+    assert certificate.points[2].details.force_dwell
 
 
 def test_a_gap_between_ramp_and_hold_is_no_saturation(tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
     made = line_up([Made(0.35), Made(0.5), Made(0.35, crumb=True)])
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", "footprint"]
-    assert "uneven" in str(certificate.points[2].extra["findings"])
+    assert "uneven" in certificate.points[2].details.findings
 
 
 def test_stops_that_scatter_about_the_touch_leave_the_force_open(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_stops_that_scatter_about_the_touch_leave_the_force_open(tmp_path: Path)
         folder.mkdir()
         made = line_up([Made(0.35, dwell_s=0.6, stop_mm=off_mm * side) for side in (1, -1, 1, -1, 1)])
         points = certify(*recording(folder, made, seed=seed)).points
-        stopped = [point.fz_std_N for point in points if point.extra["force_dwell"] == 1]
+        stopped = [point.fz_std_N for point in points if point.details.force_dwell]
         assert len(stopped) >= 4
         stds[off_mm].append(float(np.median(stopped)))
     assert np.median(stds[0.0]) < 0.003
@@ -217,7 +217,7 @@ def test_a_chipped_face_is_no_tilted_one(tmp_path: Path) -> None:
     made = line_up([Made(0.35), Made(0.5), Made(0.35), Made(0.5, chip=True)])
     certificate = certify(*recording(tmp_path, made, seed=4))
     assert [point.reason for point in certificate.points] == ["", "", "", "footprint"]
-    assert "not flat" in str(certificate.points[3].extra["findings"])
+    assert "not flat" in certificate.points[3].details.findings
 
 
 def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp_path: Path) -> None:
@@ -226,4 +226,4 @@ def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp
     first, *others = certificate.points
     assert [point.reason for point in others] == [""] * 5
     assert first.reason == "dropped_frames"
-    assert "another offset of the clocks" in str(first.extra["findings"])
+    assert "another offset of the clocks" in first.details.findings

@@ -10,24 +10,33 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
-from tactilevision.certificate.rejection import PressEvidence
+from tactilevision.certificate.force.window import ForceWindow
+from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.records import CertifiedPoint, Curve
 
 _SMOOTH = 5
 
 
-def press_curve(look: PressEvidence, point: CertifiedPoint, gauge: DepthScale | None) -> Curve | None:
-    """Curve of one press; None without a force. Rows are the frames."""
-    if look.force is None:
+def press_curve(
+    track: PressTrack,
+    window: ForceWindow | None,
+    point: CertifiedPoint,
+    *,
+    touch: ContactEvent | None,
+    offset_s: float,
+    gauge: DepthScale | None,
+) -> Curve | None:
+    """Curve of one press, rows are its frames; None without a force. `offset_s`: F/T clock minus camera clock."""
+    if window is None:
         return None
-    track, window = look.track, look.force
-    time = track.time_s + look.offset_s
+    time = track.time_s + offset_s
     covered = (time >= window.time_s[0]) & (time <= window.time_s[-1])
     if covered.sum() < 2:
         return None
     depth = track.depth_mm * (gauge.scale(track.depth_mm) if gauge is not None else 1.0)
-    if look.touch is not None and point.accepted and look.touch.depth_seen_mm > 0:
-        seen = look.touch.depth_seen_mm
+    if touch is not None and point.accepted and touch.depth_seen_mm > 0:
+        seen = touch.depth_seen_mm
         read = seen * (float(gauge.scale(seen)) if gauge is not None else 1.0)
         depth = depth * (point.depth_mm / read)
     kernel = np.full(_SMOOTH, 1 / _SMOOTH)

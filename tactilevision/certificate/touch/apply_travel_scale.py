@@ -7,15 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactilevision.certificate.depth.pile_up import PileUp
 from tactilevision.certificate.force.contact_point import ContactPoint
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
-from tactilevision.certificate.rejection import face_tilt
 from tactilevision.certificate.touch.bevel_contact_depth import SURE, fill_mm
 from tactilevision.certificate.touch.contact_times import Chain, ContactTimes
 from tactilevision.certificate.touch.force_crossing import event_force
 from tactilevision.certificate.touch.indenter_travel import IndenterTravel, begin_of, indenter_travel
+from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.certificate.touch.shared_contact_law import shared_contact_law
 from tactilevision.certificate.touch.travel_scale import TravelPoint, TravelScale, fit_travel_scale
 from tactilevision.contact.bevel import SIDES
@@ -27,17 +26,18 @@ _AT_STOP = 3.0  # sigmas of travel and ruler within which a stop stands at the t
 
 
 def apply_travel_scale(
-    chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp], sound: Sequence[str]
+    chain: Chain, timed: Mapping[str, ContactTimes], pile_up_ratios: Mapping[str, float], sound: Sequence[str]
 ) -> dict[str, ContactTimes]:
     """`timed` with the touches of the `sound` presses where the ruler of their bevel puts them.
 
     The motion stage is the ruler where it was recorded, else the pace. As they were: presses whose first contact
-    or pace is not known, or whose bevel's ruler does not fit.
+    or pace is not known, or whose bevel's ruler does not fit. `pile_up_ratios`: the gel's rise at the bevel
+    over the depth.
     """
     ruled = dict(timed)
     staged = chain.recording.stage is not None
     for group in _groups(chain, timed, sound).values():
-        marks = {name: _mark(chain, timed[name], travel, rises[name]) for name, travel in group.items()}
+        marks = {name: _mark(chain, timed[name], travel, pile_up_ratios[name]) for name, travel in group.items()}
         lean = float(np.median([mark.lean_mm for mark in marks.values()]))
         marks = {name: replace(mark, lean_mm=mark.lean_mm - lean) for name, mark in marks.items()}
         # their forces follow one law of the travel, as far as that was looked at: up to a stop
@@ -115,7 +115,7 @@ def _paces(chain: Chain, names: Sequence[str]) -> dict[str, float]:
     return stated
 
 
-def _mark(chain: Chain, one: ContactTimes, travel: IndenterTravel, rise: PileUp) -> TravelPoint:
+def _mark(chain: Chain, one: ContactTimes, travel: IndenterTravel, pile_up_ratio: float) -> TravelPoint:
     assert one.crossed is not None
     assert one.touch is not None
     assert one.event is not None
@@ -136,14 +136,14 @@ def _mark(chain: Chain, one: ContactTimes, travel: IndenterTravel, rise: PileUp)
     )
     lean = float(face_tilt(track) @ np.array(SIDES[track.side])) * one.touched.distance_mm
     return TravelPoint(
-        depth_mm=_height(indenter) / (1 + rise.ratio),
+        depth_mm=_height(indenter) / (1 + pile_up_ratio),
         travel_mm=there,
         own_std_mm=float(np.sqrt(own)),
         shared_std_mm=float(np.sqrt(shared)),
         force_N=float(one.event.force_N[2]),
         height=indenter.name,
-        height_std_mm=indenter.height_std_mm / (1 + rise.ratio),
-        lean_mm=lean / (1 + rise.ratio),
+        height_std_mm=indenter.height_std_mm / (1 + pile_up_ratio),
+        lean_mm=lean / (1 + pile_up_ratio),
         zero_std_mm=zero,
     )
 

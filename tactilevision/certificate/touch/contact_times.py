@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tactilevision.certificate.certificate import ContactEvent
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import SURE
 from tactilevision.certificate.touch.bevel_search import Touched
+from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.force_crossing import ForceCrossing, event_force, force_crossing
 from tactilevision.certificate.touch.press_track import PressTrack, Reconstructs
 from tactilevision.certificate.touch.travel_scale import TravelScale

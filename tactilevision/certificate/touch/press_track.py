@@ -24,6 +24,7 @@ from tactilevision.sensors import rectify
 
 GRID_MM = 0.1
 _WALL_MM = 0.15  # a depth that stands well out of the noise and whose walls a picture still shows
+DEEP = 0.6  # of the deepest reading, beyond which a face's tilt is read; tests.certificate.test_certify
 _SAME = 0.1  # of the radius, within which the shallow circle is the deep one
 Coarse = npt.NDArray[np.float32]
 Half = npt.NDArray[np.float16]
@@ -262,6 +263,12 @@ def _measure(
         footprint=footprint,
         missing=tuple(tape.missing),
     )
+
+
+def face_tilt(track: PressTrack) -> Floats:
+    """Tilt (2,) rad of the face while it is deep, the median over those frames."""
+    deep = track.depth_mm > DEEP * np.nanmax(track.depth_mm)
+    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
 
 
 def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm: float) -> tuple[Bools, Floats]:

@@ -23,12 +23,12 @@ import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
+from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
@@ -42,9 +42,7 @@ SOUND = 0.9  # of a square's pixels
 CENTRE_STD_MM = 0.05
 GUARD = 0.4  # thicknesses beside the edge, where profiles depend on the edge's radius and the wall's blur reaches
 BOWL_STD_PER_MM = 3e-4  # three thousandths of slope at 10 mm
-UNKNOWN_GAIN, MIN_GAIN = 0.1, 0.01
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
-RING_SHARE = 0.25  # of the picture, and so of the balls
 
 Picture = npt.NDArray[np.float32]
 
@@ -115,17 +113,17 @@ def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Est
         if indenter.bevel_distance_mm is None:
             rise = blur_place(rise, known, indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + rise.ratio)
-        ruler, lean = (point.extra.get(name) for name in ("ruler_std", "lean_std_mm"))
+        scale_std, tilt_std = point.details.travel_scale_std, point.details.tilt_std_mm
         std = depth_std(
             depth,
             rise,
             height_std_mm=indenter.height_std_mm,
-            lean_std_mm=float(lean or 0.0),
-            ruler_std=None if ruler is None else float(ruler),
+            lean_std_mm=tilt_std if np.isfinite(tilt_std) else 0.0,
+            ruler_std=scale_std if np.isfinite(scale_std) else None,
         )
         scales[point.press] = depth / point.depth_mm
-        extra = {**point.extra, "rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
-        points.append(replace(point, depth_mm=depth, depth_std_mm=std, extra=extra))
+        details = replace(point.details, pile_up_ratio=rise.ratio, pile_up_ratio_std=rise.std)
+        points.append(replace(point, depth_mm=depth, depth_std_mm=std, details=details))
     curves = [replace(c, depth_mm=c.depth_mm * scales.get(c.press, 1.0)) for c in certificate.curves]
     return replace(certificate, points=tuple(points), curves=tuple(curves))
 
@@ -153,14 +151,6 @@ def surfaces_beside(
             placed = replace(indenter, bevel_distance_mm=distance)
             views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))
     return views
-
-
-def ring_gain_std(method: object) -> float:
-    """Of the mean over a ring: what single balls scatter by, over the balls that such a ring averages."""
-    if not isinstance(method, CalibratedMethod) or "balls" not in method.card:
-        return UNKNOWN_GAIN
-    single = float(method.card.get("held_out_gain_std", method.relative_error))
-    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(method.card["balls"]), 1.0))))
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
