@@ -9,6 +9,8 @@ Each folder or file imports only those before it:
 5. `rejection`, `recording_statistics`: whether a press can be trusted.
 6. `certified_point`, `certificate`, `evidence`: what a press and a recording yield.
 7. `assemble`, `certify`: the whole recording; `poisson_from_rise`, `step_validation`: what rests on a certificate.
+
+A benchmark or test named beside a constant is where a change of it shows; it does not derive the value.
 """
 
 from tactilevision.certificate.certificate import Certificate, Evidence

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,131 +14,170 @@ from tactilevision.certificate.depth.depth_scale import find_depth_scale, scale_
 from tactilevision.certificate.depth.pile_up import PileUp
 from tactilevision.certificate.depth.press_pile_ups import press_pile_ups
 from tactilevision.certificate.evidence import evidence_of
-from tactilevision.certificate.recording_statistics import lean_scatter, recording_statistics
+from tactilevision.certificate.recording_statistics import recording_statistics, tilt_scatter_to_bevel
 from tactilevision.certificate.rejection import Finding, PressEvidence, rejection_reasons
 from tactilevision.certificate.touch.apply_travel_scale import apply_travel_scale
-from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.contact_times import Chain, ContactTimes, contact_times
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
+from tactilevision.certificate.touch.contact_times import ContactTimes, RecordingMeasurements, contact_times
 from tactilevision.certificate.touch.force_crossing import force_crossing
 from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.recording.names import some
+from tactilevision.records import CertifiedPoint
 
-_UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")
+UNSEEN_PRESS = Finding("dropped_frames", "fewer than two sound frames show this press")
 
 
-def assemble_certificate(chain: Chain) -> Certificate:
+def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
     """Points, curves and evidence of every press."""
-    timed = contact_times(chain)
-    rises = press_pile_ups(timed, chain.recording.sensor.gel)
-    looks = _looks(chain, timed, rises)
-    first = _said(chain, looks)
-    # frames may be missing where a touch was seen, and not where the ruler puts it
+    events = contact_times(measurements)
+    pile_ups = press_pile_ups(events, measurements.recording.sensor.gel)
+    first = _findings(measurements, _press_evidence(measurements, events, pile_ups))
+    # frames may be missing where an event was seen, and not where the travel scale puts it
     sound = [
         name
         for name, against in first.items()
-        if name not in chain.strays and all(one.reason == "dropped_frames" for one in against)
+        if name not in measurements.clock_outliers and all(one.reason == "dropped_frames" for one in against)
     ]
-    timed = apply_travel_scale(chain, timed, {name: rise.ratio for name, rise in rises.items()}, sound)
-    looks = _looks(chain, timed, rises)
-    said = _said(chain, looks)
-    leans = lean_scatter([look for name, look in looks.items() if not said[name]], recording_statistics(looks))
-    points = []
-    for press in chain.recording.presses:
-        name = press.press
-        point = certified_point(
-            chain, press, timed.get(name), rises.get(name), looks.get(name), tilt_scatter_rad=leans
-        )
-        points.append(judge_point(point, said.get(name, (_UNSEEN,))))
+    ratios = {name: pile_up.ratio for name, pile_up in pile_ups.items()}
+    events = apply_travel_scale(measurements, events, ratios, sound)
+    evidence = _press_evidence(measurements, events, pile_ups)
+    findings = _findings(measurements, evidence)
+    points = _points(measurements, events, pile_ups, evidence, findings)
     faces = [
         (touch.depth_seen_mm, point.depth_mm)
         for point in points
-        if point.accepted and (touch := looks[point.press].touch) is not None
+        if point.accepted and (touch := evidence[point.press].touch) is not None
     ]
-    gauge = find_depth_scale(faces)
-    doubts = filter(None, [scale_warning(faces, [ball.ball_radius_mm for ball in chain.recording.balls])])
-    seen = [(looks[point.press], point) for point in points if point.press in looks]
-    curves = [
-        press_curve(look.track, look.force, point, touch=look.touch, offset_s=look.offset_s, gauge=gauge)
-        for look, point in seen
-    ]
-    evidence = {
-        point.press: evidence_of(chain.recording, chain.reconstructor, look, said[point.press])
-        for look, point in seen
-    }
-    given = next((t.touched for t in timed.values()), None)
-    return Certificate(
-        points=tuple(points),
-        curves=tuple(curve for curve in curves if curve is not None),
-        clock_offset=chain.offset,
-        evidence=evidence,
-        rise=next(iter(rises.values()), None),
+    given = next((one.bevel_contact for one in events.values()), None)
+    doubt = scale_warning(faces, [ball.ball_radius_mm for ball in measurements.recording.balls])
+    certificate = Certificate(
+        points=points,
+        curves=(),
+        clock_offset=measurements.offset,
+        evidence={},
+        pile_up=next(iter(pile_ups.values()), None),
         bevel_distance_mm=given.distance_mm if given else None,
-        gauge=gauge,
-        warnings=(*_warnings(chain, timed, rises), *doubts),
+        depth_scale=find_depth_scale(faces),
+        warnings=(*_warnings(measurements, events, pile_ups), *([doubt] if doubt else [])),
+    )
+    return _with_presses(certificate, measurements, evidence, findings)
+
+
+def _points(
+    measurements: RecordingMeasurements,
+    events: Mapping[str, ContactTimes],
+    pile_ups: Mapping[str, PileUp],
+    evidence: Mapping[str, PressEvidence],
+    findings: Mapping[str, tuple[Finding, ...]],
+) -> tuple[CertifiedPoint, ...]:
+    """The point of every press with its verdict, in the recording's order."""
+    sound = [one for name, one in evidence.items() if not findings[name]]
+    tilt_scatter = tilt_scatter_to_bevel(sound, recording_statistics(evidence))
+    points = []
+    for press in measurements.recording.presses:
+        name = press.press
+        known = (events.get(name), pile_ups.get(name), evidence.get(name))
+        point = certified_point(measurements, press, *known, tilt_scatter_rad=tilt_scatter)
+        points.append(judge_point(point, findings.get(name, (UNSEEN_PRESS,))))
+    return tuple(points)
+
+
+def _with_presses(
+    certificate: Certificate,
+    measurements: RecordingMeasurements,
+    evidence: Mapping[str, PressEvidence],
+    findings: Mapping[str, tuple[Finding, ...]],
+) -> Certificate:
+    """The certificate with the curve and the evidence of every press that was seen."""
+    seen = [(evidence[point.press], point) for point in certificate.points if point.press in evidence]
+    scale = certificate.depth_scale
+    curves = [
+        press_curve(one.track, one.force, point, touch=one.touch, offset_s=one.offset_s, depth_scale=scale)
+        for one, point in seen
+    ]
+    recording, reconstructor = measurements.recording, measurements.reconstructor
+    return replace(
+        certificate,
+        curves=tuple(curve for curve in curves if curve is not None),
+        evidence={
+            point.press: evidence_of(recording, reconstructor, one, findings[point.press]) for one, point in seen
+        },
     )
 
 
-def _said(chain: Chain, looks: Mapping[str, PressEvidence]) -> dict[str, tuple[Finding, ...]]:
-    usual = recording_statistics(looks)
+def _findings(
+    measurements: RecordingMeasurements, press_evidence: Mapping[str, PressEvidence]
+) -> dict[str, tuple[Finding, ...]]:
+    statistics = recording_statistics(press_evidence)
     return {
-        name: _astray(chain, name) + rejection_reasons(look, usual, chain.forces) for name, look in looks.items()
+        name: _clock_finding(measurements, name) + rejection_reasons(evidence, statistics, measurements.forces)
+        for name, evidence in press_evidence.items()
     }
 
 
-def _astray(chain: Chain, name: str) -> tuple[Finding, ...]:
+def _clock_finding(measurements: RecordingMeasurements, name: str) -> tuple[Finding, ...]:
     """A force that is read at the wrong time says nothing, and may look like one that is saturated."""
-    if name not in chain.strays:
+    if name not in measurements.clock_outliers:
         return ()
-    text = (
-        f"depth and force go together only at another offset of the clocks, {chain.strays[name]:+.2f} s from here"
-    )
+    away = f"{measurements.clock_outliers[name]:+.2f} s from here"
+    text = f"depth and force go together only at another offset of the clocks, {away}"
     return (Finding("dropped_frames", text),)
 
 
-def _looks(
-    chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp]
+def _press_evidence(
+    measurements: RecordingMeasurements, events: Mapping[str, ContactTimes], pile_ups: Mapping[str, PileUp]
 ) -> dict[str, PressEvidence]:
     return {
-        name: _look(chain, track, timed.get(name), rises.get(name))
-        for name, track in chain.tracks.items()
+        name: _evidence(measurements, track, events.get(name), pile_ups.get(name))
+        for name, track in measurements.tracks.items()
         if track is not None
     }
 
 
-def _look(chain: Chain, track: PressTrack, timed: ContactTimes | None, rise: PileUp | None) -> PressEvidence:
-    name, window = track.press.press, chain.windows[track.press.press]
-    touch, event = (timed.touch, timed.event) if timed else (None, None)
-    expected = (track.indenter.height_mm or float("nan")) / (1 + (rise.ratio if rise else 0.0))
+def _evidence(
+    measurements: RecordingMeasurements, track: PressTrack, events: ContactTimes | None, pile_up: PileUp | None
+) -> PressEvidence:
+    name, window = track.press.press, measurements.windows[track.press.press]
+    touch, event = (events.touch, events.event) if events else (None, None)
+    expected = (track.indenter.height_mm or float("nan")) / (1 + (pile_up.ratio if pile_up else 0.0))
     event_s = float("nan")
-    if touch is not None and touch.onset.gain > SURE:
+    if touch is not None and touch.onset.gain > DETECTION_CHI2:
         event_s = touch.time_s
-    elif timed is not None and window is not None and np.isfinite(expected):
-        due = force_crossing(window, float(timed.touched.law.force(expected)), 0.0)
-        event_s = due.time_s - chain.offset_s if due is not None else float("nan")
+    elif events is not None and window is not None and np.isfinite(expected):
+        due = force_crossing(window, float(events.bevel_contact.law.force(expected)), 0.0)
+        event_s = due.time_s - measurements.offset_s if due is not None else float("nan")
     return PressEvidence(track=track, force=window, touch=touch, event=event, event_s=event_s, depth_mm=expected,
-                distance_mm=timed.touched.distance_mm if timed else track.indenter.bevel_distance_mm,
-                rest_s=chain.rest_s[name], offset_s=chain.offset_s)  # fmt: skip
+                distance_mm=events.bevel_contact.distance_mm if events else track.indenter.bevel_distance_mm,
+                rest_s=measurements.rest_s[name], offset_s=measurements.offset_s)  # fmt: skip
 
 
-def _warnings(chain: Chain, timed: Mapping[str, ContactTimes], rises: Mapping[str, PileUp]) -> Iterator[str]:
-    yield from chain.notes
-    if chain.offset.value is None:
-        yield f"The clocks could not be aligned ({chain.offset.why}); they are taken to agree."
-    torn = [bad.name for track in chain.tracks.values() if track is not None for bad in track.missing]
+def _warnings(
+    measurements: RecordingMeasurements, events: Mapping[str, ContactTimes], pile_ups: Mapping[str, PileUp]
+) -> Iterator[str]:
+    yield from measurements.notes
+    if measurements.offset.value is None:
+        yield f"The clocks could not be aligned ({measurements.offset.why}); they are taken to agree."
+    torn = [bad.name for track in measurements.tracks.values() if track is not None for bad in track.missing]
     if torn:
         yield f"Frames that cannot be read were passed over: {some(torn)}."
-    untared = [name for name, window in chain.windows.items() if window is not None and not window.tare.known]
+    untared = [
+        name for name, window in measurements.windows.items() if window is not None and not window.tare.known
+    ]
     if untared:
         yield f"No force reading of the free gel for presses {', '.join(untared)}: their zero is as recorded."
-    if any(t.touched.distance_mm is not None and not t.touched.distance_given for t in timed.values()):
-        place = next(t.touched.distance_mm for t in timed.values() if t.touched.distance_mm is not None)
+    if any(
+        t.bevel_contact.distance_mm is not None and not t.bevel_contact.distance_given for t in events.values()
+    ):
+        place = next(
+            t.bevel_contact.distance_mm for t in events.values() if t.bevel_contact.distance_mm is not None
+        )
         yield f"The bevel's edge is not stated; it was found at {place:.1f} mm from the axis."
-    if any(t.touched.distance_mm is None for t in timed.values()):
+    if any(t.bevel_contact.distance_mm is None for t in events.values()):
         yield (
             "The bevel's place is neither stated nor seen: depths are the machined heights, which may be "
             "too deep by up to 13 %."
         )
-    contrary = [rise for rise in rises.values() if rise.disagreement > 3]
+    contrary = [pile_up for pile_up in pile_ups.values() if pile_up.disagreement > 3]
     if contrary:
         seen, computed = contrary[0].seen, contrary[0].computed
         assert seen is not None

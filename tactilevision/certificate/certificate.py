@@ -52,7 +52,7 @@ class Certificate:
     curves: tuple[Curve, ...]
     clock_offset: Estimate
     evidence: Mapping[str, Evidence]
-    rise: PileUp | None = None
+    pile_up: PileUp | None = None
     bevel_distance_mm: float | None = None
-    gauge: DepthScale | None = None
+    depth_scale: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())

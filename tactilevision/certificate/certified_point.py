@@ -13,59 +13,73 @@ from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.rejection import Finding, PressEvidence
 from tactilevision.certificate.touch.contact_event import ContactEvent
-from tactilevision.certificate.touch.contact_times import Chain, ContactTimes
+from tactilevision.certificate.touch.contact_times import ContactTimes, RecordingMeasurements
 from tactilevision.certificate.touch.force_crossing import ForceCrossing
-from tactilevision.records import CertificationDetails, CertifiedPoint, EdgeProfile, Press
+from tactilevision.records import CertificationDetails, CertifiedPoint, Indenter, Press
 
 
 def certified_point(
-    chain: Chain,
+    measurements: RecordingMeasurements,
     press: Press,
-    timed: ContactTimes | None,
+    times: ContactTimes | None,
     pile_up: PileUp | None,
-    look: PressEvidence | None,
+    evidence: PressEvidence | None,
     *,
     tilt_scatter_rad: float,
 ) -> CertifiedPoint:
     """The point of one press before its verdict; `tilt_scatter_rad` of faces from press to press."""
-    indenter = chain.recording.indenters[press.indenter]
-    height = indenter.height_mm if indenter.height_mm is not None else float("nan")
-    pile_up = pile_up or unknown_pile_up()
-    depth = height / (1 + pile_up.ratio)
-    distance = look.distance_mm if look is not None else None
-    tilt_std = tilt_scatter_rad * (distance or 0.0) / (1 + pile_up.ratio)
+    indenter, pile_up = measurements.recording.indenters[press.indenter], pile_up or unknown_pile_up()
+    tilt_std = tilt_scatter_rad * ((evidence.distance_mm if evidence else None) or 0.0) / (1 + pile_up.ratio)
     details = CertificationDetails(
         pile_up_ratio=pile_up.ratio, pile_up_ratio_std=pile_up.std, tilt_std_mm=tilt_std
     )
-    force, force_std, time_s = np.full(3, np.nan), float("nan"), float("nan")
-    profile: EdgeProfile | None = None
-    if timed is not None and timed.touch is not None and timed.event is not None and timed.crossed is not None:
-        force, time_s = timed.event.force_N, timed.touch.time_s
-        force_std = _force_std(chain.windows[press.press], timed, timed.event, timed.crossed)
-        method = getattr(chain.reconstructor, "method", None)
-        details = _event_details(details, timed, timed.touch, timed.event, method)
-        track = timed.touched.case.track
-        profile = edge_profile(track, timed.touch, bevel_distance_mm=timed.touched.distance_mm, method=method)
-    on_scale = details.travel_scale_std if np.isfinite(details.travel_scale_std) else None
+    point = _point_of_depth(press, indenter, pile_up, _face_details(details, evidence))
+    point = replace(point, rest_s=measurements.rest_s[press.press])
+    if times is None or times.touch is None or times.event is None or times.crossed is None:
+        return point
+    force_std = _force_std(measurements.windows[press.press], times, times.event, times.crossed)
+    method = getattr(measurements.reconstructor, "method", None)
+    point = replace(_with_event(point, times, times.touch, times.event, method), fz_std_N=force_std)
+    scale_std = point.details.travel_scale_std
+    if not np.isfinite(scale_std):
+        return point
+    std = depth_std(point.depth_mm, pile_up, height_std_mm=indenter.height_std_mm, scale_std=scale_std)
+    return replace(point, depth_std_mm=std)
+
+
+def _point_of_depth(
+    press: Press, indenter: Indenter, pile_up: PileUp, details: CertificationDetails
+) -> CertifiedPoint:
+    """The point with the depth that its bevel certifies, its force not known yet."""
+    height = indenter.height_mm if indenter.height_mm is not None else float("nan")
+    depth, height_std_mm = height / (1 + pile_up.ratio), indenter.height_std_mm
     return CertifiedPoint(
         press=press.press,
         indenter=press.indenter,
         depth_mm=depth,
-        fz_N=float(force[2]),
-        depth_std_mm=depth_std(
-            depth, pile_up, height_std_mm=indenter.height_std_mm, ruler_std=on_scale, lean_std_mm=tilt_std
-        ),
-        fz_std_N=force_std,
-        fx_N=float(force[0]),
-        fy_N=float(force[1]),
-        time_s=time_s,
+        fz_N=float("nan"),
+        depth_std_mm=depth_std(depth, pile_up, height_std_mm=height_std_mm, tilt_std_mm=details.tilt_std_mm),
         depth_uncorrected_mm=height,
-        rest_s=chain.rest_s[press.press],
         speed_mm_s=press.speed_mm_s,
         x_mm=press.x_mm,
         y_mm=press.y_mm,
-        details=_face_details(details, look),
-        edge_profile=profile,
+        details=details,
+    )
+
+
+def _with_event(
+    point: CertifiedPoint, times: ContactTimes, touch: ContactEvent, event: EventForce, method: object
+) -> CertifiedPoint:
+    """The point with force and time of its contact event, how they were read, and the gel beside the face."""
+    track, distance_mm = times.bevel_contact.press_signal.track, times.bevel_contact.distance_mm
+    return replace(
+        point,
+        fx_N=float(event.force_N[0]),
+        fy_N=float(event.force_N[1]),
+        fz_N=float(event.force_N[2]),
+        time_s=touch.time_s,
+        details=_event_details(point.details, times, touch, event, method),
+        edge_profile=edge_profile(track, touch, bevel_distance_mm=distance_mm, method=method),
     )
 
 
@@ -81,52 +95,53 @@ def judge_point(point: CertifiedPoint, findings: tuple[Finding, ...]) -> Certifi
 
 
 def _force_std(
-    window: ForceWindow | None, timed: ContactTimes, event: EventForce, crossed: ForceCrossing
+    window: ForceWindow | None, times: ContactTimes, event: EventForce, crossed: ForceCrossing
 ) -> float:
     """Std (N) of the normal force at the event: its readings, the force's zero, and when it was."""
     tare = float(window.tare.std_N[2]) if window is not None and window.tare.known else 0.0
-    from_time = timed.stop_std_N if event.dwell else event.rate_N_s * crossed.std_s
+    from_time = times.stop_std_N if event.dwell else event.rate_N_s * crossed.std_s
     return float(np.sqrt(event.std_N[2] ** 2 + tare**2 + from_time**2))
 
 
 def _event_details(
-    details: CertificationDetails, timed: ContactTimes, touch: ContactEvent, event: EventForce, method: object
+    details: CertificationDetails, times: ContactTimes, touch: ContactEvent, event: EventForce, method: object
 ) -> CertificationDetails:
     """The details with those of the contact event, and of the travel scale that it was put on."""
     details = replace(
         details,
         contact_std_s=touch.std_s,
-        contact_shared_std_mm=_shared_std(timed, touch, event),
+        contact_shared_std_mm=_shared_std(times, touch, event),
         contact_channel=touch.channel,
         contact_sigmas=touch.onset.gain**0.5,
         force_readings=event.readings,
         force_dwell=event.dwell,
         reconstructed_depth_mm=touch.depth_seen_mm,
-        reconstructed_std_mm=touch.depth_seen_mm * shared_depth_std(timed.touched.case.track, method),
+        reconstructed_std_mm=touch.depth_seen_mm
+        * shared_depth_std(times.bevel_contact.press_signal.track, method),
     )
-    scale = timed.ruler
+    scale = times.travel_scale
     if scale is None:
         return details
     return replace(
         details,
-        travel_scale_std=scale.relative_std(timed.touched.law.c_N_per_mm),
-        contact_delay_mm=scale.late_mm,
-        contact_delay_std_mm=scale.late_std_mm,
+        travel_scale_std=scale.relative_std(times.bevel_contact.law.c_N_per_mm),
+        contact_delay_mm=scale.delay_mm,
+        contact_delay_std_mm=scale.delay_std_mm,
     )
 
 
-def _shared_std(timed: ContactTimes, touch: ContactEvent, event: EventForce) -> float:
+def _shared_std(times: ContactTimes, touch: ContactEvent, event: EventForce) -> float:
     """Std (mm) that all depths share: the travel scale's zero, or the growing dent's shape; 0 at a stop."""
-    if timed.ruler is not None:
-        return timed.ruler.zero_std_mm
+    if times.travel_scale is not None:
+        return times.travel_scale.zero_std_mm
     return 0.0 if event.dwell else touch.onset.shared_std
 
 
-def _face_details(details: CertificationDetails, look: PressEvidence | None) -> CertificationDetails:
+def _face_details(details: CertificationDetails, evidence: PressEvidence | None) -> CertificationDetails:
     """The details with place, radius and tilt of the face, where one is seen."""
-    if look is None or look.track.footprint is None:
+    if evidence is None or evidence.track.footprint is None:
         return details
-    face = look.track.footprint
+    face = evidence.track.footprint
     (x_mm, y_mm), (tilt_x, tilt_y) = face.centre_mm, face.tilt
     return replace(
         details,

@@ -22,9 +22,9 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
 from tactilevision.records import Indenter
 
-STEPS = 50
-TOLERANCE = 1e-10
-FRICTIONS = (0.0, 0.3, float("inf"))
+STEPS = 50  # of the fixed point, at most
+TOLERANCE = 1e-10  # of the height, change of the depth at which the iteration ends
+FRICTIONS = (0.0, 0.3, float("inf"))  # Coulomb's coefficients that span what friction may do
 
 
 @dataclass(frozen=True, slots=True)

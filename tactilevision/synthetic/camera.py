@@ -18,8 +18,8 @@ from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
 from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
-_FINER = 3
-_STEPS = 16383
+_FINER = 3  # grid points for each pixel at steep places
+_STEPS = 16383  # levels of the response's table: 14 bits, finer than any grey level
 
 
 @dataclass(frozen=True, slots=True, eq=False)

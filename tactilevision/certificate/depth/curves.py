@@ -1,7 +1,7 @@
 """Whole presses as curves: the camera's depth and the force on the camera's clock, anchored at the certificate.
 
 The camera reads the depth of a steep-walled face in a scale of its own, which depends on the depth. All
-certified presses together give that scale (the gauge, true over seen as a function of seen); each press is
+certified presses together give that scale (true over seen depth as a function of the seen one); each press is
 then scaled so that its own event reads what certifies it.
 """
 
@@ -15,7 +15,7 @@ from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.records import CertifiedPoint, Curve
 
-_SMOOTH = 5
+_SMOOTH = 5  # readings of the running mean
 
 
 def press_curve(
@@ -25,7 +25,7 @@ def press_curve(
     *,
     touch: ContactEvent | None,
     offset_s: float,
-    gauge: DepthScale | None,
+    depth_scale: DepthScale | None,
 ) -> Curve | None:
     """Curve of one press, rows are its frames; None without a force. `offset_s`: F/T clock minus camera clock."""
     if window is None:
@@ -34,10 +34,10 @@ def press_curve(
     covered = (time >= window.time_s[0]) & (time <= window.time_s[-1])
     if covered.sum() < 2:
         return None
-    depth = track.depth_mm * (gauge.scale(track.depth_mm) if gauge is not None else 1.0)
+    depth = track.depth_mm * (depth_scale.scale(track.depth_mm) if depth_scale is not None else 1.0)
     if touch is not None and point.accepted and touch.depth_seen_mm > 0:
         seen = touch.depth_seen_mm
-        read = seen * (float(gauge.scale(seen)) if gauge is not None else 1.0)
+        read = seen * (float(depth_scale.scale(seen)) if depth_scale is not None else 1.0)
         depth = depth * (point.depth_mm / read)
     kernel = np.full(_SMOOTH, 1 / _SMOOTH)
     smooth = [

@@ -18,12 +18,15 @@ from tactilevision.certificate.touch.press_track import GRID_MM, PressTrack
 from tactilevision.contact.bevel import SIDES
 from tactilevision.records import EdgeDrop, EdgeProfile, Floats
 
-RINGS = 4
-NEAREST_MM, NEAREST_PX = 0.4, 4.0  # beside the edge: nearer is the wall, its ink and the blur
-NEAREST, FARTHEST = 0.16, 0.5  # beside the edge, of the radius
-BEFORE_BEVEL_MM = 0.5
-NEAR, FREE = 0.15, 0.05  # of the touch's depth
-MIN_TURNS = 2.0  # the outer edge over the inner one: fewer leave no rings to part
+RINGS = 4  # between the nearest and the farthest distance
+NEAREST_MM = 0.4  # mm beside the edge: nearer is the wall, its ink and the blur
+NEAREST_PX = 4.0  # pixels beside the edge: nearer is the wall, its ink and the blur
+NEAREST = 0.16  # of the radius, beside the edge, where the first ring begins
+FARTHEST = 0.5  # of the radius, beside the edge, where the last ring ends
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+NEAR = 0.15  # of the event's depth: frames this near to it are read
+FREE = 0.05  # of the event's depth: shallower frames show the free gel
+MIN_RATIO = 2.0  # outer over inner edge: fewer leave no rings to part
 
 
 def edge_profile(
@@ -50,7 +53,7 @@ def ring_edges(track: PressTrack) -> Floats | None:
     radius = track.indenter.radius_mm
     pixel = max(*track.face_map.mm_per_px, GRID_MM)
     first, last = max(NEAREST_MM, NEAREST_PX * pixel, NEAREST * radius), FARTHEST * radius
-    if last < MIN_TURNS * first or track.r_mm.size < 2 or track.r_mm[-1] < radius + last:
+    if last < MIN_RATIO * first or track.r_mm.size < 2 or track.r_mm[-1] < radius + last:
         return None
     return np.asarray(np.geomspace(first, last, RINGS + 1))
 

@@ -16,12 +16,12 @@ from tactilevision.certificate.depth.pile_up import (
     seen_ratio,
     unknown_pile_up,
 )
-from tactilevision.certificate.touch.bevel_contact_depth import SURE
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
 from tactilevision.certificate.touch.contact_times import ContactTimes
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.records import Floats, Gel
 
-UNKNOWN_SCALE_STD = 0.25  # relative std of the map's scale where no event tells it; maps of unknown origin
+UNKNOWN_SCALE_STD = 0.25  # relative std of the map's scale where no event tells it
 
 
 def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[str, PileUp]:
@@ -29,14 +29,14 @@ def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[
     seen, scale_std, map_std = _seen(events)
     pile_ups = {}
     for name, one in events.items():
-        distance, indenter = one.touched.distance_mm, one.touched.case.track.indenter
+        distance, indenter = one.bevel_contact.distance_mm, one.bevel_contact.press_signal.track.indenter
         if distance is None or not indenter.height_mm:
             pile_ups[name] = unknown_pile_up()
             continue
         beside = mean_distance_mm(distance)
         computed = computed_ratio(gel, indenter, distance_mm=beside)
         pile_up = combine(seen_ratio(seen.get(distance, []), scale_std=scale_std, map_std=map_std), computed)
-        given = one.touched.distance_given
+        given = one.bevel_contact.distance_given
         pile_ups[name] = pile_up if given else blur_place(pile_up, gel, indenter, distance_mm=beside)
     return pile_ups
 
@@ -48,17 +48,17 @@ def _seen(
     ratios: dict[float, list[tuple[Floats, Floats]]] = {}
     scales, errors = [], []
     for one in events.values():
-        distance, case = one.touched.distance_mm, one.touched.case
-        if one.touch is None or one.touch.onset.gain <= SURE or distance is None:
+        distance, press_signal = one.bevel_contact.distance_mm, one.bevel_contact.press_signal
+        if one.touch is None or one.touch.onset.gain <= DETECTION_CHI2 or distance is None:
             continue
-        height = case.track.indenter.height_mm
+        height = press_signal.track.indenter.height_mm
         scales += [one.touch.depth_seen_mm / height] if height else []
         beside = mean_distance_mm(distance)
-        before = case.use & (case.drive < one.touch.onset.at)
-        single = press_pile_up(case.track, case.drive, before, distance_mm=beside)
+        before = press_signal.use & (press_signal.drive < one.touch.onset.at)
+        single = press_pile_up(press_signal.track, press_signal.drive, before, distance_mm=beside)
         if single is not None:
             ratios.setdefault(distance, []).append(single)
-            errors.append(map_error(case.track, case.drive, distance_mm=beside))
+            errors.append(map_error(press_signal.track, press_signal.drive, distance_mm=beside))
     scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else UNKNOWN_SCALE_STD
     known = [error for error in errors if np.isfinite(error)]
     return ratios, scale_std, float(np.median(known)) if known else 0.0

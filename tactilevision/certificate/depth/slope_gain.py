@@ -10,10 +10,10 @@ import numpy as np
 from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.uncertainty.depth import gain_std
 
-UNKNOWN_GAIN = 0.1  # relative std of slopes where no card states it; light calibrations of unknown origin
+UNKNOWN_GAIN = 0.1  # relative std of slopes where no card states it
 MIN_GAIN = 0.01  # relative std that no ring of slopes undercuts; benchmarks.nu_from_frames
-RING_SHARE = 0.25  # of the picture, and so of the balls, that a ring averages; geometry of a press
-BALL_SLOPE = 0.3  # mm/mm, the steepest slope of most light calibrations where the card states none
+RING_SHARE = 0.25  # of the picture, and so of the balls, that a ring averages
+BALL_SLOPE = 0.3  # mm/mm, a slope that most light calibrations hold
 
 
 def ring_gain_std(method: object) -> float:
