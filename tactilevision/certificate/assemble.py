@@ -1,4 +1,4 @@
-"""From what was seen and felt of every press to points, curves and evidence."""
+"""Certificate of a recording: points, curves and evidence from the measurements of every press."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Frames and forces of a recording to its certificate.
 
-watch each press -> align the clocks -> tare -> find all touches together -> rise, depth, force -> check
+track each press -> align the clocks -> tare -> find all contact events together -> pile-up, depth, force -> check
 """
 
 from __future__ import annotations

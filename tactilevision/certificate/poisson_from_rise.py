@@ -1,4 +1,4 @@
-"""The gel beside each accepted punch, read apart from the punch's walls: what Poisson's ratio is fitted to.
+"""Poisson's ratio from the gel's rise beside each accepted punch, read apart from the punch's walls.
 
 A height map reaches the gel beside a punch over walls that are too steep to be read, and what is missing there
 leaks into all of it. Here the slopes alone are taken: averaged over the frames near the event and over squares of

@@ -1,4 +1,4 @@
-"""What is usual in a recording: the yardstick of the checks that compare one press with the others."""
+"""Statistics of a recording's presses, against which the checks hold each of them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
 
 
 def _median(values: Sequence[float]) -> float:
-    """Of what is known; 0 where too few tell what is usual."""
+    """Of what is known; 0 where fewer than three are known."""
     known = [value for value in values if np.isfinite(value)]
     return float(np.median(known)) if len(known) >= 3 else 0.0
 
@@ -82,9 +82,9 @@ def _equal(presses: Mapping[str, PressEvidence]) -> float:
 
 
 def tilt_scatter_to_bevel(presses: Sequence[PressEvidence], medians: RecordingStatistics) -> float:
-    """What faces lean by towards the bevel from press to press, rad, by the repeats of each indenter.
+    """Scatter (rad) of the faces' tilt towards the bevel from press to press, by the repeats of each indenter.
 
-    Against all presses where none is repeated: a height map that misreads walls leans by what the depth is.
+    Against all presses where none is repeated: a height map that misreads walls tilts by what the depth is.
     """
     tilts: dict[str, list[float]] = {}
     for evidence in presses:

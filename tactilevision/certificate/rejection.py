@@ -60,7 +60,7 @@ class PressEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingStatistics:
-    """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
+    """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
     uneven the gel is beside the face, and how far the face is from flat."""
 

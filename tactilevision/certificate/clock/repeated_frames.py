@@ -33,7 +33,7 @@ def note_repeats(frames: Iterable[Frame | BadFrame], repeats: list[float]) -> It
 
 
 def repeated_share(repeats: Sequence[float]) -> float:
-    """The share of the picture that a usual frame copies; 0 where too few frames tell."""
+    """The share of the picture that the median frame copies; 0 where too few frames tell."""
     if len(repeats) < _MIN_PAIRS:
         return 0.0
     anew, typical_share = float(np.quantile(repeats, 0.03)), float(np.median(repeats))

@@ -24,7 +24,7 @@ _GAP = 3 * _SMOOTH  # readings beside contact that are not taken for free
 class ForceWindow:
     """`time_s` (T,), tared `force_N` (T, 3), smoothed normal force `smooth_N` (T,), phases (None: no contact).
 
-    `ramp_N_s` is the usual rate of loading, `dwells` the (first, last) readings between which the rig stands
+    `ramp_N_s` is the median rate of loading, `dwells` the (first, last) readings between which the rig stands
     still, on the way in and at the top. `drive_N` (T,) is the smoothed force with what it relaxes by in the
     dwells put back: it stands still where the depth does.
     """

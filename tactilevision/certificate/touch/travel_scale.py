@@ -6,7 +6,7 @@ z_i is the travel of press i (mm) from the zero of force to the contact event th
 stage, else from stated speed times time. w_i is the depth that the bevel certifies (mm), P_i the force then (N).
 alpha is the speed's scale, 1 for a stage; s the rig's compliance (mm/N). delta is by how much all events were seen
 early or late, e_i what each was by itself. t_i is what the tilt that the camera reads would lower the bevel by,
-against the usual one; b, about 0 to 1, is how far that reading is to be believed.
+against the median one; b, about 0 to 1, is how far that reading is to be believed.
 
 A rig that comes at one pace makes z a measure of depth whose zero is the gel's surface. delta does not grow with
 the depth, so heights that differ tell it apart from alpha. The shape of the growing dent bounds delta, the

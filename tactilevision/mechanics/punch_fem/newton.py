@@ -111,8 +111,7 @@ def solve_step(
             force = target if system.by_force else reaction
             reached = None if contact is None else contact.history
             return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error, folded)
-        du = _increment(system, solid, contact, target, jump)
-        jump = 0.0
+        du, jump = _increment(system, solid, contact, target, jump), 0.0
         if contact is not None and last.history is not None:
             history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
