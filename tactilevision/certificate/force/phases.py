@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
 
-CLEAR, FAINT = 5.0, 0.03  # contact stands out by so many times the noise, and by this share of the top
+CLEAR = 5.0  # times the noise by which contact stands out; tests.certificate.test_force_readings
+FAINT = 0.03  # of the top, by which contact stands out; tests.certificate.test_force_readings
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The gel beside each accepted punch, read apart from the punch's walls: what Poisson's ratio is fitted to.
+"""Poisson's ratio from the gel's rise beside each accepted punch, read apart from the punch's walls.
 
 A height map reaches the gel beside a punch over walls that are too steep to be read, and what is missing there
 leaks into all of it. Here the slopes alone are taken: averaged over the frames near the event and over squares of
@@ -23,28 +23,26 @@ import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
+from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
 
-SQUARE_MM = 0.25
-FRAMES = 8  # a press; more no longer lower what is left, which is the same in all frames
-NEAR = 0.15  # of the depth: frames this near to the event show the same surface on another scale
-WALL_MM = 0.5  # beyond the edge: the steep part of the profile, the ink and the blur
-BEFORE_BEVEL_MM = 0.5
-SOUND = 0.9  # of a square's pixels
-CENTRE_STD_MM = 0.05
-GUARD = 0.4  # thicknesses beside the edge, where profiles depend on the edge's radius and the wall's blur reaches
-BOWL_STD_PER_MM = 3e-4  # three thousandths of slope at 10 mm
-UNKNOWN_GAIN, MIN_GAIN = 0.1, 0.01
+SQUARE_MM = 0.25  # mm, side of the squares that slopes are averaged over; benchmarks.nu_from_frames
+FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
+NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
+WALL_MM = 0.5  # mm beyond the edge: steep profile, ink and blur; benchmarks.nu_from_frames
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_from_frames
+CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
+GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
+BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
-RING_SHARE = 0.25  # of the picture, and so of the balls
 
 Picture = npt.NDArray[np.float32]
 
@@ -59,10 +57,10 @@ class _Slopes:
     depth_mm: float
 
 
-def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> SurfaceFit | None:
+def fit_nu(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> SurfaceFit | None:
     """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
     gel = recording.sensor.gel
-    views = surfaces_beside(recording, reconstructor, certificate) if gel is not None else []
+    views = surfaces_beside_punch(recording, reconstructor, certificate) if gel is not None else []
     if gel is None or not views:
         return None
     settings = SurfaceFitSettings(
@@ -81,25 +79,25 @@ def nu_beside(recording: Recording, reconstructor: Reconstructor, certificate: C
 def with_nu(
     recording: Recording, reconstructor: Reconstructor, certificate: Certificate
 ) -> tuple[Certificate, Estimate | None]:
-    """nu_beside, and the certificate with depths that follow it where nothing better is stated of the gel."""
-    found, gel = nu_beside(recording, reconstructor, certificate), recording.sensor.gel
+    """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel."""
+    found, gel = fit_nu(recording, reconstructor, certificate), recording.sensor.gel
     if found is None or gel is None:
         return certificate, None
     if found.left_out:
-        said = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
-        certificate = replace(certificate, warnings=(*certificate.warnings, said))
+        left_out = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
+        certificate = replace(certificate, warnings=(*certificate.warnings, left_out))
     stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
     if (found.poisson_ratio.std or math.inf) > stated:
         return certificate, found.poisson_ratio
-    return with_rise(certificate, recording, found.poisson_ratio), found.poisson_ratio
+    return with_pile_up(certificate, recording, found.poisson_ratio), found.poisson_ratio
 
 
-def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Estimate) -> Certificate:
+def with_pile_up(certificate: Certificate, recording: Recording, poisson_ratio: Estimate) -> Certificate:
     """The certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
 
     The rise that the frames show stays part of it. As it is where nu has no value or the bevel's place is unknown.
     """
-    gel, old = recording.sensor.gel, certificate.rise
+    gel, old = recording.sensor.gel, certificate.pile_up
     if gel is None or old is None or poisson_ratio.value is None or certificate.bevel_distance_mm is None:
         return certificate
     known = replace(gel, poisson_ratio=poisson_ratio.value, poisson_ratio_std=poisson_ratio.std)
@@ -111,26 +109,26 @@ def with_rise(certificate: Certificate, recording: Recording, poisson_ratio: Est
         if computed is None:
             points.append(point)
             continue
-        rise = combine(old.seen, computed)
+        pile_up = combine(old.seen, computed)
         if indenter.bevel_distance_mm is None:
-            rise = blur_place(rise, known, indenter, distance_mm=distance)
-        depth = point.depth_uncorrected_mm / (1 + rise.ratio)
-        ruler, lean = (point.extra.get(name) for name in ("ruler_std", "lean_std_mm"))
+            pile_up = blur_place(pile_up, known, indenter, distance_mm=distance)
+        depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)
+        scale_std, tilt_std = point.details.travel_scale_std, point.details.tilt_std_mm
         std = depth_std(
             depth,
-            rise,
+            pile_up,
             height_std_mm=indenter.height_std_mm,
-            lean_std_mm=float(lean or 0.0),
-            ruler_std=None if ruler is None else float(ruler),
+            tilt_std_mm=tilt_std if np.isfinite(tilt_std) else 0.0,
+            scale_std=scale_std if np.isfinite(scale_std) else None,
         )
         scales[point.press] = depth / point.depth_mm
-        extra = {**point.extra, "rise_ratio": rise.ratio, "rise_ratio_std": rise.std}
-        points.append(replace(point, depth_mm=depth, depth_std_mm=std, extra=extra))
+        details = replace(point.details, pile_up_ratio=pile_up.ratio, pile_up_ratio_std=pile_up.std)
+        points.append(replace(point, depth_mm=depth, depth_std_mm=std, details=details))
     curves = [replace(c, depth_mm=c.depth_mm * scales.get(c.press, 1.0)) for c in certificate.curves]
     return replace(certificate, points=tuple(points), curves=tuple(curves))
 
 
-def surfaces_beside(
+def surfaces_beside_punch(
     recording: Recording, reconstructor: Reconstructor, certificate: Certificate
 ) -> list[SurfaceView]:
     """One view for each accepted press of a flat cylinder that left a curve and a footprint.
@@ -153,14 +151,6 @@ def surfaces_beside(
             placed = replace(indenter, bevel_distance_mm=distance)
             views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))
     return views
-
-
-def ring_gain_std(method: object) -> float:
-    """Of the mean over a ring: what single balls scatter by, over the balls that such a ring averages."""
-    if not isinstance(method, CalibratedMethod) or "balls" not in method.card:
-        return UNKNOWN_GAIN
-    single = float(method.card.get("held_out_gain_std", method.relative_error))
-    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(method.card["balls"]), 1.0))))
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tactilevision.certificate.clock.alignment import (
-    Seen,
-    coarse_offset,
+    PressDepths,
+    clock_jump_warnings,
+    clock_jumps,
+    correlation_offset,
     estimate_offset,
-    jumps,
-    near_offset,
-    said_of_jumps,
+    parabola_offset,
 )
-from tactilevision.certificate.force.tare import Tare, find_tare, levelled
+from tactilevision.certificate.force.tare import Tare, find_tare, subtract_tares
 from tactilevision.records import Floats, ForceSeries
 
 TOPS = (0.2, 0.35, 0.4, 0.5, 0.65)
@@ -35,7 +35,7 @@ def presses(
     frames: int | None = None,
     relaxing: float = 0.0,
     crooked: float = 0.4,
-) -> tuple[list[Seen], ForceSeries]:
+) -> tuple[list[PressDepths], ForceSeries]:
     """Presses every seven seconds; the camera reads depths crookedly, at jittered and thinned times."""
     force_time = np.arange(0, 7.0 * len(TOPS) + 2, 0.005)
     depth = np.sum([depth_at(force_time, 2 + 7 * k, top) for k, top in enumerate(TOPS)], axis=0)
@@ -54,7 +54,7 @@ def presses(
             time = np.sort(rng.choice(time, frames, replace=False))
         true = depth_at(time, 2 + 7 * k, top)
         read = true * (1.2 - crooked * true) * rng.normal(1, 0.02) + 0.002 * rng.standard_normal(time.size)
-        seen.append(Seen(time, read, 2.5))
+        seen.append(PressDepths(time, read, 2.5))
     return seen, ForceSeries(force_time + offset_s, force, (0.00625, 0.00625, 0.0125))
 
 
@@ -62,9 +62,9 @@ def presses(
 @pytest.mark.parametrize("offset_s", [-0.15, 0.0, 0.08])
 def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> None:
     seen, forces = presses(offset_s, np.random.default_rng(int(rate_Hz)), rate_Hz=rate_Hz)
-    start, sure = coarse_offset(seen, forces)
+    start, sure = correlation_offset(seen, forces)
     assert sure > 0.9
-    found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+    found = estimate_offset(seen, forces, start_s=parabola_offset(seen, forces, start_s=start))
     assert found.value == pytest.approx(offset_s, abs=0.003)
     assert found.std is not None
     assert found.std < 0.003
@@ -73,16 +73,16 @@ def test_offset_within_three_milliseconds(rate_Hz: float, offset_s: float) -> No
 def test_thinned_frames_and_a_relaxing_gel() -> None:
     for seed, relaxing in ((1, 0.0), (2, 0.0), (3, 0.15)):
         seen, forces = presses(0.12, np.random.default_rng(seed), rate_Hz=60, frames=60, relaxing=relaxing)
-        start, _ = coarse_offset(seen, forces)
-        found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+        start, _ = correlation_offset(seen, forces)
+        found = estimate_offset(seen, forces, start_s=parabola_offset(seen, forces, start_s=start))
         assert found.value == pytest.approx(0.12, abs=0.003), relaxing
 
 
 def test_clocks_of_different_origin() -> None:
     seen, forces = presses(5432.1, np.random.default_rng(0))
-    start, sure = coarse_offset(seen, forces)
+    start, sure = correlation_offset(seen, forces)
     assert sure > 0.9
-    found = estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+    found = estimate_offset(seen, forces, start_s=parabola_offset(seen, forces, start_s=start))
     assert found.value == pytest.approx(5432.1, abs=0.003)
 
 
@@ -100,7 +100,7 @@ def test_std_is_what_the_estimate_scatters_by() -> None:
 
 def test_no_ramp_no_offset() -> None:
     seen, forces = presses(0.0, np.random.default_rng(0))
-    free = [Seen(s.time_s[:5], np.zeros(5), 2.5) for s in seen]
+    free = [PressDepths(s.time_s[:5], np.zeros(5), 2.5) for s in seen]
     found = estimate_offset(free, forces, start_s=0.0)
     assert found.value is None
     assert found.why
@@ -116,7 +116,7 @@ def test_a_zero_that_drifts_is_no_lag() -> None:
         tares = [
             find_tare(drifting, (first - 0.1, last + 0.1), free_s=(first - 2, last + 2)) for first, last in spans
         ]
-        for found, force in ((raw, drifting), (level, levelled(drifting, tares))):
+        for found, force in ((raw, drifting), (level, subtract_tares(drifting, tares))):
             value = estimate_offset(seen, force, start_s=0.06).value
             assert value is not None
             found.append(value - 0.05)
@@ -126,12 +126,12 @@ def test_a_zero_that_drifts_is_no_lag() -> None:
 
 def test_forces_without_a_known_zero_stay_as_they_are() -> None:
     _, forces = presses(0.0, np.random.default_rng(0))
-    assert levelled(forces, [Tare(None, np.nan, None, np.nan, np.full(3, np.nan))]) is forces
+    assert subtract_tares(forces, [Tare(None, np.nan, None, np.nan, np.full(3, np.nan))]) is forces
 
 
 def slow_presses(
     rng: np.random.Generator, harder: tuple[float, float] = (1.0, 1.0)
-) -> tuple[list[Seen], ForceSeries]:
+) -> tuple[list[PressDepths], ForceSeries]:
     """Six slow presses by two punches in turn, two of each, filmed at 12 frames a second; clocks .03 s apart."""
     force_time, tops = np.arange(0, 74, 0.005), (0.2, 0.3, 0.2, 0.3, 0.2, 0.3)
     normal, seen = 0.2 + 0.012 * rng.standard_normal(force_time.size), []
@@ -142,7 +142,7 @@ def slow_presses(
         time = np.arange(0.7 + 12 * k + rng.uniform(0, 0.08), 10 + 12 * k, 1 / 12)
         true = np.interp(time, corners, [0, top, top, 0])
         read = true * rng.normal(1, 0.01) + np.where(true > 0, 0.0018, 0.0006) * rng.standard_normal(time.size)
-        seen.append(Seen(time, read, stiffness, np.inf, stiffness))
+        seen.append(PressDepths(time, read, stiffness, np.inf, stiffness))
     return seen, ForceSeries(force_time + 0.03, np.c_[0 * normal, 0 * normal, normal], (0.006, 0.006, 0.012))
 
 
@@ -156,7 +156,7 @@ def test_noise_of_the_force_is_no_relaxing_gel(seed: int) -> None:
 def test_a_wide_punch_presses_harder_at_one_depth() -> None:
     """Of punches in turn that press unlike, the wrong pair once went together better than the right one."""
     seen, forces = slow_presses(np.random.default_rng(1), (1.0, 6.0))
-    start, sure = coarse_offset(seen, forces)
+    start, sure = correlation_offset(seen, forces)
     assert start == pytest.approx(0.03, abs=0.05)
     assert sure > 0.98
 
@@ -165,8 +165,8 @@ def test_a_clock_that_jumps_is_named_with_its_presses() -> None:
     rng = np.random.default_rng(3)
     seen, forces = presses(0.05, rng, relaxing=0.2)
     labels = [f"P{k}" for k in range(len(seen))]
-    assert jumps(dict(zip(labels, seen, strict=True)), forces, 0.05) == {}
+    assert clock_jumps(dict(zip(labels, seen, strict=True)), forces, 0.05) == {}
     late = [replace(one, time_s=one.time_s - 0.5) if k < 2 else one for k, one in enumerate(seen)]
-    strays = jumps(dict(zip(labels, late, strict=True)), forces, 0.05)
-    assert strays == pytest.approx({"P0": 0.5, "P1": 0.5}, abs=0.05)
-    assert "P0 (+0." in next(said_of_jumps(strays))
+    clock_outliers = clock_jumps(dict(zip(labels, late, strict=True)), forces, 0.05)
+    assert clock_outliers == pytest.approx({"P0": 0.5, "P1": 0.5}, abs=0.05)
+    assert "P0 (+0." in next(clock_jump_warnings(clock_outliers))

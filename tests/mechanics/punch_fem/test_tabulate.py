@@ -21,7 +21,7 @@ from tactilevision.mechanics.tables.cases import Case, Grid, case_path, load_cas
 from tactilevision.mechanics.tables.merge import merge
 from tactilevision.mechanics.tables.table import read_table
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TINY = (
     "--law",
     "neo-hooke",

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from tactilevision.batch.folder import DepthJob
-from tactilevision.certificate.depth.face_depth import UNHELD, Certified, face_depth_correction, read_certified
+from tactilevision.certificate.depth.face_depth import (
+    NO_CORRECTION,
+    Certified,
+    face_depth_correction,
+    read_certified,
+)
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
@@ -73,7 +78,7 @@ def certified() -> tuple[Certified, ...]:
 def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     anchor = face_depth_correction(recording, Short(), certified())
-    assert anchor is not UNHELD
+    assert anchor is not NO_CORRECTION
     for depth in (0.2, 0.4, 0.55):
         frame = Frame(np.full((*map(int, SIZE[::-1]), 3), round(100 * depth), np.uint8), 12.0)
         seen = Short().height_map(frame)
@@ -87,7 +92,7 @@ def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays
 def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     anchor = face_depth_correction(recording, Short(), certified())
-    assert anchor is not UNHELD
+    assert anchor is not NO_CORRECTION
     between = Short().height_map(Frame(np.full((120, 160, 3), 40, np.uint8), 7.0))
     assert anchor(between) is between
     free = Short().height_map(Frame(np.zeros((120, 160, 3), np.uint8), 12.0))
@@ -96,12 +101,15 @@ def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> N
 
 def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
-    assert face_depth_correction(recording, Short(), certified()[:2]) is UNHELD
+    assert face_depth_correction(recording, Short(), certified()[:2]) is NO_CORRECTION
     assert (
         face_depth_correction(recording, Short(), [replace(one, time_s=one.time_s + 100) for one in certified()])
-        is UNHELD
+        is NO_CORRECTION
     )
-    assert face_depth_correction(recording, Short(), [replace(one, press="x") for one in certified()]) is UNHELD
+    assert (
+        face_depth_correction(recording, Short(), [replace(one, press="x") for one in certified()])
+        is NO_CORRECTION
+    )
 
 
 def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path) -> None:
@@ -119,7 +127,7 @@ def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
     anchor = face_depth_correction(recorded(tmp_path), Short(), certified())
     frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
     peaks = []
-    for held in (UNHELD, anchor):
+    for held in (NO_CORRECTION, anchor):
         DepthJob(cast(Reconstructor, Short()), tmp_path, anchor=held)(frame, 0)
         peaks.append(float(np.median(read_tiff(tmp_path / "depth" / "20.tiff").depth_mm[50:70, 70:90])))
     assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)

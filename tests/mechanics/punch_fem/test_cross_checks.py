@@ -24,7 +24,7 @@ from tactilevision.mechanics.punch_fem import (
 )
 from tactilevision.records import Material
 
-REFERENCE = Path(__file__).parents[3] / "shared" / "reference" / "fe_curves.csv"
+REFERENCE = Path(__file__).parents[4] / "shared" / "reference" / "fe_curves.csv"
 DEPTHS = (0.15, 0.3, 0.4, 0.5, 0.6)
 
 

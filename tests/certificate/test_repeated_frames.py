@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactilevision.certificate.clock.repeated_frames import allow_for_copies, copied, noting
+from tactilevision.certificate.clock.repeated_frames import allow_for_repeats, note_repeats, repeated_share
 from tactilevision.records import Estimate, Floats, Frame
 
 TIMES = np.arange(40) / 14
@@ -25,14 +25,14 @@ def film(rng: np.random.Generator, *, group: int) -> list[Frame]:
 
 def share_of(frames: list[Frame]) -> float:
     alike: list[float] = []
-    assert list(noting(frames, alike)) == frames
-    return copied(alike)
+    assert list(note_repeats(frames, alike)) == frames
+    return repeated_share(alike)
 
 
 def test_copied_frames_widen_the_clocks() -> None:
     share = share_of(film(np.random.default_rng(0), group=12))
     assert share == pytest.approx(0.9, abs=0.03)
-    offset, notes = allow_for_copies(Estimate(0.02, 0.001, (0.018, 0.022), "s"), share, TIMES)
+    offset, notes = allow_for_repeats(Estimate(0.02, 0.001, (0.018, 0.022), "s"), share, TIMES)
     assert offset.value == 0.02
     assert offset.std == pytest.approx(1 / 14, rel=0.01)
     assert offset.interval95 is not None
@@ -47,9 +47,9 @@ def test_frames_seen_anew_do_not(still: bool) -> None:
     if still:  # a picture without noise is the same throughout, and no group of pictures begins anywhere
         frames = [Frame(frames[0].rgb, float(time)) for time in TIMES]
     found = Estimate(0.02, 0.001, (0.018, 0.022), "s")
-    assert allow_for_copies(found, share_of(frames), TIMES) == (found, ())
+    assert allow_for_repeats(found, share_of(frames), TIMES) == (found, ())
 
 
 def test_too_few_frames_say_nothing() -> None:
     values: Floats = np.array([0.1, 0.9, 0.9])
-    assert copied(list(values)) == 0.0
+    assert repeated_share(list(values)) == 0.0

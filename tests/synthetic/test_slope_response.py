@@ -44,7 +44,7 @@ def test_only_the_recording_suffers_and_the_truth_says_it(tmp_path: Path) -> Non
         rig=replace(options.rig, frames_per_press=12),
     )
     sound = simulate(tmp_path / "sound", seed=1, options=options)
-    worn = simulate(tmp_path / "worn", seed=1, options=replace(options, sight=SlopeResponse(gain=-0.3)))
+    worn = simulate(tmp_path / "worn", seed=1, options=replace(options, slope_response=SlopeResponse(gain=-0.3)))
     names = sorted(path.name for path in (sound / "frames").iterdir())
     same = [(sound / "frames" / n).read_bytes() == (worn / "frames" / n).read_bytes() for n in names]
     assert same[0], "the free gel has no slopes to lose"

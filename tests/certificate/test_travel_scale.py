@@ -9,7 +9,7 @@ import pytest
 
 from tactilevision.certificate.force.contact_point import contact_point, moving_s, top_s
 from tactilevision.certificate.force.window import force_window
-from tactilevision.certificate.touch.indenter_travel import begin_of, indenter_travel
+from tactilevision.certificate.touch.indenter_travel import first_contact, indenter_travel
 from tactilevision.certificate.touch.travel_scale import TravelPoint, fit_travel_scale
 from tactilevision.recording import StageSeries
 from tactilevision.records import ForceSeries, Press
@@ -42,10 +42,10 @@ def test_the_ruler_does_not_follow_touches_that_are_all_seen_late() -> None:
         ruler = fit_travel_scale(marks(rng, late=late))
         assert ruler is not None
         assert ruler.used.all()
-        slope, true = ruler.alpha + ruler.give_mm_per_N * C, 1.02
+        slope, true = ruler.alpha + ruler.compliance_mm_per_N * C, 1.02
         errors.append((slope / true - 1) / ruler.relative_std(C))
         scale.append(ruler.relative_std(C))
-        assert abs(ruler.late_mm - late) < 4 * ruler.late_std_mm
+        assert abs(ruler.delay_mm - late) < 4 * ruler.delay_std_mm
     assert np.sqrt(np.mean(np.square(errors))) < 1.3
     assert np.median(scale) < 0.008
 
@@ -55,7 +55,7 @@ def test_a_rig_that_gives_way_is_still_a_ruler() -> None:
     for seed in range(30):
         ruler = fit_travel_scale(marks(np.random.default_rng(seed), late=0.003, give=0.005))
         assert ruler is not None
-        errors.append((ruler.alpha + ruler.give_mm_per_N * C) / (1.02 + 0.005 * C) - 1)
+        errors.append((ruler.alpha + ruler.compliance_mm_per_N * C) / (1.02 + 0.005 * C) - 1)
     assert abs(np.mean(errors)) < 0.006
 
 
@@ -65,7 +65,7 @@ def test_without_errors_every_place_is_exact() -> None:
     assert ruler is not None
     for mark in exact:
         assert ruler.travel_mm(mark.depth_mm, mark.force_N) == pytest.approx(mark.travel_mm, abs=1e-5)
-    assert ruler.late_mm == pytest.approx(0, abs=1e-6)
+    assert ruler.delay_mm == pytest.approx(0, abs=1e-6)
 
 
 def test_one_wrong_touch_is_left_out() -> None:
@@ -83,7 +83,7 @@ def test_two_heights_are_enough_where_they_differ() -> None:
         two = [mark for mark in marks(np.random.default_rng(seed), late=late) if mark.height in ("A1", "A4")]
         ruler = fit_travel_scale(two)
         assert ruler is not None
-        errors.append(((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1) / ruler.relative_std(C))
+        errors.append(((ruler.alpha + ruler.compliance_mm_per_N * C) / 1.02 - 1) / ruler.relative_std(C))
     assert np.sqrt(np.mean(np.square(errors))) < 1.3
 
 
@@ -96,12 +96,12 @@ def test_a_face_that_leans_is_believed_as_far_as_the_touches_say() -> None:
             rng = np.random.default_rng(seed)
             lean = 0.005 * rng.standard_normal(3 * len(HEIGHTS))
             leaning = [
-                replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, lean_mm=t)
+                replace(mark, travel_mm=mark.travel_mm - 1.02 * real * t, tilt_shift_mm=t)
                 for mark, t in zip(marks(rng, late=0.002), lean, strict=True)
             ]
             ruler = fit_travel_scale(leaning)
             assert ruler is not None
-            errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
+            errors.append((ruler.alpha + ruler.compliance_mm_per_N * C) / 1.02 - 1)
         spread[real] = np.std(errors)
     assert spread[1.0] < 1.3 * spread[0.0]
 
@@ -113,7 +113,7 @@ def test_a_stage_tells_at_one_height_how_late_the_touches_are() -> None:
     ruler = fit_travel_scale([replace(mark, force_N=0.0) for mark in one], scale=1.0)  # a rig that does not give
     assert ruler is not None
     assert ruler.alpha == pytest.approx(1.0, abs=0.005)
-    assert ruler.late_mm == pytest.approx(late, abs=2.5 * ruler.late_std_mm)
+    assert ruler.delay_mm == pytest.approx(late, abs=2.5 * ruler.delay_std_mm)
 
 
 def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> None:
@@ -125,7 +125,7 @@ def test_travel_is_read_from_the_stage_where_there_is_one_and_across_stops() -> 
     place = 7.0 + np.interp(
         times, [0.0, 1.2345, stop_s, stop_s + 1.0, top_s_, 8.0], [-0.1, 0.0, 0.3, 0.3, 0.5, 0.5]
     )
-    begun = begin_of(window, top_s_ - 0.2)
+    begun = first_contact(window, top_s_ - 0.2)
     assert begun is not None
     for stage, pace in ((StageSeries(times, place), float("nan")), (None, 0.25)):
         travel = indenter_travel(window, begun, stage=stage, pace_mm_s=pace)
@@ -141,7 +141,7 @@ def test_a_stage_that_still_approaches_fast_at_first_contact_is_no_ruler() -> No
     series, press = ramp(np.random.default_rng(3))
     window = force_window(series, press, free_s=(0.0, 8.0), offset_s=0.0)
     assert window is not None
-    begun = begin_of(window, 1.2345 + 0.5 / 0.25 - 0.2)
+    begun = first_contact(window, 1.2345 + 0.5 / 0.25 - 0.2)
     assert begun is not None
     times = np.arange(0.0, 8.0, 0.02)
     pressing = np.interp(times, [1.2345, 1.2345 + 0.5 / 0.25], [0.0, 0.5])
@@ -162,7 +162,7 @@ def test_faces_that_lean_unseen_widen_the_ruler_of_an_even_pace() -> None:
         ]
         ruler = fit_travel_scale(leaning, even=True)
         assert ruler is not None
-        errors.append((ruler.alpha + ruler.give_mm_per_N * C) / 1.02 - 1)
+        errors.append((ruler.alpha + ruler.compliance_mm_per_N * C) / 1.02 - 1)
         stds.append(ruler.relative_std(C))
     assert 0.5 < np.std(errors) / np.mean(stds) < 1.3
 
