@@ -16,7 +16,7 @@ from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import Recording, read_recording
 from tactilevision.uncertainty.ball_validation import Known, told
 
-SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 
 
 @lru_cache

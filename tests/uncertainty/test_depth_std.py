@@ -12,7 +12,7 @@ from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.uncertainty.depth import ROOM, untouched_std_mm
 
-SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 TORN = ("00017.jpg",)
 
 
