@@ -10,6 +10,7 @@ from tactilevision.certificate.rejection import PressEvidence, RecordingStatisti
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Floats
+from tactilevision.robust import mad_std
 
 _UNTRIED = 0.002  # rad: scatter of the tilts where too few presses show it
 _REPEATS = 2  # from which their scatter is taken
@@ -24,7 +25,7 @@ def recording_statistics(looks: Mapping[str, PressEvidence]) -> RecordingStatist
     tilt, scatter = np.zeros(2), _UNTRIED
     if len(tilts) >= 3:
         tilt = np.median(tilts, axis=0)
-        scatter = 1.4826 * float(np.median(np.hypot(*(tilts - tilt).T))) / np.sqrt(2)
+        scatter = mad_std(np.hypot(*(tilts - tilt).T), centre=0.0) / np.sqrt(2)
     intervals = [
         interval_at(look.track.time_s, look.event_s) for look in looks.values() if np.isfinite(look.event_s)
     ]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.records import Bools, Floats, Pair
+from tactilevision.records import Floats, Pair
+from tactilevision.robust import mad_std, tukey_weight
 
 TRIALS = 200
-_TUKEY = 4.685  # of the residuals' scale: 95 % efficient on Gaussian points
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,5 @@ def _linearised(points: Floats, centre: Floats, radius: float) -> tuple[Floats, 
 
 
 def _tukey(residual: Floats, scale_mm: float) -> Floats:
-    spread = max(1.4826 * float(np.median(np.abs(residual))), 0.5 * scale_mm)
-    relative = residual / (_TUKEY * spread)
-    inside: Bools = np.abs(relative) < 1
-    return np.where(inside, (1 - relative**2) ** 2, 0.0)
+    spread = max(mad_std(residual, centre=0.0), 0.5 * scale_mm)
+    return tukey_weight(residual, spread)

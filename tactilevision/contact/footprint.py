@@ -17,6 +17,7 @@ import numpy as np
 from tactilevision.contact.circle import Circle, fit_circle
 from tactilevision.contact.edge import edge_points, place_px, sample
 from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter, Pair
+from tactilevision.robust import mad_std
 
 _GRID_MM = 0.2
 _RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
@@ -113,8 +114,7 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
     score, covered = _contrast(depth, known, radius_mm / _GRID_MM)
     if not covered.any():
         return None
-    typical = np.median(score[covered])
-    scatter = 1.4826 * float(np.median(np.abs(score[covered] - typical)))
+    typical, scatter = np.median(score[covered]), mad_std(score[covered])
     best = np.unravel_index(int(np.where(covered, score, -np.inf).argmax()), score.shape)
     if score[best] - typical < _SURE * scatter or score[best] <= 0:
         return None

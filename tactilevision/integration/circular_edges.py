@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.robust import median
+from tactilevision.robust import frame_mad_std, geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
 ENOUGH = 200  # pixels that tell a circle to look for a rim on
@@ -180,7 +180,7 @@ def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
         a, b, c = _solved(terms, squares, keep)
         radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
         off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
-        keep = weight * _trust(off, _scale(off))
+        keep = weight * geman_mcclure_weight(off, 2.0 * _scale(off))
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
@@ -208,7 +208,7 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     off = places - median(places)
     solution, scale = np.zeros(3), _scale(off)
     for _ in range(4):
-        before, solution = solution, _solved(terms, places, _trust(off, scale))
+        before, solution = solution, _solved(terms, places, geman_mcclure_weight(off, 2.0 * scale))
         off = places - solution @ terms
         scale = _scale(off)
         if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:
@@ -228,11 +228,5 @@ def solved(normal: Floats, right: Floats) -> Floats:
     return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 
-def _trust(off: Floats, scale: float) -> Floats:
-    """Weight of what is `off` by that much."""
-    weight = 1.0 / (1.0 + np.square(off * (0.5 / scale)))
-    return np.asarray(weight * weight)
-
-
 def _scale(off: Floats) -> float:
-    return 1.4826 * float(median(np.abs(off))) + 1e-9
+    return frame_mad_std(off, centre=0.0) + 1e-9

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
 
 Depth = npt.NDArray[np.floating[Any]]
 DECAY_PER_THICKNESS = 0.9
@@ -194,7 +195,7 @@ def _robust(
         square -= depth
         square *= square
         square[touched] = np.inf
-        scale = 1.4826 * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
+        scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
         if (
             max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
             < CONVERGENCE_TOL * scale
@@ -202,9 +203,7 @@ def _robust(
             break
         if rises:
             held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
-        square *= 1.0 / (3.0 * scale) ** 2
-        square += 1.0
-        square *= square
+        geman_mcclure_inverse(square, (3.0 * scale) ** 2)
         heavy = terms / square
     inverse = cv2.invert(normal)[1]
     std = float(scale * np.sqrt(correlated * inverse[0, 0]))

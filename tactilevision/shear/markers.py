@@ -24,7 +24,6 @@ REACH = 0.4
 MAX_ITERATIONS = 12
 NEIGHBOURS = 6
 ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
-MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)

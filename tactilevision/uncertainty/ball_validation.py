@@ -24,6 +24,7 @@ from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import inside_ball
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.records import Pair, SlopeMap
+from tactilevision.robust import mad_std
 
 MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
 MOST = 24  # balls; more tell no more
@@ -74,7 +75,7 @@ def held_out_depth(
     ratio = np.array([ball.found_mm / ball.true_mm for ball in balls])
     return {
         "held_out_depth_ratio": float(np.median(ratio)),
-        "held_out_depth_ratio_std": 1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))),
+        "held_out_depth_ratio_std": mad_std(ratio),
         "held_out_depth_rms_mm": float(np.sqrt(np.mean([(ball.found_mm - ball.true_mm) ** 2 for ball in balls]))),
         **told("held_out_balls", balls),
     }
@@ -123,7 +124,7 @@ def seen_gain_std(
             seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
             found = method.law.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
-    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
+    return mad_std(np.array(gains), centre=1.0)
 
 
 def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -> Pair:

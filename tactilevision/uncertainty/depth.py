@@ -35,6 +35,7 @@ from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.records import Pair, SlopeMap
+from tactilevision.robust import MAD_TO_STD
 from tactilevision.uncertainty.illumination import DriftError
 
 Picture = npt.NDArray[np.float32]
@@ -44,7 +45,6 @@ MIN_STEEP = 12  # pixels; fewer are noise
 GRID_MM = 0.18  # on which it is worked out, about; it is smooth but for walls, where a pixel does not matter
 COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
 ROOM = 16  # px: grid on which the depth of untouched gel is kept
-MEDIAN_TO_STD = 1.4826
 
 
 class DepthError:
@@ -151,7 +151,7 @@ def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> npt.NDA
     the mean of the same frames' slopes was taken off; smooth over neighbouring blocks, as few frames are rough.
     """
     height, width = depths[0].shape
-    spread = MEDIAN_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
+    spread = MAD_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
     size = (max(2, width // ROOM), max(2, height // ROOM))
     blocks = cv2.resize(np.asarray(spread, np.float32), size, interpolation=cv2.INTER_AREA)
     smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)

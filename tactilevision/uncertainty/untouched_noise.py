@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import HeightMap
-from tactilevision.robust import median
+from tactilevision.robust import frame_mad_std, median
 from tactilevision.uncertainty.depth import DepthError
 
 Array = npt.NDArray[np.floating[Any]]
@@ -47,4 +47,4 @@ def roughness_mm(height: HeightMap) -> float:
     if not depth.size:
         return 0.0
     shallow = depth[depth <= median(depth)]
-    return 1.4826 * float(median(np.abs(shallow - median(shallow))))
+    return frame_mad_std(shallow)

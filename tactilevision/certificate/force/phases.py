@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import second_difference_std
 
 CLEAR, FAINT = 5.0, 0.03  # contact stands out by so many times the noise, and by this share of the top
 
@@ -81,4 +82,4 @@ def noise_of(reading: Floats) -> float:
     known = reading[np.isfinite(reading)]
     if known.size < 5:
         return 0.0
-    return float(1.4826 * np.median(np.abs(np.diff(known, 2))) / np.sqrt(6.0))
+    return second_difference_std(known)

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import mad_std
 
 GIVE_MM_PER_N = 0.005  # one sigma: rigs with their force sensors stand at 200 N/mm or so
 STAGE_STD = 0.005  # of a motion stage's scale
@@ -122,7 +123,7 @@ def _solve(
 ) -> tuple[TravelScale | None, Floats]:
     """The ruler, and how far each touch lies from what the others say of it, in sigmas of the usual scatter."""
     found = _least_squares(marks, scale, 1.0)
-    usual = max(1.4826 * float(np.median(np.abs(found.apart))), 1.0)
+    usual = max(mad_std(found.apart, centre=0.0), 1.0)
     apart = found.apart / usual
     if found.birge > limit and float(np.abs(apart).max()) < _OUT:
         return None, np.zeros(len(marks))
