@@ -20,14 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, HeightMap
+from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.uncertainty.depth import DepthError
 from tactilevision.uncertainty.untouched_noise import roughness_mm, untouched_std
 
-NOISY, MIN_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
-WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
-MIN_PX = 16  # as deep; the outermost pixels of a map are noisier than it states
-STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
-SPECK = 0.1  # of the largest region
 STEEPEST, LEVELS = 0.9, 20
 SMOOTH_PX = 1.0
 FEW = 3  # pixels, too few to tell a slope
@@ -38,22 +34,22 @@ Array = npt.NDArray[np.floating[Any]]
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Where something presses (H, W).
 
-    A region is deeper than NOISY robust deviations of the map's shallower half, and than MIN_MM; as slow waves
-    of untouched gel go as deep as that over wide areas, it counts where MIN_PX of it are deeper than they are to
-    be expected anywhere in the picture, by the `error` of the method that made the map. Specks do not count.
+    A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
+    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. Specks
+    do not count. Limits: records/contact_thresholds.py.
     """
     from scipy.ndimage import find_objects
     from skimage.measure import label
 
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), MIN_MM))
+    deep = height.valid & (height.depth_mm > depth_limit_mm(roughness_mm(height)))
     labels = label(deep, connectivity=1)
     sizes = np.bincount(labels.ravel())
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
-    sizes[surely < MIN_PX] = 0
+    sizes[surely < CONTACT.depth_min_px] = 0
     sizes[0] = 0
     windows = find_objects(labels)
-    for k in np.flatnonzero((sizes > 0) & (sizes >= SPECK * sizes.max())):
+    for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
         rows, columns = windows[k - 1]
         window = rows, columns
         found[window] |= _to_its_edge(height, window, labels[window] == k)
@@ -84,14 +80,8 @@ def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) 
 
 
 def _surely_mm(height: HeightMap, error: DepthError | None) -> Array | float:
-    """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
-
-        sqrt(2 ln N) standard deviations
-
-    above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
-    """
+    """Depth (H, W) mm that untouched gel reaches nowhere in one picture of two; 0 where no deviation is known."""
     std_mm = untouched_std(height, error)
     if std_mm is None:
         return 0.0
-    patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
-    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)
+    return wide_depth_limit_mm(std_mm, height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1])

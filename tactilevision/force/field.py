@@ -30,7 +30,7 @@ import numpy as np
 from scipy.ndimage import binary_fill_holes
 
 from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import SIGMAS, SURE, at_border, candidate_cells, overlooked_cells
+from tactilevision.force.contact import at_border, candidate_cells, overlooked_cells
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
@@ -38,6 +38,7 @@ from tactilevision.force.observe import Observation, PixelNoise, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
+from tactilevision.records.contact_thresholds import CONTACT
 
 MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
@@ -128,7 +129,9 @@ class ForceField:
             found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
         if found is None or len(found.cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
-            least = max(SURE * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min()))
+            least = max(
+                CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min())
+            )
             unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
@@ -254,8 +257,10 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
 
 
 def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
-    """Whether pressure reaches the border: that of its cells, summed, is over SIGMAS of its own deviation, by
-    errors that the whole contact shares and by those of each cell alone."""
+    """Whether pressure reaches the border: that of its cells, summed, stands out of its own deviation.
+
+    That holds errors that the whole contact shares, and those of each cell alone.
+    """
     edge = at_border(found.cells, binary_fill_holes(seen.known))
     if not edge.any():
         return False
@@ -263,7 +268,7 @@ def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
     weights[0, -len(found.cells) :] = edge
     shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
     own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
-    return float(found.traction[-1][edge].sum()) > SIGMAS * float(np.hypot(shared, np.sqrt(own)))
+    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
 
 
 def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats, cut: bool) -> Floats:

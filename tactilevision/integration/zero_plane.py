@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
 
 Depth = npt.NDArray[np.floating[Any]]
@@ -113,7 +114,7 @@ def flat_blocks(slopes: SlopeMap) -> Bools:
         for s in (slopes.dz_dx, slopes.dz_dy)
     )
     steep = np.hypot(p - np.median(p), q - np.median(q))
-    return np.asarray(steep < 4.0 * np.median(steep) + 1e-3)
+    return np.asarray(steep < slope_limit(np.median(steep)))
 
 
 def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
+from tactilevision.records.contact_thresholds import CONTACT, reading_limit
 from tactilevision.robust import second_difference_std
-
-CLEAR, FAINT = 5.0, 0.03  # contact stands out by so many times the noise, and by this share of the top
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +44,9 @@ def find_phases(reading: Floats) -> Phases | None:
     noise = noise_of(reading)
     known = np.where(np.isfinite(reading), reading, -np.inf)
     top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
-    if not top > 10 * noise or top <= 0:
+    if not top > CONTACT.reading_top_sigma * noise or top <= 0:
         return None
-    contact = known > max(CLEAR * noise, FAINT * top)
+    contact = known > reading_limit(noise, top)
     firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
     if not firm.any():
         return None
