@@ -36,7 +36,7 @@ from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import mean_distance_mm
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
-from tactilevision.uncertainty.depth import gain_std
+from tactilevision.uncertainty.depth_scale import gain_std
 
 _GENTLE = 0.3  # a slope that most calibrations hold
 _UNSEEN = Finding("dropped_frames", "fewer than two sound frames show this press")

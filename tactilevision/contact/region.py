@@ -22,7 +22,7 @@ import numpy.typing as npt
 from tactilevision.records import Bools, HeightMap
 from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.uncertainty.depth import DepthError
-from tactilevision.uncertainty.untouched_noise import roughness_mm, untouched_std
+from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_std
 
 STEEPEST, LEVELS = 0.9, 20
 SMOOTH_PX = 1.0
@@ -42,7 +42,7 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     from skimage.measure import label
 
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > depth_limit_mm(roughness_mm(height)))
+    deep = height.valid & (height.depth_mm > depth_limit_mm(map_noise_mm(height)))
     labels = label(deep, connectivity=1)
     sizes = np.bincount(labels.ravel())
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))

@@ -3,13 +3,14 @@
 Outer guess: cells deeper than three standard deviations and than a share of the deepest. The edge of a contact is
 at least a third as deep as its middle (Hertz: a half; flat punch: all). So this loses no contact down to a tenth
 of the depth of the deepest one. Limits: records/contact_thresholds.py.
-Of the patches they form, those count whose deepest cell stands out by five deviations, and, counted in the deviations of each place, sinks more than the gel rises anywhere: beside
-a punch it rises by an eighth of the punch's depth at most, so a map that rises more than it sinks shows its own
-error there. Cells of a slow error are alike, so that a view holds a few hundred places at most that may err
-apart from each other: of such, five deviations are exceeded by chance once in thousands of frames.
-Narrowed: no cell pulls, so cells of negative pressure are left
-out until none is. A cell that carries less than `FAINTEST` of the greatest pressure is left out as well: it is
-the ringing of the contact's edge, which a square cell cannot follow.
+Of the patches they form, those count whose deepest cell stands out by five deviations. Counted in the deviations
+of each place, it must also sink more than the gel rises anywhere. Beside a punch the gel rises by an eighth of the
+punch's depth at most, so a map that rises more than it sinks shows its own error there. Cells of a slow error are
+alike, so that a view holds a few hundred places at most that may err apart from each other. Of such, five
+deviations are exceeded by chance once in thousands of frames.
+Narrowed: no cell pulls, so cells of negative pressure are left out until none is. A cell that carries less than
+FAINTEST of the greatest pressure is left out as well: it is the ringing of the contact's edge, which a square cell
+cannot follow.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from scipy.ndimage import label, maximum, uniform_filter
 from tactilevision.records import Bools, Floats
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 
-FAINTEST = 0.02
-TINY = 1e-12
+FAINTEST = 0.02  # of the greatest pressure: below it a cell rings; benchmarks.force
+TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 
 

@@ -31,8 +31,8 @@ from tactilevision.reconstruct.untouched_frames import free_frames, subtract_bac
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_std
-from tactilevision.uncertainty.depth import untouched_std_mm
-from tactilevision.uncertainty.leakage import leakage_std
+from tactilevision.uncertainty.leakage import leakage_share
+from tactilevision.uncertainty.untouched_gel import untouched_std_mm
 from tactilevision.weights import find_model
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPic
     others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
     maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
     gain = np.array(method.card["place_gain_std"]) / method.card["place_gain_borne_out"]
-    return leakage_std(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
 
 
 def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:

@@ -6,7 +6,7 @@ Under a ball of radius R the gel is the ball, so that the depth of the contact's
 
 is known but for how well its radius a is. Found and true are compared there alone: what lies beside the contact,
 and where the untouched gel is, have no part in it. Beside the error stands the deviation that the law which never
-saw the ball states of it (`photometric/left_out.py`).
+saw the ball states of it (photometric/ball/cross_validation.py).
 """
 
 from __future__ import annotations
