@@ -108,7 +108,7 @@ class Reconstructor:
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
 
     def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
-        """Deviation (h, w) mm by term, largest effects apart, of the `height` map that was made last.
+        """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
 
         On a grid of every `error.every`th pixel; empty for a method that states no deviation.
         """

@@ -8,7 +8,7 @@ Assumes them to be independent. It is worked out on a grid, as all but edges is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.records import Pair, SlopeMap
+from tactilevision.records import HeightMap, Pair, SlopeMap
 from tactilevision.uncertainty.depth_scale import place_gain_std, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
 from tactilevision.uncertainty.leakage import leaked_variance
@@ -150,9 +150,10 @@ class DepthError:
         )
 
 
-def contributions_mm(terms: dict[str, Picture], where: npt.NDArray[np.bool_] | None = None) -> dict[str, float]:
-    """Rms in mm of each term (h, w) mm, over the points of `where` (h, w) or all: for a card."""
-    return {
-        name: float(np.sqrt(np.mean(np.square(term if where is None else term[where]), dtype=np.float64)))
-        for name, term in terms.items()
-    }
+def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[str, float]:
+    """Rms in mm of each of the `terms` (h, w) mm of a `height` map where it is over half as deep as anywhere."""
+    depth = np.asarray(height.depth_mm, np.float32)
+    size = next(iter(terms.values())).shape[::-1] if terms else (1, 1)
+    few = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
+    deep = few > 0.5 * few.max()
+    return {name: float(np.sqrt(np.mean(np.square(term[deep])))) for name, term in terms.items()}

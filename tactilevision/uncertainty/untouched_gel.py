@@ -32,7 +32,7 @@ def free_variance(noise_mm2: Picture, waves_mm: float, untouched_std: Floats) ->
     variance = noise_mm2 + np.float32(waves_mm**2)
     blocks = np.asarray(untouched_std, np.float32)
     untouched = cv2.resize(blocks, variance.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.maximum(variance, untouched**2)
+    return np.asarray(np.maximum(variance, untouched**2))
 
 
 def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
