@@ -33,7 +33,7 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     head, tail = text.split("        share =")
     file.write_text(head + "        if values[0] != 0:\n            " + body + "\n        share =" + tail)
     effect = load_effect(file)
-    data = presses(8)
+    data = presses(5)
     taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
     assert why in found.not_testable["my_effect"]

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_scenes import sample_reconstructor
 
 from tactilevision.certificate.step_validation import flat_steps
 from tactilevision.plots.depth_report import draw_depth_report
-from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_recording
 from tactilevision.uncertainty.ball_validation import Known, told
 
@@ -22,7 +23,7 @@ SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 @lru_cache
 def sample() -> tuple[Recording, Reconstructor]:
     recording = read_recording(SAMPLE)
-    return recording, build_reconstructor(recording)
+    return recording, sample_reconstructor()
 
 
 @lru_cache

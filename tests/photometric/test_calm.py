@@ -20,10 +20,14 @@ from tactilevision.photometric import (
 from tactilevision.photometric.markers import Marks
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.multiresolution import TiledEvaluator
+from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Bytes, Floats
 
 SCALE = (MM_PER_PX, MM_PER_PX)
+
+
+FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=150)}  # trained briefly
 
 
 @lru_cache
@@ -31,7 +35,7 @@ def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
     reference = make_reference([cut(flat(rng), odd) for _ in range(3)], may_have_marks=False)
-    method = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC[name]).method
+    method = calibrate_from_balls(reference, shots, SCALE, fit=FITS[name]).method
     return subtract_background(method, [cut(flat(rng), odd) for _ in range(8)])
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from shared_scenes import sample_reconstructor
 
-from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_frame, read_recording
 from tactilevision.uncertainty.untouched_gel import BLOCK_PX, untouched_std_mm
 
@@ -34,7 +34,7 @@ def test_the_deviation_of_slow_waves_comes_back_place_by_place() -> None:
 def test_the_sample_states_what_its_other_free_frames_show() -> None:
     """The frames at the ends of presses; the reconstructor has seen those at their beginnings alone."""
     recording = read_recording(SAMPLE)
-    reconstructor = build_reconstructor(recording)
+    reconstructor = sample_reconstructor()
     ends = [press.end_s for press in recording.presses if press.end_s is not None]
     last = np.unique(np.searchsorted(recording.frame_times_s, np.array(ends) + 1e-3) - 1)
     whole = [number for number in last if recording.frame_names[number] not in TORN]
