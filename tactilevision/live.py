@@ -22,8 +22,9 @@ from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
 from tactilevision.uncertainty.untouched_noise import untouched_std
 
-EVERY = 2  # pixels along each side, of which one is looked at
-RENEW = 0.002  # five seconds at 90 frames a second: lamps warm in minutes, presses take less
+SAMPLE_PX = 2  # pixels along each side, of which one is looked at
+RENEW = 0.002  # share a frame: five seconds at 90 frames a second: lamps warm in minutes, presses take less
+# ms: upper edges of the histogram of latencies
 EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, np.inf])
 
 
@@ -99,13 +100,13 @@ class Stream:
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, bool]:
         """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
         whether the contact reaches the picture's border."""
-        depth, valid = height.depth_mm[::EVERY, ::EVERY], height.valid[::EVERY, ::EVERY]
-        spread = untouched_std(height, self.reconstructor.error, EVERY)
+        depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
+        spread = untouched_std(height, self.reconstructor.error, SAMPLE_PX)
         if spread is None:
             spread = np.full(depth.shape, CONTACT.live_unknown_std_mm)
         least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > live_limit_mm(spread)) & valid
-        if EVERY**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 

@@ -22,7 +22,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.robust import mad_std, second_difference_std
 
 _BEND = 0.02  # the smooth part may change its slope over the range of x by this, one sigma
-_GRID = 161
+_GRID = 161  # places of the onset that are tried, from a twentieth of the range of depth on
 
 
 @dataclass(frozen=True, slots=True)

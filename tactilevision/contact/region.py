@@ -24,9 +24,10 @@ from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wi
 from tactilevision.uncertainty.depth import DepthError
 from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_std
 
-STEEPEST, LEVELS = 0.9, 20
-SMOOTH_PX = 1.0
-FEW = 3  # pixels, too few to tell a slope
+STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
+LEVELS = 20  # of depth, between the shallowest and the deepest of a region
+SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
+MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -63,7 +64,7 @@ def at_border(contact: Bools) -> bool:
 
 def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) -> Bools:
     """The part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
-    if min(region.shape) < FEW:
+    if min(region.shape) < MIN_SLOPE_PX:
         return region
     smooth = cv2.GaussianBlur(np.asarray(height.depth_mm[window], np.float32), (0, 0), SMOOTH_PX)
     down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
@@ -74,7 +75,7 @@ def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) 
         return region
     level = np.minimum(((depth - least) / step).astype(int), LEVELS - 1)
     count = np.bincount(level, minlength=LEVELS)
-    mean = np.where(count >= FEW, np.bincount(level, slope, LEVELS) / np.maximum(count, 1), 0.0)
+    mean = np.where(count >= MIN_SLOPE_PX, np.bincount(level, slope, LEVELS) / np.maximum(count, 1), 0.0)
     edge = least + step * (float(np.argmax(mean >= STEEPEST * mean.max())) + 0.5)
     return np.asarray(region & (smooth > edge))
 

@@ -22,7 +22,7 @@ from scipy.ndimage import label, maximum, uniform_filter
 from tactilevision.records import Bools, Floats
 from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 
-FAINTEST = 0.02  # of the greatest pressure: below it a cell rings; benchmarks.force
+FAINTEST = 0.02  # of the greatest pressure: the ringing of a contact's edge lies below
 TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 

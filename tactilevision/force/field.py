@@ -40,11 +40,12 @@ from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
 from tactilevision.records.contact_thresholds import CONTACT
 
+# of the force, for fx, fy, fz: what cells and linear theory leave wrong; benchmarks.force
 MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
-MAX_OF_VIEW = 0.9
+MAX_OF_VIEW = 0.9  # of the view: gel that covers less is flagged as small
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -166,18 +167,13 @@ class ForceField:
         height: HeightMap,
         flags: tuple[str, ...],
     ) -> TractionMap:
-        grid, modulus, parts = compliance.grid, self.material.youngs_modulus_MPa, len(found.traction)
+        grid, parts = compliance.grid, len(found.traction)
         stiffer, by_share = self._stiffening(compliance, seen, found)
-        scale = modulus * stiffer
+        scale = self.material.youngs_modulus_MPa * stiffer
         weights = wrench_weights(grid, found.cells, parts) * np.tile(scale, parts)
         total = weights @ found.traction.ravel()
         noise = np.repeat(seen.std_mm, len(found.cells))
-        variance = np.diag(found.propagate(weights, noise)).copy()
-        if not np.isfinite(self._noise.correlation_px):
-            variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
-        if parts == 3 and seen.shear_std_mm > 0:
-            shared = np.full(len(found.cells), seen.shear_std_mm * _share(grid, found, seen.shear_alike_mm))
-            variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
+        variance = self._seen_variance(grid, seen, found, weights, noise)
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
         variance[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
@@ -194,6 +190,21 @@ class ForceField:
             fields[:2], total[[0, 1, 5]], std[[0, 1, 5]] = np.nan, np.nan, np.nan
         deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
         return replace(_as_map(grid, fields, errors, total, std, flags, height), depth_mm=deepest)
+
+    def _seen_variance(
+        self, grid: NodeGrid, seen: Observation, found: Solution, weights: Floats, noise: Floats
+    ) -> Floats:
+        """Variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
+
+        `noise` (parts C,) mm is that of each cell alone; a whole contact shares the rest.
+        """
+        variance = np.diag(found.propagate(weights, noise)).copy()
+        if not np.isfinite(self._noise.correlation_px):
+            variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
+        if len(found.traction) == 3 and seen.shear_std_mm > 0:
+            shared = np.full(len(found.cells), seen.shear_std_mm * _share(grid, found, seen.shear_alike_mm))
+            variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
+        return np.asarray(variance)
 
     def _stiffening(self, compliance: GelCompliance, seen: Observation, found: Solution) -> tuple[Floats, Floats]:
         """Factor (C,) on the linear tractions, and how its logarithm grows with the share of friction's effect."""

@@ -14,18 +14,20 @@ from tactilevision.robust import frame_mad_std, geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
 ENOUGH = 200  # pixels that tell a circle to look for a rim on
-MIN_RADIUS_PX = 6.0
+MIN_RADIUS_PX = 6.0  # px: of a smaller circle no flank can be told
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
-BIN_PX = 0.5
+BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
-INNER_PX, OUTER = 12.0, 0.4  # the profile reaches this far inside the rim, and this part of the radius outside
+INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
+OUTER = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
-STIFFENING = 1e-9 * np.eye(3)
-HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
+STIFFENING = 1e-9 * np.eye(3)  # added to normal equations that one direction may leave open
+HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
+QUARTER = 1.2452  # sigma before the edge, where it has a quarter of its peak; by quadrature
 
 Picture = npt.NDArray[np.float32]
 

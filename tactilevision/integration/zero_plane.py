@@ -29,17 +29,19 @@ from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
 
 Depth = npt.NDArray[np.floating[Any]]
-DECAY_PER_THICKNESS = 0.9
+DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
-USUAL_THICKNESS_MM, THICKNESS_STD = 3.0, 0.3  # relative, where nobody has told it
+USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
+THICKNESS_STD = 0.3  # relative deviation of such a thickness
 FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
 NONE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
-BLOCKS, MIN_BLOCKS = 600, 12
+BLOCKS = 600  # over the picture, about: small against contacts, large against noise
+MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
 LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
-MAX_ITERATIONS = 4
+MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
-STIFFENING = 1.0 + 1e-9 * np.eye(5)
+STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
 SAMPLED = 8  # places along each side of a block that stand for it
 
 

@@ -31,7 +31,7 @@ class ContactThresholds:
     """One field for each judgement; `CONTACT` holds those in use."""
 
     colour_sigma: float = 4.0  # deviations of a block's colour; benchmarks.light_drift
-    slope_medians: float = 4.0  # medians of the blocks' slopes; twice the usual spread of smooth noise
+    slope_medians: float = 4.0  # medians of the blocks' slopes: noise alone hardly reaches that
     slope_floor: float = 1e-3  # mm/mm that a perfectly flat map still may show by rounding
     depth_sigma: float = 5.0  # deviations of a map's shallower half; tests/contact/test_region.py
     depth_min_mm: float = 0.01  # mm: shallower is not told from a drifting zero
@@ -44,7 +44,7 @@ class ContactThresholds:
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none
     live_blind_mm: float = 0.5  # mm: a picture in which so deep a contact may hide says nothing of untouched gel
     reading_sigma: float = 5.0  # noises of one reading: one false reading in three million
-    reading_share: float = 0.03  # of the press's top: below it creep and drift look alike
+    reading_share: float = 0.03  # of the press's top: what is less may be a drifting zero
     reading_top_sigma: float = 10.0  # noises that the top must reach for there to be a press at all
     cell_sigma: float = 3.0  # deviations of a cell's depth: an outer guess, which the solution narrows
     cell_share: float = 0.03  # of the deepest cell: a contact's edge is at least a third as deep (Hertz: a half)

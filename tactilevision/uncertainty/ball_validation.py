@@ -26,9 +26,10 @@ from tactilevision.photometric.method import ColourLaw
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.robust import mad_std
 
-MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
-MOST = 24  # balls; more tell no more
-BANDS = 3
+MIDDLE = 0.12  # of the contact radius: what counts as the contact's middle
+RIM = (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
+MAX_BALLS = 24  # balls; more tell no more
+BANDS = 3  # of contacts in the table of errors: few balls fill no more
 GAIN_SAMPLES = 500  # of each ball
 
 
@@ -63,7 +64,7 @@ def held_out_depth(
     `held_out_balls` has each dent with its contact radius. `seen_gain` is `seen_gain_std`.
     """
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
-    for picture, ball, (law, gain) in _apart(calibration, pictures):
+    for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
         if id(law) not in methods:
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
@@ -138,10 +139,10 @@ def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -
     return float(depth[middle].mean() - depth[rim].mean()), float(cap[middle].mean() - cap[rim].mean())
 
 
-def _apart(
+def _held_out_laws(
     calibration: Calibration, pictures: Sequence[BallPicture]
 ) -> list[tuple[BallPicture, Ball, tuple[ColourLaw, float]]]:
-    """At most MOST balls that were found, evenly chosen, each with its law and that one's deviation there."""
+    """At most MAX_BALLS balls that were found, evenly chosen, each with its law and that one's deviation there."""
     rows = zip(pictures, calibration.balls, calibration.unseen, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
-    return kept[:: max(1, -(-len(kept) // MOST))]
+    return kept[:: max(1, -(-len(kept) // MAX_BALLS))]
