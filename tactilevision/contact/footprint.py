@@ -14,8 +14,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tactilevision.contact.circle import Circle, fit_circle
 from tactilevision.contact.edge import edge_points, place_px, sample
+from tactilevision.integration.circle import Circle, fit_circle
 from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter, Pair
 from tactilevision.robust import mad_std
 

@@ -26,7 +26,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, solved, window_of
+from tactilevision.integration.circle import solved
+from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
