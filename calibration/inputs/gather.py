@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -25,7 +24,6 @@ from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
 
 NAN = float("nan")
-FALL = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,21 +99,21 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             temperature_C=np.array([row.temperature_C]),
             depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
             force_std_N=np.array([point.fz_std_N]),
-            reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
-            reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
+            reconstructed_mm=np.array([point.details.reconstructed_depth_mm]),
+            reconstructed_std_mm=np.array([point.details.reconstructed_std_mm]),
             dated_s=_dated_s(row, recording),
             falls=tuple(_falls(point, number)),
         )
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
-    """What the columns fall_AZIMUTH_FROM_TO_mm say of one press."""
-    gain_std, ball_slope = (_number(point.extra, name) for name in ("slope_gain_std", "ball_slope"))
-    for name in point.extra if np.isfinite(gain_std) and ball_slope > 0 else ():
-        place, fall_mm = FALL.fullmatch(name), _number(point.extra, name)
-        if place is not None and np.isfinite(fall_mm):
-            azimuth, begin, end = (float(text) for text in place.groups())
-            yield EdgeDrop(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
+    """The drops of the gel beside the face of one press, where the slopes behind them are known to be sound."""
+    profile = point.edge_profile
+    if profile is None or not (np.isfinite(profile.slope_gain_std) and profile.ball_slope > 0):
+        return
+    for drop in profile.drops:
+        place = (drop.azimuth_deg, drop.from_mm, drop.to_mm)
+        yield EdgeDrop(number, point.press, *place, drop.drop_mm, profile.slope_gain_std, profile.ball_slope)
 
 
 def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
@@ -294,9 +292,8 @@ def _only_indenter(recording: RecordingLike, press: str) -> Press:
 def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     """The protocol's row, with what the point itself says put first."""
     row = protocol or Press(point.press, point.indenter, NAN, NAN)
-    own = {name: getattr(point, name) for name in ("rest_s", "speed_mm_s", "x_mm", "y_mm")}
-    for name in ("temperature_C", "lubricated", "hold_s"):
-        own[name] = _number(point.extra, name)
+    stated = ("rest_s", "speed_mm_s", "x_mm", "y_mm", "temperature_C", "lubricated", "hold_s")
+    own = {name: getattr(point, name) for name in stated}
     return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
 
 
@@ -305,7 +302,7 @@ def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: Recordi
     whole = point.depth_std_mm
     if not np.isfinite(whole):
         return _zero(recording.depth_std_mm, NAN)
-    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(_number(point.extra, "rise_ratio")))
+    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(point.details.pile_up_ratio))
     shared = math.hypot(height, _rise_std(point) * point.depth_mm)
     if _certified(point):  # made up of just these parts
         return math.sqrt(max(whole**2 - shared**2, 0.0))
@@ -313,19 +310,19 @@ def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: Recordi
 
 
 def _ruled(point: CertifiedPoint) -> bool:
-    return bool(np.isfinite(_number(point.extra, "ruler_std")))
+    return bool(np.isfinite(point.details.travel_scale_std))
 
 
 def _rise_std(point: CertifiedPoint) -> float:
     """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
-    rise = _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
-    return math.hypot(rise, _zero(_number(point.extra, "ruler_std")))
+    rise = _zero(point.details.pile_up_ratio_std) / (1 + _zero(point.details.pile_up_ratio))
+    return math.hypot(rise, _zero(point.details.travel_scale_std))
 
 
 def _shared(sets: Sequence[Measured]) -> Shared:
     """What certified depths share by the way in which they were certified."""
     points = [p for m in sets for p in m.points if p.accepted]
-    touch = [_zero(_number(p.extra, "touch_shared_std_mm")) for p in points]
+    touch = [_zero(p.details.contact_shared_std_mm) for p in points]
     rise = [_rise_std(p) for p in points]
     if not points:
         return Shared()
@@ -342,7 +339,7 @@ def _depth_source(sets: Sequence[Measured]) -> DepthSource:
 
 def _certified(point: CertifiedPoint) -> bool:
     """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
-    return bool(np.isfinite(_number(point.extra, "rise_ratio_std")))
+    return bool(np.isfinite(point.details.pile_up_ratio_std))
 
 
 def _force_std(recording: RecordingLike) -> float:
@@ -357,13 +354,6 @@ def _finite(point: CertifiedPoint) -> float:
             value=(point.depth_mm, point.fz_N),
         )
     return point.depth_mm
-
-
-def _number(extra: Mapping[str, Any], name: str) -> float:
-    try:
-        return float(extra.get(name, NAN))
-    except (TypeError, ValueError):
-        return NAN
 
 
 def _zero(value: float | None, instead: float = 0.0) -> float:

@@ -179,7 +179,7 @@ def _frames_of(folder: Path) -> Path | None:
         return folder / layout.FRAMES  # what is wrong with it is said when it is read
 
 
-def _table(branches: list[Branch]) -> str:
+def _table(branches: Sequence[Branch]) -> str:
     """Every frame under its path in the tree; a source that was passed over is one row."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

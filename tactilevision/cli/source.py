@@ -70,12 +70,12 @@ def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, calibration: Path | None
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.certificate.depth.face_depth import UNHELD, face_depth_correction, read_certified
+    from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction, read_certified
 
     if calibration is None:
-        return UNHELD
+        return NO_CORRECTION
     anchor = face_depth_correction(recording, reconstructor, read_certified(calibration))
-    if anchor is UNHELD:
+    if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
     else:

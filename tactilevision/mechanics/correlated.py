@@ -24,7 +24,7 @@ LONGEST = 8.0  # lags up to this many blocks are looked at
 FLOOR_SHARE = (
     0.02  # at least this share of the variance is taken for white, which keeps the matrix well conditioned
 )
-LINEAR_UNKNOWNS = 12
+LINEAR_UNKNOWNS = 12  # columns of the linear part of the fit
 
 
 @dataclass(frozen=True, slots=True)

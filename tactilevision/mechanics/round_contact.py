@@ -28,8 +28,8 @@ from tactilevision.mechanics.material import positive, reduced_modulus
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE, equation_matrix, gauss, legendre_series
 from tactilevision.records import Floats
 
-NODES = 48
-CURVE_POINTS = 80
+NODES = 48  # of Gauss and Legendre on the contact's radius
+CURVE_POINTS = 80  # radii of contact along a curve
 
 
 class RoundBody(Protocol):

@@ -19,7 +19,7 @@ from tactilevision.recording.layout import Columns
 from tactilevision.recording.names import nearest
 from tactilevision.records import Floats
 
-_ROWS_AT_ONCE = 4096
+_ROWS_AT_ONCE = 4096  # rows read at once
 
 
 @dataclass(frozen=True, slots=True)

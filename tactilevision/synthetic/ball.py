@@ -20,7 +20,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup
 from tactilevision.synthetic.layer import FAR, fade, layer_surface
 
-_TERMS = 5
+_TERMS = 5  # odd powers of a, see above
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.profile import PunchProfile
 
-QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)
+QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)  # N, steps of the readings fx, fy, fz
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,7 +90,7 @@ def draw(truth: Truth, rng: np.random.Generator) -> Measured:
                         force,
                         std,
                         truth.force_std_N if truth.states_noise else np.nan,
-                        extra=truth.extra,
+                        **truth.extra,
                     )
                 )
     sensor = Sensor("custom", 427, 320, (0.0634, 0.0634), gel)

@@ -21,12 +21,13 @@ import numpy.typing as npt
 from tactilevision.records import Bools, Floats
 from tactilevision.records.contact_thresholds import CONTACT
 
-POWERS = 4
-GAIN_STD = 0.1
-SHIFT_STD = 0.01  # of the largest depth: how far a zero plane may move when a contact comes into view
-BEVEL_STD = 0.3  # of the force beyond the touch
-MEMORY_STD = 0.5  # of the force, for gels that relax by a half
-_JOLT, _JOLT_S = 12.0, 0.1  # times the usual rate: releases are several times faster than loading
+POWERS = 4  # terms of the depth's polynomial in the force; benchmarks.certificate
+GAIN_STD = 0.1  # of 1, one sigma of a press' gain; benchmarks.certificate
+SHIFT_STD = 0.01  # of the largest depth, one sigma of the zero plane's shift at contact; benchmarks.certificate
+BEVEL_STD = 0.3  # of the force beyond the contact event, one sigma of the bevel's part; benchmarks.certificate
+MEMORY_STD = 0.5  # of the force, one sigma of each memory: gels that relax by a half; benchmarks.certificate
+_JOLT = 12.0  # times the median rate: releases are several times faster than loading; benchmarks.certificate
+_JOLT_S = 0.1  # s about a jolt in which frames do not count; tests.certificate.test_clock_alignment
 Ints = npt.NDArray[np.int_]
 
 
@@ -79,7 +80,7 @@ class ClockProblem:
         value = zeros[self.press] + gains[self.press] * (curve + contact)
         return np.asarray(value, dtype=np.float64)
 
-    def calm(self, offset_s: float) -> Bools:
+    def steady(self, offset_s: float) -> Bools:
         """Frames (N,) about which the force changes as in a press: a jolt would pin the clocks to itself."""
         from scipy.ndimage import maximum_filter1d
 
@@ -88,8 +89,8 @@ class ClockProblem:
         fastest = maximum_filter1d(rate, 2 * max(round(_JOLT_S / interval), 1) + 1)
         here = np.interp(self.time_s + offset_s, self.force_time_s, fastest)
         loaded = np.interp(self.time_s + offset_s, self.force_time_s, self.series[0]) > CONTACT.reading_share
-        usual = float(np.median(here[loaded])) if loaded.any() else np.inf
-        return np.asarray(here <= _JOLT * usual)
+        median_rate = float(np.median(here[loaded])) if loaded.any() else np.inf
+        return np.asarray(here <= _JOLT * median_rate)
 
     def jacobian(self, parameters: Floats, value: Floats) -> Floats:
         """Derivatives (N, parameters) by differences; the offset's over a few force readings, past their noise."""
@@ -125,7 +126,7 @@ def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
         residual = problem.depth_mm - value
         if turn > 2:
             weights, noise = _weights(problem, residual)
-            weights = weights * problem.calm(float(parameters[0]))
+            weights = weights * problem.steady(float(parameters[0]))
         jacobian = problem.jacobian(parameters, value)
         held = (noise / std) ** 2
         normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(held + 1e-12)

@@ -15,10 +15,10 @@ import numpy as np
 from tactilevision.records import Floats, Pair
 from tactilevision.robust import mad_std
 
-GENTLE_MM = 0.4  # up to which walls leave the depth of a face alone
-MIN_COUNT = 3
-APART = 0.06  # of 1: on five lights medians over gentle faces lie within .02 of it, single faces within .08
-SURE = 3.0  # deviations of the median
+GENTLE_MM = 0.4  # mm, up to which walls leave the depth of a face alone
+MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
+MAX_OFF = 0.06  # of 1: on five lights medians over gentle faces lie within .02, single ones within .08
+DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
         return ""
     off = float(np.median(ratios))
     scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
-    if abs(off - 1.0) < max(APART, SURE * scatter):
+    if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter):
         return ""
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from tactilevision.records import Bools, Floats, Pair
 
-READINGS = 200
+READINGS = 200  # of a dwell's mean at most: 1 s at 200 Hz
 
 
 @dataclass(frozen=True, slots=True)

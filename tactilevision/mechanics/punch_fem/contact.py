@@ -16,7 +16,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.discretisation import Surface
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 TANGENTIAL = 0.1  # stiffness of sticking over the penalty
 ROUND = (
@@ -127,26 +127,19 @@ def touch(
     active = (gap <= 0) | (keep & (history.gap_mm <= 0))
     k = np.where(active, stiffness, 0.0)
     pressure = -k * gap
-    moved = place - history.place_mm
-    trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
-    along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
-    trial = np.where(active, trial, 0.0)
+    trial, along = _elastic_shear(history, place, active, k, (normal, tangent, curvature))
     shear, by_trial, by_pressure = slip(punch.friction, trial, pressure)
     if history.trial_MPa is not None:
         by_trial = turned_back(by_trial, shear, trial, history.trial_MPa)
 
     # df/dy of f = q n + T t, with dq = -k n.dy, dn = c t (t.dy), dt = -c n (t.dy), d trial = along t.dy
-    slope = np.zeros((*gap.shape, 2, 2))
-    for weight, left, right in (
+    slope = _dyads(
         (-k, normal, normal),
         (pressure * curvature + along * by_trial, tangent, tangent),
         (-k * by_pressure, tangent, normal),
         (-shear * curvature, normal, tangent),
-    ):
-        slope += weight[..., None, None] * left[..., :, None] * right[..., None, :]
-    traction = pressure[..., None] * normal + shear[..., None] * tangent
-
-    force, matrix = _gathered(surface, traction, slope)
+    )
+    force, matrix = _gathered(surface, pressure[..., None] * normal + shear[..., None] * tangent, slope)
     return ContactState(
         force=force,
         stiffness=matrix,
@@ -156,6 +149,28 @@ def touch(
         history=ContactHistory(place, gap, shear),
         energy=float((surface.weight_mm2 * pressure**2).sum() / (2 * stiffness)),
     )
+
+
+def _elastic_shear(
+    history: ContactHistory, place: Floats, active: Bools, k: Floats, frame: tuple[Floats, Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Shear traction (K, Q) MPa of points that stick, and its derivative along the tangent, MPa/mm.
+
+    `place` (K, Q, 2) mm, `active` and stiffness `k` (K, Q), `frame`: normal, tangent (K, Q, 2) and curvature.
+    """
+    normal, tangent, curvature = frame
+    moved = place - history.place_mm
+    trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
+    along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
+    return np.where(active, trial, 0.0), along
+
+
+def _dyads(*terms: tuple[Floats, Floats, Floats]) -> Floats:
+    """Sum (K, Q, 2, 2) of weight times left times right over terms of shapes (K, Q), (K, Q, 2), (K, Q, 2)."""
+    total = np.zeros((*terms[0][0].shape, 2, 2))
+    for weight, left, right in terms:
+        total += weight[..., None, None] * left[..., :, None] * right[..., None, :]
+    return total
 
 
 def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:

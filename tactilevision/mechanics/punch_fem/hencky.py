@@ -15,7 +15,7 @@ _SHAPE[0, 0] = _SHAPE[3, 3] = _SHAPE[1, 1] = _SHAPE[2, 2] = 1.0
 _SHAPE[0, 3] = _SHAPE[3, 0] = -1.0
 _SHAPE[1, 2] = _SHAPE[2, 1] = 1.0
 
-_SERIES_BELOW = 1e-3
+_SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its series
 
 
 @dataclass(frozen=True, slots=True)
