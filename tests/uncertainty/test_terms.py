@@ -34,7 +34,7 @@ PX = (0.05, 0.05)
 
 def dent() -> Floats:
     y, x = np.indices((60, 80), dtype=np.float32)
-    return (0.5 * np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 50.0)).astype(np.float32)
+    return np.asarray(0.5 * np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 50.0), np.float32)
 
 
 def test_the_scale_is_a_part_of_the_depth_and_none_of_no_depth() -> None:
