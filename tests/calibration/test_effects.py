@@ -26,7 +26,11 @@ from tactilevision.mechanics.kappa import kappa
 from tactilevision.records import Floats
 
 EVERY = [pytest.param(EFFECTS[key], id=key) for key in CATALOGUE]
-CLEAR = [p for p in EVERY if p.id not in ("force_gain", "photometric_gain", "bevel_rise")]
+CLEAR = [
+    pytest.param(*p.values, id=p.id, marks=[pytest.mark.slow] if p.id == "edge_fillet" else [])
+    for p in EVERY
+    if p.id not in ("force_gain", "photometric_gain", "bevel_rise")
+]
 
 
 def rich() -> Observations:
