@@ -15,7 +15,8 @@ from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def scenes() -> Path:
