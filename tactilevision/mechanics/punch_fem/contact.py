@@ -19,9 +19,8 @@ from tactilevision.mechanics.punch_fem.discretisation import Surface
 from tactilevision.records import Bools, Floats
 
 TANGENTIAL = 0.1  # stiffness of sticking over the penalty
-ROUND = (
-    0.1  # the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
-)
+# the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
+ROUND = 0.1
 
 
 @dataclass(frozen=True, slots=True)
