@@ -41,7 +41,8 @@ digest: .venv/.ok
 	$(BIN)/python -m benchmarks.digest $(if $(WRITE),--write)
 
 docs: .venv/.ok
-	$(BIN)/sphinx-build -W -q docs docs/_build
+	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
+	$(BIN)/python docs/check_links.py docs/_build
 
 clean:
-	rm -rf .venv build dist docs/_build demo_out
+	rm -rf .venv build dist docs/_build docs/gallery demo_out

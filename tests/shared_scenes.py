@@ -15,7 +15,8 @@ from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def scenes() -> Path:
@@ -34,7 +35,7 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
             if not path.exists():
                 made = pickle.dumps(make(*args, **named))
                 path.write_bytes(made)
-        found: T = pickle.loads(path.read_bytes())  # noqa: S301 - written by this run
+        found: T = pickle.loads(path.read_bytes())
         return found
 
     return read

@@ -21,6 +21,8 @@ from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
+from tactilevision.uncertainty.steep_slope import hidden_step_mm
+
 REAL = Path(__file__).parents[2] / "shared" / "real"
 
 
@@ -107,8 +109,8 @@ def test_steep_walls_are_confessed() -> None:
     gentle = SlopeMap(np.zeros(SHAPE), np.zeros(SHAPE))
     along_x, along_y = (np.asarray(np.gradient(depth, MM_PER_PX, axis=axis)) for axis in (1, 0))
     steep = SlopeMap(along_x, along_y)
-    assert error.wall_mm(depth, gentle) == 0.0
-    assert error.wall_mm(depth, steep) > 0.02
+    assert hidden_step_mm(depth, gentle, steepest=error.steepest, every=1, mm_per_px=MM_PER_PX) == 0.0
+    assert hidden_step_mm(depth, steep, steepest=error.steepest, every=1, mm_per_px=MM_PER_PX) > 0.02
 
 
 def test_any_object_with_slopes_is_a_method() -> None:

@@ -11,6 +11,7 @@ from tactilevision.certificate.touch.press_track import face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Floats
+from tactilevision.robust import mad_std
 
 _DEFAULT_TILT_STD = 0.002  # rad, where too few presses show the tilts' scatter
 _MIN_REPEATS = 2  # repeated presses from which the scatter of tilts is taken; benchmarks.certificate
@@ -25,7 +26,7 @@ def recording_statistics(presses: Mapping[str, PressEvidence]) -> RecordingStati
     tilt, scatter = np.zeros(2), _DEFAULT_TILT_STD
     if len(tilts) >= 3:
         tilt = np.median(tilts, axis=0)
-        scatter = 1.4826 * float(np.median(np.hypot(*(tilts - tilt).T))) / np.sqrt(2)
+        scatter = mad_std(np.hypot(*(tilts - tilt).T), centre=0.0) / np.sqrt(2)
     intervals = [
         interval_at(evidence.track.time_s, evidence.event_s)
         for evidence in presses.values()

@@ -20,7 +20,7 @@ from tactilevision.records.flags import MEANING
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
-NOTHING = (float("nan"),) * 3
+NOTHING = (float("nan"),) * 3  # N: a force that is not known
 Triple = tuple[float, float, float]
 
 

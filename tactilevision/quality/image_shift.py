@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.robust import mad_std
 
 FINE_PX, COARSE_PX, EVEN_PX = 0.8, 3.0, 15.0
 DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
@@ -58,7 +59,7 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     """By how much (2,) one picture has moved; None where it has not, or where it cannot be seen."""
     shape = picture.shape[:2]
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
-    noise = 1.4826 * float(np.median(np.abs(whole))) + 1e-12
+    noise = mad_std(whole, centre=0.0) + 1e-12
     reach = min(REACH_PX, (min(shape) - 3) // 2)
     near = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
     y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))

@@ -26,7 +26,7 @@ from tactilevision.quality.contact_in_reference import look_at_reference
 from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
-from tactilevision.uncertainty.depth import DepthError
+from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
@@ -48,6 +48,7 @@ class Reconstructor:
         self.sensor, self.method, self.calibration = sensor, method, calibration
         self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
         self.zero: ZeroPlane | None = None
+        self.evidence: MapEvidence | None = None
         steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
         self.readable = READABLE * float(steepest) if steepest else None
         self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
@@ -106,6 +107,15 @@ class Reconstructor:
         std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
 
+    def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
+        """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
+
+        On a grid of every `error.every`th pixel; empty for a method that states no deviation.
+        """
+        if self.error is None or self.evidence is None:
+            return {}
+        return self.error.terms_mm(height.depth_mm, self.evidence)
+
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.likeness is not None:
@@ -123,7 +133,8 @@ class Reconstructor:
         if self.error is None or self.zero is None:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
+        self.evidence = MapEvidence(self.zero, hidden, walls, drift)
+        return self.error.std_mm(depth, self.evidence)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""

@@ -8,7 +8,7 @@ Assumptions: quasi-static; unloading goes back along the loading curve; the rim 
 the pad's centre, and over the last thickness before it the surface is faded out. Deeper than the last depth solved
 (DEEPEST thicknesses, or where the surface folds at the punch's edge) shape and P/w go on along the straight line
 through the last two depths: .2 % of the force and .003 of the depth off at w/h = .2 where the last is .125.
-Source: mechanics/punch_fem, checked against other programs in docs/punch_fem.md.
+Source: mechanics/punch_fem, checked against other programs in docs/evidence/punch_fem.md.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     ("fails", "fault"),
     [
         ("refit_with", ConvergenceError("no minimum")),
-        ("refit_with", RuntimeError("broken")),
+        pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         ("adopt", ConvergenceError("no minimum")),
         ("_skill", ZeroDivisionError()),
         ("separation", ConvergenceError("no minimum")),

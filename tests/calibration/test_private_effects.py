@@ -21,8 +21,8 @@ from tactilevision.errors import InputError, OutputError
     [
         ("raise RuntimeError('my own fault')", "my own fault"),
         ("raise SystemExit(7)", "SystemExit: 7"),
-        ("return replace(state, force_N=state.force_N * 1j)", "real"),
-        ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
+        pytest.param("return replace(state, force_N=state.force_N * 1j)", "real", marks=pytest.mark.slow),
+        pytest.param("return replace(state, force_N=state.force_N * np.nan)", "finite", marks=pytest.mark.slow),
         ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
     ],
 )
@@ -33,7 +33,7 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     head, tail = text.split("        share =")
     file.write_text(head + "        if values[0] != 0:\n            " + body + "\n        share =" + tail)
     effect = load_effect(file)
-    data = presses(5)
+    data = presses(8)
     taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
     found = diagnose(taken, np.random.default_rng(0), effects=[effect])
     assert why in found.not_testable["my_effect"]

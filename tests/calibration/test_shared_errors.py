@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,12 @@ TOUCH_MM, RISE = 0.002, 0.006
 
 def shifted(measured: Measured, offset_mm: float, *, states: bool) -> Measured:
     """The same presses with every depth read too small by one offset."""
-    stated = {"contact_shared_std_mm": TOUCH_MM, "pile_up_ratio": 0.1, "pile_up_ratio_std": RISE * 1.1}
-    details = CertificationDetails(**stated) if states else CertificationDetails()
+    stated: dict[str, Any] = {
+        "contact_shared_std_mm": TOUCH_MM,
+        "pile_up_ratio": 0.1,
+        "pile_up_ratio_std": RISE * 1.1,
+    }
+    details = replace(CertificationDetails(), **stated) if states else CertificationDetails()
     points = [replace(p, depth_mm=p.depth_mm - offset_mm, details=details) for p in measured.points]
     return replace(measured, points=tuple(points))
 

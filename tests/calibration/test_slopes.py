@@ -63,7 +63,7 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
 @pytest.mark.parametrize(
     ("key", "fault", "truth"),
     [
-        ("photometric_gain", {"gain": 0.75}, -0.25),
+        pytest.param("photometric_gain", {"gain": 0.75}, -0.25, marks=pytest.mark.slow),
         ("photometric_drift", {"gain": 1 - 0.15 * np.arange(12) / 11}, -0.15),
         ("slope_saturation", {"ceiling": 0.35}, 1 / 0.35),
     ],

@@ -19,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
+from tactilevision.records.contact_thresholds import CONTACT
 
 POWERS = 4  # terms of the depth's polynomial in the force; benchmarks.certificate
 GAIN_STD = 0.1  # of 1, one sigma of a press' gain; benchmarks.certificate
 SHIFT_STD = 0.01  # of the largest depth, one sigma of the zero plane's shift at contact; benchmarks.certificate
 BEVEL_STD = 0.3  # of the force beyond the contact event, one sigma of the bevel's part; benchmarks.certificate
 MEMORY_STD = 0.5  # of the force, one sigma of each memory: gels that relax by a half; benchmarks.certificate
-CONTACT = 0.03  # of the largest force: where the contact is there; benchmarks.certificate
 _JOLT = 12.0  # times the median rate: releases are several times faster than loading; benchmarks.certificate
 _JOLT_S = 0.1  # s about a jolt in which frames do not count; tests.certificate.test_clock_alignment
 Ints = npt.NDArray[np.int_]
@@ -76,7 +76,7 @@ class ClockProblem:
         force = now[0] - parts[0] * beyond - parts[1] * beyond**2 + memories @ now[1:]
         powers = force[:, None] ** np.arange(1, POWERS + 1)
         curve = (powers * shapes.reshape(-1, POWERS)[self.kind]).sum(axis=1)
-        contact = shift[0] * np.clip(force / CONTACT, 0, 1)
+        contact = shift[0] * np.clip(force / CONTACT.reading_share, 0, 1)
         value = zeros[self.press] + gains[self.press] * (curve + contact)
         return np.asarray(value, dtype=np.float64)
 
@@ -88,7 +88,7 @@ class ClockProblem:
         rate = np.abs(np.gradient(self.series[0], interval))
         fastest = maximum_filter1d(rate, 2 * max(round(_JOLT_S / interval), 1) + 1)
         here = np.interp(self.time_s + offset_s, self.force_time_s, fastest)
-        loaded = np.interp(self.time_s + offset_s, self.force_time_s, self.series[0]) > CONTACT
+        loaded = np.interp(self.time_s + offset_s, self.force_time_s, self.series[0]) > CONTACT.reading_share
         median_rate = float(np.median(here[loaded])) if loaded.any() else np.inf
         return np.asarray(here <= _JOLT * median_rate)
 

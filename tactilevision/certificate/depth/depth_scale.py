@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Floats, Pair
+from tactilevision.robust import mad_std
 
 GENTLE_MM = 0.4  # mm, up to which walls leave the depth of a face alone
 MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
@@ -60,7 +61,7 @@ def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     if len(ratios) < MIN_COUNT:
         return ""
     off = float(np.median(ratios))
-    scatter = 1.4826 * float(np.median(np.abs(ratios - off))) / np.sqrt(len(ratios))
+    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
     if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter):
         return ""
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))

@@ -9,7 +9,8 @@ scatter of the ring's quarters, the error of the map's depth scale on the faces,
 ring. Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio.
 
 The two are checked against each other and combined by their variances. Where the bevel's place is neither given
-nor seen, w = H is kept with what that may be wrong. Source: docs/physics, "The bevel touches early".
+nor seen, w = H is kept with what that may be wrong. Source:
+docs/explanation/physics.md, "The bevel touches early".
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactilevision.certificate.touch.press_track import PressTrack
-from tactilevision.uncertainty.depth import gain_std
+from tactilevision.uncertainty.depth_scale import gain_std
 
 UNKNOWN_GAIN = 0.1  # relative std of slopes where no card states it
 MIN_GAIN = 0.01  # relative std that no ring of slopes undercuts; benchmarks.nu_from_frames

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
-
-CLEAR = 5.0  # times the noise by which contact stands out; tests.certificate.test_force_readings
-FAINT = 0.03  # of the top, by which contact stands out; tests.certificate.test_force_readings
+from tactilevision.records.contact_thresholds import CONTACT, reading_limit
+from tactilevision.robust import second_difference_std
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +44,9 @@ def find_phases(reading: Floats) -> Phases | None:
     noise = noise_of(reading)
     known = np.where(np.isfinite(reading), reading, -np.inf)
     top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
-    if not top > 10 * noise or top <= 0:
+    if not top > CONTACT.reading_top_sigma * noise or top <= 0:
         return None
-    contact = known > max(CLEAR * noise, FAINT * top)
+    contact = known > reading_limit(noise, top)
     firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
     if not firm.any():
         return None
@@ -85,4 +84,4 @@ def noise_of(reading: Floats) -> float:
     known = reading[np.isfinite(reading)]
     if known.size < 5:
         return 0.0
-    return float(1.4826 * np.median(np.abs(np.diff(known, 2))) / np.sqrt(6.0))
+    return second_difference_std(known)

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.certificate.force.phases import CLEAR, FAINT, Phases, find_phases, noise_of
+from tactilevision.certificate.force.phases import Phases, find_phases, noise_of
 from tactilevision.certificate.force.tare import Tare, find_tare
 from tactilevision.records import Bools, Floats, ForceSeries, Pair, Press
+from tactilevision.records.contact_thresholds import CONTACT, reading_limit
 
 _RATE_S = 0.1  # s over which the rate of loading is read: 20 readings at 200 Hz
 _STILL = 0.2  # of the median rate: slower is a pause, in which a gel may relax; test_force_readings
@@ -109,7 +110,7 @@ def _free_level(time: Floats, force: Floats) -> Floats:
         low = force[side] <= np.nanquantile(force[side], 0.2)
         level = float(np.median(force[side][low]))
         ends.append((float(np.std(force[side][low])) / max(float(force[top]) - level, 1e-9), level, side, low))
-    ends = [end for end in ends if end[0] <= FAINT] or [min(ends, key=lambda end: end[1])]
+    ends = [end for end in ends if end[0] <= CONTACT.reading_share] or [min(ends, key=lambda end: end[1])]
     when = [float(np.median(time[side][low])) for _, _, side, low in ends]
     return np.interp(time, when, [level for _, level, _, _ in ends])
 
@@ -117,7 +118,7 @@ def _free_level(time: Floats, force: Floats) -> Floats:
 def _touching(force: Floats, noise: float, contact: Phases) -> Bools:
     """Readings (N,) near one that stands out of the zero, beyond what `noise` of a smoothed one lets expect."""
     top = float(np.median(force[contact.hold : contact.release + 1]))
-    out = (force > max(CLEAR * noise, FAINT * top)).astype(float)
+    out = (force > reading_limit(noise, top)).astype(float)
     return np.asarray(np.convolve(out, np.ones(2 * _GAP + 1), mode="same") > 0.5)
 
 

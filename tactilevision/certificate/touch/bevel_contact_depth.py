@@ -18,6 +18,7 @@ from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
 from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
 from tactilevision.records import Bools, Floats, Indenter, Pair
+from tactilevision.robust import MAD_TO_STD, mad_std
 
 DETECTION_CHI2 = 25.0  # fall of chi-square that counts as a contact event: five sigma
 # An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
@@ -86,7 +87,7 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
     for _ in range(5):
         slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
         residual = np.abs(stiffness - start - slope * depth)
-        keep = residual <= max(3 * 1.4826 * float(np.median(residual)), 1e-9)
+        keep = residual <= max(3 * MAD_TO_STD * float(np.median(residual)), 1e-9)
         if keep.sum() < 3:
             break
     return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
@@ -143,7 +144,7 @@ def _shared_amplitude(onsets: Sequence[Onset]) -> Pair | None:
     middle = float(np.median(amplitude))
     if len(onsets) < _MIN_COUNT:
         return middle, _AMPLITUDE_STD[1] * middle
-    apart = 1.4826 * float(np.median(np.abs(amplitude - middle)))
+    apart = mad_std(amplitude, centre=middle)
     beyond = float(np.sqrt(max(apart**2 - float(np.median(own**2)), 0.0)))
     return middle, float(np.clip(beyond, _AMPLITUDE_STD[0] * middle, _AMPLITUDE_STD[1] * middle))
 

@@ -20,6 +20,7 @@ from tactilevision.contact.edge import sample
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.recording.model import BadFrame
 from tactilevision.records import Bools, Floats, Footprint, Frame, HeightMap, Indenter, Pair, Press, Sensor
+from tactilevision.robust import second_difference_std
 from tactilevision.sensors import rectify
 
 GRID_MM = 0.1  # mm, grid of the maps that are kept
@@ -305,6 +306,6 @@ def _zero(level: Floats) -> float:
     if known.size == 0:
         return 0.0
     low = float(np.quantile(known, 0.05))
-    noise = 1.4826 * float(np.median(np.abs(np.diff(known, 2)))) / np.sqrt(6) if known.size > 4 else 0.0
+    noise = second_difference_std(known) if known.size > 4 else 0.0
     free = known[known < low + max(5 * noise, 0.02 * float(np.ptp(known)))]
     return float(np.median(free)) if free.size >= 3 else 0.0

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import mad_std
 
 RIG_COMPLIANCE_MM_PER_N = 0.005  # mm/N, one sigma: rigs with their F/T sensors stand at 200 N/mm or so
 STAGE_STD = 0.005  # of 1, one sigma of a motion stage's scale
@@ -125,7 +126,7 @@ def _solve(
 ) -> tuple[TravelScale | None, Floats]:
     """The scale, and each event's distance (N,) from what the others say, in sigmas of the median scatter."""
     found = _least_squares(points, scale, 1.0)
-    scatter_unit = max(1.4826 * float(np.median(np.abs(found.apart))), 1.0)
+    scatter_unit = max(mad_std(found.apart, centre=0.0), 1.0)
     apart = found.apart / scatter_unit
     if found.birge > limit and float(np.abs(apart).max()) < _OUTLIER_SIGMA:
         return None, np.zeros(len(points))

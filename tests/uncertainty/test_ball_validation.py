@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.uncertainty.ball_validation import Known, bands, dent_mm, told
-from tactilevision.uncertainty.depth import gain_std, place_gain_std
+from tactilevision.uncertainty.depth_scale import gain_std, place_gain_std
 
 
 @pytest.mark.parametrize("scale", [(0.06, 0.06), (0.05, 0.07)])

@@ -25,7 +25,7 @@ from tactilevision.exports.tiff import read_tiff
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_folder
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def pictures(folder: Path, count: int) -> Path:
@@ -244,7 +244,8 @@ def test_killed_outright_it_goes_on_and_loses_nothing(tmp_path: Path, form: str)
     """kill -9 in mid-run, twice: workers end by themselves, no frame is lost, done twice or half-written."""
     frames, out = pictures(tmp_path / "in", 60), tmp_path / "out"
     script = tmp_path / "run.py"
-    script.write_text(SLOW.format(tests=str(ROOT / "tests"), frames=str(frames), out=str(out), form=form))
+    here = str(Path(__file__).parent)
+    script.write_text(SLOW.format(tests=here, frames=str(frames), out=str(out), form=form))
     journal, done = out / ".depth-journal.csv", 0
     for wanted in (10, 25):
         process = subprocess.Popen([sys.executable, script], cwd=ROOT)

@@ -21,7 +21,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Bytes, Frame, Indenter
 
-sys.path.insert(0, str(Path(__file__).parent / "photometric"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
 
 

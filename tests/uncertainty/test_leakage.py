@@ -10,7 +10,7 @@ from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.records import Bytes, Floats
-from tactilevision.uncertainty.leakage import leakage_std
+from tactilevision.uncertainty.leakage import leakage_share
 
 STEP, GAIN = 0.1, np.full((3, 4), 0.02)
 BALL = Ball((60.0, 45.0), 20.0, 4.0)
@@ -25,7 +25,7 @@ def depth(_: Bytes) -> Floats:
 def test_a_planted_change_comes_back() -> None:
     planted = (0.004, -0.003, 0.001)
     maps = [depth, *(lambda rgb, k=k: depth(rgb) + k for k in planted)]
-    found = leakage_std(maps, [PICTURE, PICTURE], balls=[BALL, None], gain=GAIN, mm_per_px=(STEP, STEP))
+    found = leakage_share(maps, [PICTURE, PICTURE], balls=[BALL, None], gain=GAIN, mm_per_px=(STEP, STEP))
     y, x = np.indices((90, 120), dtype=np.float64)
     away_mm = STEP * (np.hypot(x - 60.0, y - 45.0) - 20.0)
     reach = USUAL_THICKNESS_MM / STEP
@@ -35,4 +35,4 @@ def test_a_planted_change_comes_back() -> None:
 
 
 def test_without_balls_it_is_what_is_nearby() -> None:
-    assert leakage_std([depth, depth], [PICTURE], balls=[None], gain=GAIN, mm_per_px=(STEP, STEP)) == 1.0
+    assert leakage_share([depth, depth], [PICTURE], balls=[None], gain=GAIN, mm_per_px=(STEP, STEP)) == 1.0

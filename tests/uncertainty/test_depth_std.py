@@ -10,21 +10,21 @@ from scipy.ndimage import gaussian_filter
 from shared_scenes import sample_reconstructor
 
 from tactilevision.recording import read_frame, read_recording
-from tactilevision.uncertainty.depth import ROOM, untouched_std_mm
+from tactilevision.uncertainty.untouched_gel import BLOCK_PX, untouched_std_mm
 
-SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 TORN = ("00017.jpg",)
 
 
 def test_the_deviation_of_slow_waves_comes_back_place_by_place() -> None:
     rng = np.random.default_rng(0)
-    planted = np.linspace(0.001, 0.01, 20 * ROOM) * np.ones((12 * ROOM, 1))
+    planted = np.linspace(0.001, 0.01, 20 * BLOCK_PX) * np.ones((12 * BLOCK_PX, 1))
     waves = gaussian_filter(rng.standard_normal((16, *planted.shape)), (0, 6, 6), mode="wrap")
     waves *= planted / waves.std()
     waves -= waves.mean(axis=0)
     waves[3, 50:90, 50:90] += 0.2  # something touched already
     found = untouched_std_mm(list(waves))
-    ratio = found / planted[::ROOM, ROOM // 2 :: ROOM]
+    ratio = found / planted[::BLOCK_PX, BLOCK_PX // 2 :: BLOCK_PX]
     assert found.shape == (12, 20)
     assert np.median(ratio) == pytest.approx(1.0, abs=0.07)
     assert ratio.min() > 0.6
