@@ -197,7 +197,7 @@ def _longest(run: Bools) -> int:
 
 
 def interval_at(time_s: Floats, event_s: float) -> float:
-    """Interval between the frames before and after an event; inf where it lies outside them."""
+    """Interval (s) between the frames, taken at times (N,) s, before and after an event; inf outside them."""
     after = int(np.searchsorted(time_s, event_s))
     if not 0 < after < time_s.size:
         return float("inf")

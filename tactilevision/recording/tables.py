@@ -41,7 +41,7 @@ class Table:
         return RecordingError(what, where=f"{self.path}, line {self.lines[row]}", value=value, remedy=remedy)
 
     def optional(self, name: str) -> Floats:
-        """A column of numbers, NaN throughout where the table has none."""
+        """A column (N,) of numbers, NaN throughout where the table has none."""
         return self.numbers.get(name, np.full(len(self.lines), np.nan))
 
 

@@ -51,12 +51,12 @@ class PunchProfile:
         return depth_mm * self._at(self.shift, depth_mm)
 
     def seen(self, depth_mm: float) -> tuple[Floats, Floats]:
-        """Places r + u_r that the camera sees, never falling, and the depth there (mm)."""
+        """Places r + u_r (R,) mm that the camera sees, never falling, and the depth (R,) mm there."""
         places = np.maximum.accumulate(self.radius_mm + self.carried(depth_mm))
         return places, depth_mm * self._at(self.depth, depth_mm)
 
     def depth_at(self, place_mm: Floats | float, depth_mm: float) -> Floats:
-        """Depth (mm) of the surface at places (mm from the axis) as the camera sees them."""
+        """Depth (any shape, mm) of the surface at places (mm from the axis) as the camera sees them."""
         places, depths = self.seen(depth_mm)
         return np.asarray(np.interp(place_mm, places, depths, right=0.0), dtype=np.float64)
 

@@ -71,7 +71,7 @@ def _clear(folder: Path) -> None:
 
 
 def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
-    """For each press the times of the frames that are kept, on the camera's clock."""
+    """For each press the times (N,) s of the frames that are kept, on the camera's clock."""
     rng = stream(scenario.seed, 2)
     rig = scenario.options.rig
     kept = []

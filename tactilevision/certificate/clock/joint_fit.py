@@ -59,7 +59,7 @@ class ClockProblem:
         return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum((0, *sizes))))
 
     def prior(self, start_s: float) -> tuple[Floats, Floats]:
-        """Start, and what is known beforehand of each parameter: its std, inf where nothing is."""
+        """Start (K,), and the std (K,) that is known beforehand of each parameter, inf where nothing is."""
         offset, shapes, _, gains, shift, parts, memories = self.blocks()
         start, std = np.zeros(memories.stop), np.full(memories.stop, np.inf)
         start[offset], start[gains] = start_s, 1.0
@@ -157,7 +157,7 @@ def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
 
 
 def memory(time_s: Floats, force: Floats, fade_s: float) -> Floats:
-    """Integral of exp(-(t - s)/T) dP(s) at evenly spaced times."""
+    """Integral (T,) of exp(-(t - s)/T) dP(s) at evenly spaced times (T,) s, in the unit of `force` (T,)."""
     from scipy.signal import lfilter
 
     keep = float(np.exp(-np.median(np.diff(time_s)) / fade_s))
@@ -165,6 +165,6 @@ def memory(time_s: Floats, force: Floats, fade_s: float) -> Floats:
 
 
 def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:
-    """Numbers of the names in order, each repeated for its frames."""
+    """Numbers (N,) of the names in order, each repeated for its frames."""
     order = sorted(set(names))
     return np.repeat([order.index(name) for name in names], counts)

@@ -32,6 +32,7 @@ class DepthScale:
     scatter: float
 
     def scale(self, seen_mm: Floats | float) -> Floats:
+        """True over seen depth at seen depths of any shape, mm."""
         held = np.clip(np.asarray(seen_mm, dtype=np.float64), *self.limits_mm)
         return np.asarray(np.polynomial.polynomial.polyval(held, self.coefficients), dtype=np.float64)
 

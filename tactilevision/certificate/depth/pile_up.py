@@ -99,8 +99,10 @@ def map_error(track: PressTrack, depth_mm: Floats, *, distance_mm: float) -> flo
 def seen_ratio(
     found: Sequence[tuple[Floats, Floats]], *, scale_std: float, map_std: float = 0.0
 ) -> tuple[float, float] | None:
-    """One rho and its std from many presses; `scale_std` is the relative uncertainty of the height map's
-    scale, `map_std` what its rise may be off by over the depth.
+    """One rho and its std from ratios (4,) and stds (4,) of many presses.
+
+    `scale_std` is the relative uncertainty of the height map's scale, `map_std` what its rise may be off by over
+    the depth.
     """
     if not found:
         return None

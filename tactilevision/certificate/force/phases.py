@@ -30,7 +30,7 @@ class Phases:
     noise: float
 
     def names(self, count: int) -> npt.NDArray[np.str_]:
-        """The phase of each of `count` readings."""
+        """The phase (N,) of each of `count` readings."""
         place = np.arange(count)
         names = np.full(count, "free", dtype="<U6")
         names[(place >= self.onset) & (place < self.hold)] = "load"
@@ -77,7 +77,10 @@ def _main_run(contact: Bools, reading: Floats) -> Bools:
 
 
 def noise_of(reading: Floats) -> float:
-    """Noise of one reading, from second differences: a ramp does not count, nor do its few corners."""
+    """Noise of one reading of (N,), in its unit.
+
+    From second differences: a ramp does not count, nor do its few corners.
+    """
     known = reading[np.isfinite(reading)]
     if known.size < 5:
         return 0.0

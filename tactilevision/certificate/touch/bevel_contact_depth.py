@@ -47,6 +47,7 @@ class PressSignal:
     use: Bools
 
     def signal(self, distance_mm: float) -> Floats | None:
+        """Bevel signal (N,) mm of the height map, the edge at `distance_mm`; None where it is out of view."""
         track = self.track
         radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
         return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
@@ -60,6 +61,7 @@ class DepthOfForce:
     b_per_mm: float
 
     def depth(self, force_N: Floats) -> Floats:
+        """Depth (mm) at forces (N) of any shape."""
         force = np.asarray(force_N, dtype=np.float64)
         if self.b_per_mm == 0:
             return force / self.c_N_per_mm
@@ -67,6 +69,7 @@ class DepthOfForce:
         return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
 
     def force(self, depth_mm: Floats | float) -> Floats:
+        """Force (N) at depths (mm) of any shape."""
         w = np.asarray(depth_mm, dtype=np.float64)
         return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
 

@@ -19,9 +19,8 @@ from tactilevision.mechanics.punch_fem.discretisation import Surface
 from tactilevision.records import Bools, Floats
 
 TANGENTIAL = 0.1  # stiffness of sticking over the penalty
-ROUND = (
-    0.1  # the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
-)
+# the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
+ROUND = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +115,7 @@ def touch(
     *,
     keep: bool = False,
 ) -> ContactState:
-    """Contact forces and their exact tangent at `u`; `stiffness` is the penalty k in MPa/mm.
+    """Contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
 
     With `keep`, points that touched at the last step still do, in tension if need be: where sliding material is
     extrapolated along its tangent it leaves the round edge, and Newton's method must not let go of it at once.
@@ -195,7 +194,7 @@ def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floa
 
 
 def turned_back(by_trial: Floats, shear: Floats, trial: Floats, before: Floats) -> Floats:
-    """The tangent's slopes, a secant where a point slips the other way than in the iteration `before`.
+    """The tangent's slopes (K, Q), a secant where a point slips the other way than in the iteration `before`.
 
     Such a point sticks: between the two its traction has gone from -mu q to mu q. The slope at either end is 0 and
     would send Newton's method back and forth for ever, most of all at first touch, where shortening the step

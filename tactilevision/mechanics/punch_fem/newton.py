@@ -123,7 +123,7 @@ def solve_step(
 def contact_at(
     model: Model, u: Floats, history: ContactHistory | None, *, keep: bool = False
 ) -> ContactState | None:
-    """Contact forces at `u`; None for a glued face."""
+    """Contact forces at the unknowns `u` (U,) mm; None for a glued face."""
     punch = model.problem.punch
     if not isinstance(punch, RoundedPunch) or history is None:
         return None
