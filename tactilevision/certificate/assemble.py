@@ -34,6 +34,7 @@ from tactilevision.certificate.touch.contact_times import Chain, ContactTimes, c
 from tactilevision.certificate.touch.force_crossing import ForceCrossing, force_crossing
 from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import mean_distance_mm
+from tactilevision.photometric.card import MethodCard
 from tactilevision.recording.names import some
 from tactilevision.records import CertifiedPoint, Press
 from tactilevision.uncertainty.depth import gain_std
@@ -270,8 +271,8 @@ def _shared_std(chain: Chain, track: PressTrack) -> float:
     if not inside.any():
         return float("nan")
     whole = float(np.median(seen.std_mm[inside] / seen.depth_mm[inside]))
-    card = getattr(getattr(chain.reconstructor, "method", None), "card", {})
-    single, balls = gain_std(card, 0.0), max(float(card.get("balls", 1.0)), 1.0)
+    card = getattr(getattr(chain.reconstructor, "method", None), "card", MethodCard())
+    single, balls = gain_std(card, 0.0), max(float(card.balls or 1), 1.0)
     rest = max(whole**2 - single**2, 0.0)
     return float(np.sqrt(rest + single**2 / balls))
 

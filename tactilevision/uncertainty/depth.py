@@ -20,7 +20,7 @@ Assumes these to be independent. Blur of contacts only a few pixels wide is not 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -32,8 +32,9 @@ from tactilevision.integration.circular_edges import window_of
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.drift import Drift
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.uncertainty.illumination import DriftError
 
@@ -50,15 +51,15 @@ MEDIAN_TO_STD = 1.4826
 class DepthError:
     """Standard deviation of the depths that one method gives; what depends on the place alone is made once."""
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px = method, mm_per_px
         gain = place_gain_std(method.card, method.relative_error)
-        self.spread = float(method.card.get("spread", 1.0))
-        self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
-        waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
-        noise = method.noise * np.float32(method.card.get("frame_noise", 1.0))
+        self.spread = 1.0 if method.card.leakage_std is None else method.card.leakage_std
+        self.steep = STEEP * (np.inf if method.card.steepest_slope is None else method.card.steepest_slope)
+        waves_mm = method.card.untouched_depth_rms_mm or 0.0
+        noise = method.noise * np.float32(1.0 if method.card.frame_noise is None else method.card.frame_noise)
         self.variance = _noise_variance(noise, mm_per_px) + np.float32(waves_mm**2)
-        untouched = np.array(method.card.get("untouched_std_mm", [[0.0]]), np.float32)
+        untouched = np.array(method.card.untouched_std_mm or [[0.0]], np.float32)
         shape = self.variance.shape
         untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
@@ -127,21 +128,21 @@ class DepthError:
         return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
 
 
-def place_gain_std(card: Mapping[str, Any], relative_error: float) -> npt.NDArray[np.float64]:
+def place_gain_std(card: MethodCard, relative_error: float) -> npt.NDArray[np.float64]:
     """Relative deviation (h, w) of the depth scale over the picture, as a method's card tells it."""
-    return np.hypot(gain_std(card, relative_error), np.array(card.get("place_gain_std", [[0.0]]), np.float64))
+    return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
 
 
-def gain_std(card: Mapping[str, Any], relative_error: float) -> float:
+def gain_std(card: MethodCard, relative_error: float) -> float:
     """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
 
     A card that does not say what other balls would have changed has it mixed with balls held out.
     """
-    held_out = float(card.get("held_out_gain_std", relative_error))
-    if "seen_gain_std" not in card:
+    held_out = relative_error if card.held_out_gain_std is None else card.held_out_gain_std
+    if card.seen_gain_std is None:
         return held_out
-    seen = float(card["seen_gain_std"])
-    return seen if "place_gain_std" in card else float(np.sqrt(seen * (held_out + seen)))
+    seen = card.seen_gain_std
+    return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))
 
 
 def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> npt.NDArray[np.float64]:

@@ -28,7 +28,7 @@ from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import as_referenced
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
@@ -157,10 +157,12 @@ def surfaces_beside(
 
 def ring_gain_std(method: object) -> float:
     """Of the mean over a ring: what single balls scatter by, over the balls that such a ring averages."""
-    if not isinstance(method, CalibratedMethod) or "balls" not in method.card:
+    calibrated = as_referenced(method)
+    if calibrated is None or calibrated.card.balls is None:
         return UNKNOWN_GAIN
-    single = float(method.card.get("held_out_gain_std", method.relative_error))
-    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(method.card["balls"]), 1.0))))
+    held_out = calibrated.card.held_out_gain_std
+    single = calibrated.relative_error if held_out is None else held_out
+    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * calibrated.card.balls, 1.0))))
 
 
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
