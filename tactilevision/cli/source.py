@@ -25,7 +25,7 @@ ReferenceOption = Annotated[
 MethodOption = Annotated[
     str | None,
     typer.Option(
-        help="polynomial, either, lookup, network, or a file that `train` made; left out: the best there is."
+        help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
 
@@ -63,7 +63,7 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     """
     from tactilevision.reconstruct import build_reconstructor
 
-    return build_reconstructor(recording, method or ("either" if recording.balls else None))
+    return build_reconstructor(recording, method or ("auto" if recording.balls else None))
 
 
 def open_face_correction(

@@ -54,7 +54,7 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
         read = method.read(rgb).slopes
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
-    card = {**method.card, "frame_noise": whole.noise_over(method.noise), "calm_gel_px": px}
+    card = dataclasses.replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
     return dataclasses.replace(method, quiet=mean.added_to(method.current_background, method.calm), card=card)
 
 

@@ -22,7 +22,7 @@ from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import inside_ball
-from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.robust import mad_std
 

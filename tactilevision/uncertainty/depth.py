@@ -20,7 +20,7 @@ import numpy.typing as npt
 from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records import HeightMap, Pair, SlopeMap
 from tactilevision.uncertainty.depth_scale import place_gain_std, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
@@ -66,15 +66,17 @@ class DepthError:
     `free_mm2`, `gain_square` (h, w) of the grid: variance of free gel in mm², and of the depth scale, relative.
     """
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px = method, mm_per_px
         card = method.card
-        self.leakage = float(card.get("spread", 1.0))
-        self.steepest = STEEP_SHARE * float(card.get("steepest_slope", np.inf))
+        self.leakage = 1.0 if card.leakage_std is None else card.leakage_std
+        self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
-        noise = noise_variance(method.noise * np.float32(card.get("frame_noise", 1.0)), mm_per_px)
-        waves_mm = float(card.get("untouched_depth_rms_mm", 0.0))
-        free = free_variance(noise, waves_mm, np.array(card.get("untouched_std_mm", [[0.0]]), np.float32))
+        noise = noise_variance(
+            method.noise * np.float32(1.0 if card.frame_noise is None else card.frame_noise), mm_per_px
+        )
+        waves_mm = card.untouched_depth_rms_mm or 0.0
+        free = free_variance(noise, waves_mm, np.array(card.untouched_std_mm or [[0.0]], np.float32))
         self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
         size = (self.free_mm2.shape[1], self.free_mm2.shape[0])
         gain = np.asarray(place_gain_std(card, method.relative_error) ** 2, np.float32)

@@ -9,13 +9,11 @@ Vanishes where the depth is 0, and where every ball gives one scale. Assumes slo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.photometric.card import MethodCard
 from tactilevision.records import Floats
 
 Picture = npt.NDArray[np.float32]
@@ -28,18 +26,18 @@ def scale_variance(depth_mm: Picture, gain_square: Picture) -> Picture:
     return np.asarray(square)
 
 
-def place_gain_std(card: Mapping[str, Any], relative_error: float) -> Floats:
+def place_gain_std(card: MethodCard, relative_error: float) -> Floats:
     """Relative deviation (h, w) of the depth scale over the picture, as a method's card tells it."""
-    return np.hypot(gain_std(card, relative_error), np.array(card.get("place_gain_std", [[0.0]]), np.float64))
+    return np.hypot(gain_std(card, relative_error), np.array(card.place_gain_std or [[0.0]], np.float64))
 
 
-def gain_std(card: Mapping[str, Any], relative_error: float) -> float:
+def gain_std(card: MethodCard, relative_error: float) -> float:
     """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
 
     A card that does not say what other balls would have changed has it mixed with balls held out.
     """
-    held_out = float(card.get("held_out_gain_std", relative_error))
-    if "seen_gain_std" not in card:
+    held_out = relative_error if card.held_out_gain_std is None else card.held_out_gain_std
+    if card.seen_gain_std is None:
         return held_out
-    seen = float(card["seen_gain_std"])
-    return seen if "place_gain_std" in card else float(np.sqrt(seen * (held_out + seen)))
+    seen = card.seen_gain_std
+    return seen if card.place_gain_std is not None else float(np.sqrt(seen * (held_out + seen)))

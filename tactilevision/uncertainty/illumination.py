@@ -19,7 +19,7 @@ import numpy.typing as npt
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.zero_plane import ZeroPlane, plane_terms
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records import Floats, Pair, SlopeMap
 
 STEP = 0.01  # of a coefficient: laws are straight over it to a hundredth
@@ -28,7 +28,7 @@ STEP = 0.01  # of a coefficient: laws are straight over it to a hundredth
 class DriftError:
     """How depths of one method answer to its drift's coefficients; made once, on the drift's own blocks."""
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         tracker, shape = method.change.tracker, method.reference.shape
         self.blocks = (tracker.size[1], tracker.size[0])
         self.terms = plane_terms(shape, self.blocks)

@@ -148,7 +148,7 @@ def test_a_contact_is_seen_at_any_scale_of_depth() -> None:
     """A method that knows its scale to 40 % is in doubt of the depth, not of the contact; nor does it see one in
     free gel."""
     rng = np.random.default_rng(10)
-    rough = dataclasses.replace(calibrated(), card={**calibrated().card, "place_gain_std": [[0.4]]})
+    rough = dataclasses.replace(calibrated(), card=dataclasses.replace(calibrated().card, place_gain_std=[[0.4]]))
     reader = Reconstructor(SENSOR, rough)
     live = Stream(reader)
     depth, p, q = ball((0.5, 0.5), 1.5, 4.0)

@@ -17,6 +17,7 @@ from tactilevision.photometric import (
     calibrate_from_balls,
     make_reference,
 )
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.markers import Marks
 from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.multiresolution import TiledEvaluator
@@ -128,7 +129,7 @@ def test_calm_gel_is_calmer_and_follows_the_light() -> None:
 def test_only_a_method_settled_so_is_read_so() -> None:
     method = calibrated()
     assert method.tiled_evaluator is not None
-    assert dataclasses.replace(method, card={}).tiled_evaluator is None
+    assert dataclasses.replace(method, card=MethodCard()).tiled_evaluator is None
     marks = Marks(0.0, 4.0, np.zeros(SHAPE, np.uint8))
     assert method.with_reference(dataclasses.replace(method.reference, marks=marks)).tiled_evaluator is None
 

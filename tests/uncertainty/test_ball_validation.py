@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.card import MethodCard
 from tactilevision.uncertainty.ball_validation import Known, bands, dent_mm, told
 from tactilevision.uncertainty.depth_scale import gain_std, place_gain_std
 
@@ -49,12 +50,12 @@ def test_contacts_alike_are_never_torn_into_two_bands() -> None:
 
 
 def test_the_stated_scale_lies_between_balls_seen_and_unseen() -> None:
-    assert 0.02 < gain_std({"held_out_gain_std": 0.06, "seen_gain_std": 0.02}, 0.5) < 0.06
-    assert gain_std({}, 0.5) == 0.5
+    assert 0.02 < gain_std(MethodCard(held_out_gain_std=0.06, seen_gain_std=0.02), 0.5) < 0.06
+    assert gain_std(MethodCard(), 0.5) == 0.5
 
 
 def test_what_other_balls_would_have_changed_is_told_place_by_place() -> None:
-    card = {"held_out_gain_std": 0.06, "seen_gain_std": 0.03, "place_gain_std": [[0.04, 0.0]]}
+    card = MethodCard(held_out_gain_std=0.06, seen_gain_std=0.03, place_gain_std=[[0.04, 0.0]])
     assert place_gain_std(card, 0.5) == pytest.approx(np.array([[0.05, 0.03]]))
     assert gain_std(card, 0.5) == 0.03, "from ball to ball alone"
-    assert place_gain_std({}, 0.5) == pytest.approx(0.5)
+    assert place_gain_std(MethodCard(), 0.5) == pytest.approx(0.5)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from tactilevision.certificate.touch.press_track import PressTrack
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.method import as_referenced
 from tactilevision.uncertainty.depth_scale import gain_std
 
 UNKNOWN_GAIN = 0.1  # relative std of slopes where no card states it
@@ -19,15 +18,16 @@ BALL_SLOPE = 0.3  # mm/mm, a slope that most light calibrations hold
 def ring_gain_std(method: object) -> float:
     """Relative std of slopes averaged over a ring: the balls' scatter over the balls that such a ring averages."""
     card = _card(method)
-    if "balls" not in card:
+    if card.balls is None:
         return UNKNOWN_GAIN
-    single = float(card["held_out_gain_std"] if "held_out_gain_std" in card else _relative_error(method))
-    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(card["balls"]), 1.0))))
+    single = _relative_error(method) if card.held_out_gain_std is None else card.held_out_gain_std
+    return max(MIN_GAIN, single / float(np.sqrt(max(RING_SHARE * float(card.balls), 1.0))))
 
 
 def ball_slope(method: object) -> float:
     """Steepest slope (mm/mm) that the light was calibrated with."""
-    return float(_card(method).get("steepest_slope", BALL_SLOPE))
+    steepest = _card(method).steepest_slope
+    return BALL_SLOPE if steepest is None else steepest
 
 
 def shared_depth_std(track: PressTrack, method: object) -> float:
@@ -44,14 +44,14 @@ def shared_depth_std(track: PressTrack, method: object) -> float:
         return float("nan")
     whole = float(np.median(height.std_mm[inside] / height.depth_mm[inside]))
     card = _card(method)
-    single, balls = gain_std(card, 0.0), max(float(card.get("balls", 1.0)), 1.0)
+    single, balls = gain_std(card, 0.0), max(float(card.balls or 1), 1.0)
     rest = max(whole**2 - single**2, 0.0)
     return float(np.sqrt(rest + single**2 / balls))
 
 
-def _card(method: object) -> Mapping[str, Any]:
-    card: Mapping[str, Any] = getattr(method, "card", {})
-    return card
+def _card(method: object) -> MethodCard:
+    referenced = as_referenced(method)
+    return MethodCard() if referenced is None else referenced.card
 
 
 def _relative_error(method: object) -> float:

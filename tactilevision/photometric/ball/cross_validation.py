@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball.jackknife import gain_map
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
 

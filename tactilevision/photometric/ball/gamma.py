@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball.shading_fit import GENTLE, PLACE_ORDER, fit_light, terms_of
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, STRAIGHT, Response
-from tactilevision.photometric.methods.inverse_shading import GENTLE, PLACE_ORDER, fit_light, terms_of
 from tactilevision.records import Bools, Floats
 
 STRAY = (0.0, 0.1, 0.2)
