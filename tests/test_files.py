@@ -60,7 +60,7 @@ def test_a_place_that_takes_no_results_is_named(tmp_path: Path) -> None:
 
 def test_an_error_of_a_worker_says_the_same_here() -> None:
     sent = OutputError("cannot be written: it is full", where="disk", value=(1, 2), remedy="Free some space.")
-    came = pickle.loads(pickle.dumps(sent))
+    came = pickle.loads(pickle.dumps(sent))  # noqa: S301 -- our own bytes
     assert type(came) is OutputError
     assert str(came) == str(sent)
     assert (came.what, came.where, came.value, came.remedy) == (sent.what, sent.where, sent.value, sent.remedy)
