@@ -14,7 +14,7 @@ import zarr
 
 from tactilevision.batch.folder import COLUMNS, measure, reconstruct_folder, std_at
 from tactilevision.exports.tiff import read_tiff, write_tiff
-from tactilevision.photometric.method import PhotometricMethod
+from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Frame, HeightMap, Sensor, SlopeMap

@@ -145,6 +145,7 @@ def test_a_contact_in_the_only_reference_is_warned_of() -> None:
     found = calibrate_from_balls(make_reference([touched]), shots, SCALE, fit=PHOTOMETRIC["polynomial"])
     assert any("contact in the reference" in warning for warning in found.warnings)
     place = found.method.card.contact_in_reference_px
+    assert place is not None
     assert np.hypot(*np.subtract(place, in_px((-5.0, 3.0)))) < 1.4 / MM_PER_PX
     assert not any("contact in the reference" in warning for warning in calibrated("polynomial").warnings)
 

@@ -45,6 +45,7 @@ def test_lights_that_hide_a_direction_are_named(
     found = made(places, tints, seed=32)
     assert any("hardly tell slopes along" in warning for warning in found.warnings) == hidden
     card = found.method.card
+    assert card.max_slope_noise is not None
     assert (card.max_slope_noise > 0.1) == hidden
     if hidden:
         assert found.direction_error_deg > 20, "and so it is"
