@@ -6,19 +6,18 @@ import datetime
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
+from calibration.inputs.certified_depth import depth_source, finite_or, own_depth_std, shared_errors
 from calibration.inputs.observations import (
     DAY_S,
-    DepthSource,
     EdgeDrop,
     Measured,
     Observations,
     Presses,
     RecordingLike,
-    Shared,
 )
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
@@ -94,10 +93,10 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             protocol=row,
             time_s=np.array([point.time_s]) + shift,
             depth_mm=np.array([_finite(point)]),
-            force_N=np.array([[_zero(point.fx_N), _zero(point.fy_N), point.fz_N]]),
+            force_N=np.array([[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]]),
             phase=np.array(["load"]),
             temperature_C=np.array([row.temperature_C]),
-            depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
+            depth_std_mm=np.array([own_depth_std(point, indenter, recording)]),
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([point.details.reconstructed_depth_mm]),
             reconstructed_std_mm=np.array([point.details.reconstructed_std_mm]),
@@ -140,7 +139,7 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             temperature_C=np.full(size, row.temperature_C)
             if temperature is None
             else np.asarray(temperature, dtype=float)[use],
-            depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
+            depth_std_mm=np.full(size, finite_or(recording.depth_std_mm, NAN)),
             force_std_N=np.full(size, _force_std(recording)),
             reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
             reconstructed_std_mm=np.full(size, NAN),
@@ -171,12 +170,12 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         temperature_C=np.concatenate([t.temperature_C for t in touches]),
         depth_std_mm=np.concatenate([t.depth_std_mm for t in touches]),
         force_std_N=np.concatenate([t.force_std_N for t in touches]),
-        depth_source=_depth_source(sets),
+        depth_source=depth_source(sets),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         falls=tuple(fall for t in touches for fall in t.falls),
         recordings=tuple(m.recording.name for m in sets),
-        shared=_shared(sets),
+        shared=shared_errors(sets),
     )
 
 
@@ -229,7 +228,7 @@ def _day(touch: _Touch, origin: float) -> float:
 def _dated_s(press: Press, recording: RecordingLike) -> float:
     """The press's own date and time of day, else its recording's date; NaN where there is none."""
     date = press.date or recording.date
-    return _days_since_epoch(date) * DAY_S + _zero(press.time_of_day_s) if date else NAN
+    return _days_since_epoch(date) * DAY_S + finite_or(press.time_of_day_s) if date else NAN
 
 
 def _sortable(time: float) -> float:
@@ -297,51 +296,6 @@ def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
 
 
-def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: RecordingLike) -> float:
-    """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
-    whole = point.depth_std_mm
-    if not np.isfinite(whole):
-        return _zero(recording.depth_std_mm, NAN)
-    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(point.details.pile_up_ratio))
-    shared = math.hypot(height, _rise_std(point) * point.depth_mm)
-    if _certified(point):  # made up of just these parts
-        return math.sqrt(max(whole**2 - shared**2, 0.0))
-    return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
-
-
-def _ruled(point: CertifiedPoint) -> bool:
-    return bool(np.isfinite(point.details.travel_scale_std))
-
-
-def _rise_std(point: CertifiedPoint) -> float:
-    """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
-    rise = _zero(point.details.pile_up_ratio_std) / (1 + _zero(point.details.pile_up_ratio))
-    return math.hypot(rise, _zero(point.details.travel_scale_std))
-
-
-def _shared(sets: Sequence[Measured]) -> Shared:
-    """What certified depths share by the way in which they were certified."""
-    points = [p for m in sets for p in m.points if p.accepted]
-    touch = [_zero(p.details.contact_shared_std_mm) for p in points]
-    rise = [_rise_std(p) for p in points]
-    if not points:
-        return Shared()
-    return Shared(float(np.median(touch)), float(np.median(rise)), heights=not all(_ruled(p) for p in points))
-
-
-def _depth_source(sets: Sequence[Measured]) -> DepthSource:
-    """Where the depths come from: what a certificate of our own says is a gauge's, whatever the curves are."""
-    certified = [_certified(p) for m in sets for p in m.points if p.accepted]
-    if certified and all(certified) and not any(m.curves for m in sets):
-        return "gauge"
-    return cast(DepthSource, sets[0].recording.depth_source or "vision")
-
-
-def _certified(point: CertifiedPoint) -> bool:
-    """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
-    return bool(np.isfinite(point.details.pile_up_ratio_std))
-
-
 def _force_std(recording: RecordingLike) -> float:
     return NAN if recording.force_std_N is None else float(recording.force_std_N[2])
 
@@ -354,7 +308,3 @@ def _finite(point: CertifiedPoint) -> float:
             value=(point.depth_mm, point.fz_N),
         )
     return point.depth_mm
-
-
-def _zero(value: float | None, instead: float = 0.0) -> float:
-    return float(value) if value is not None and np.isfinite(value) else instead
