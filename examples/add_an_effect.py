@@ -10,10 +10,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.effects.viscoelasticity import Viscoelasticity
-from calibration.inputs.observations import Measured
-from calibration.tasks.calibrate import observe
-from calibration.tasks.compare import compare
+from calibration import Measured, Viscoelasticity, compare, observe
 from tactilevision import read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"

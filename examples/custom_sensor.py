@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tactilevision.sensors import find_grid, rectify, save_rectification, sensor_from_corners, sensor_from_grid
+from tactilevision import find_grid, rectify, save_rectification, sensor_from_corners, sensor_from_grid
 
 ROWS, COLUMNS, SPACING_MM = 7, 9, 2.0
 

@@ -8,11 +8,7 @@ How stiff a flat punch finds a thin gel, how depth and friction bend the line, a
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tactilevision import Material
-from tactilevision.mechanics.export import write_material
-from tactilevision.mechanics.flat_contact import FlatContact
-from tactilevision.mechanics.kappa import kappa
-from tactilevision.mechanics.punch_curve import punch_curve
+from tactilevision import FlatContact, Material, kappa, punch_curve, write_material
 
 
 def main() -> None:

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from tactilevision import build_reconstructor, iter_frames, read_recording
-from tactilevision.live import Stream
-from tactilevision.recording import BadFrame
+from tactilevision import BadFrame, Stream, build_reconstructor, iter_frames, read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.inputs.observations import Measured
-from calibration.tasks.calibrate import calibrate
+from calibration import Measured, calibrate
 from tactilevision import CertifiedPoint, read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"

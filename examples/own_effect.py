@@ -15,13 +15,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.inputs.observations import Measured, Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
-from calibration.tasks.calibrate import observe
-from calibration.tasks.compare import compare
-from tactilevision import Estimate, read_recording
-from tactilevision.records import Floats
+from calibration import EffectBase, Measured, Observations, Parameter, Stage, State, compare, observe
+from tactilevision import Estimate, Floats, read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"
 PLANTED = 0.06
