@@ -30,7 +30,7 @@ from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polyn
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 
-FORMAT = 1
+FORMAT = 1  # version of a method's card; cards of another are refused
 
 
 def save_method(method: ReferencedMethod, path: Path | str) -> Path:

@@ -20,12 +20,13 @@ from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.records import Bytes, HeightMap, Pair
 
-MIN_FRAMES, MAX_FRAMES = 3, 9
+MIN_FRAMES = 3  # frames that can be read; fewer show nothing
+MAX_FRAMES = 9  # frames that are read, at most, spread evenly
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
-MIN_MM = 0.03
+MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
 OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
-BORDER = 2  # blocks
+BORDER = 2  # blocks along the border of the picture, which do not count
 
 
 def check_reference(

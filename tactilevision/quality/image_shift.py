@@ -24,15 +24,17 @@ import numpy.typing as npt
 from tactilevision.records import Bytes, Floats, Pair
 from tactilevision.robust import mad_std
 
-FINE_PX, COARSE_PX, EVEN_PX = 0.8, 3.0, 15.0
+FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the coarser
+COARSE_PX = 3.0  # px: sigma of the coarser blur
+EVEN_PX = 15.0  # px: sigma of the blur over which the strength of detail is taken
 DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
 BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
-REACH_PX = 16
+REACH_PX = 16  # px: the largest shift that is looked for
 CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
 ABOVE = 1.5  # times the correlation of a picture that has not moved
 MIN_PX = 1.5  # gel that is pressed sideways moves by as much
-ALIKE_PX = 1.5
-MAX_FRAMES = 8
+ALIKE_PX = 1.5  # px from the middle shift, within which shifts count as alike
+MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
 
 Single = npt.NDArray[np.float32]
 

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 MUCH = 3.0  # times the usual misfit, or
 WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
-MIN_MISFIT, MIN_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
+MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
+MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
 UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
 LOOKED_AT = 5  # frames of a recording
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 DEFAULT = "polynomial"
-MAX_WAVES = 8
+MAX_WAVES = 8  # pictures with balls that are looked at, at most
 
 
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
-MIN_FREE, MAX_FREE = 4, 16
+MIN_FREE = 4  # untouched frames; of fewer the noise would be taken for bias
+MAX_FREE = 16  # untouched frames that are read, at most
 
 
 def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
