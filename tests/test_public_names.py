@@ -60,8 +60,11 @@ def test_an_unknown_name_is_an_attribute_error(package: ModuleType) -> None:
 @pytest.mark.parametrize("order", ["sorted", "reversed", "shuffled"])
 def test_public_names_are_no_modules_whatever_was_imported_first(order: str) -> None:
     seed = int(np.random.default_rng().integers(2**31))
-    names = {"sorted": MODULES, "reversed": MODULES[::-1],
-             "shuffled": np.random.default_rng(seed).permutation(MODULES).tolist()}[order]  # fmt: skip
+    names = {
+        "sorted": MODULES,
+        "reversed": MODULES[::-1],
+        "shuffled": np.random.default_rng(seed).permutation(MODULES).tolist(),
+    }[order]
     done = subprocess.run([sys.executable, "-c", CHECK, " ".join(names)], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, f"seed {seed}: {done.stderr[-2000:]}"
 
