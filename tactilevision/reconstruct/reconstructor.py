@@ -117,7 +117,7 @@ class Reconstructor:
     def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
         """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
 
-        On a grid of every `error.every`th pixel; empty for a method that states no deviation.
+        On a grid of every nth pixel, n = `error.every`; empty for a method that states no deviation.
         """
         if self.error is None or self.evidence is None:
             return {}
