@@ -53,8 +53,9 @@ def test_the_truth_lies_in_the_interval(key: str, result: dict[str, Any], truth:
 
 
 def test_the_sample_gives_what_is_on_record(calibrated: Path) -> None:
+    """On whatever processor: c to 1e-6 of itself; `make digest` asks for 1e-8 on one machine."""
     case = "calibrate gelslim3"
-    assert list(differences(read_record()[case], calibration(calibrated), case)) == []
+    assert list(differences(read_record()[case], calibration(calibrated), case, times=100)) == []
 
 
 def test_stiffness_and_clock_are_near(result: dict[str, Any], truth: dict[str, Any]) -> None:

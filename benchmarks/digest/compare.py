@@ -18,14 +18,14 @@ class Tolerance:
     absolute: float
     reason: str
 
-    def allows(self, before: Scalar, after: Scalar) -> bool:
-        """Whether two values are the same within the tolerance; words, flags and None must be equal."""
+    def allows(self, before: Scalar, after: Scalar, times: float = 1.0) -> bool:
+        """Whether two values are the same within `times` the tolerance; words, flags and None must be equal."""
         if not _is_number(before) or not _is_number(after):
             return type(before) is type(after) and before == after
         if before == after:
             return True
         one, two = float(before), float(after)  # type: ignore[arg-type]
-        return abs(two - one) <= self.absolute + self.relative * abs(one)
+        return abs(two - one) <= times * (self.absolute + self.relative * abs(one))
 
 
 _PICTURES = (
@@ -54,23 +54,27 @@ def tolerance_of(name: str) -> Tolerance:
     return next(one for one in TOLERANCES if re.fullmatch(one.pattern, name))
 
 
-def differences(before: Values, after: Values, case: str = "") -> Iterator[str]:
-    """A line for each name: before, after, and by how much; of a list, its element that is furthest off."""
+def differences(before: Values, after: Values, case: str = "", *, times: float = 1.0) -> Iterator[str]:
+    """A line for each name: before, after, and by how much; of a list, its element that is furthest off.
+
+    `times` widens every tolerance. The record's tolerances are those of one machine; on another processor,
+    which sums in another order, what follows from pictures was seen to differ 50 times as much.
+    """
     for name in dict.fromkeys([*before, *after]):
         if name not in after:
             yield f"{name}: {_short(before[name])} before, missing now"
         elif name not in before:
             yield f"{name}: not recorded before, {_short(after[name])} now"
         else:
-            yield from _compared(name, before[name], after[name], tolerance_of(f"{case}: {name}"))
+            yield from _compared(name, before[name], after[name], tolerance_of(f"{case}: {name}"), times)
 
 
-def _compared(name: str, before: Value, after: Value, tolerance: Tolerance) -> Iterator[str]:
+def _compared(name: str, before: Value, after: Value, tolerance: Tolerance, times: float) -> Iterator[str]:
     ones, twos = _as_list(before), _as_list(after)
     if isinstance(before, list) is not isinstance(after, list) or len(ones) != len(twos):
         yield f"{name}: {_short(before)} before, {_short(after)} now"
         return
-    off = [k for k, pair in enumerate(zip(ones, twos, strict=True)) if not tolerance.allows(*pair)]
+    off = [k for k, pair in enumerate(zip(ones, twos, strict=True)) if not tolerance.allows(*pair, times)]
     if off:
         worst = max(off, key=lambda k: abs(_relative(ones[k], twos[k])))
         place = f"[{worst}]" if isinstance(before, list) else ""
