@@ -19,8 +19,8 @@ def main() -> None:
     for model in compare(data, [Viscoelasticity()], np.random.default_rng(0)).models:
         told = [cause.key for cause in model.covariates if cause.p_adjusted < 0.05]
         print(
-            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on presses left out, repeats scatter by "
-            f"{1e3 * model.floor_N:.1f}; the residual still depends on: {', '.join(told) or 'nothing recorded'}"
+            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on presses left out, "
+            f"repeatability {1e3 * model.repeatability_N:.1f}; the residual still depends on: {', '.join(told) or 'nothing recorded'}"
         )
         for name, found in model.parameters:
             print(f"    {name} = {found.value:.4g} ± {found.std:.2g} {found.unit}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,10 +57,10 @@ def diagnose(
         )
     steps = [Step(key, "") for key in known or ()]
     named = {e.key: e for e in found.fitted.model.effects}
+    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
     steps += [
-        Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
-        for e in found.effects
-        if e.key in named
+        Step(written(named[key]), _path_of(key, own, private), errors.before, errors.after, *held, errors.floor)
+        for key, held in zip(added, pairwise(found.held_out), strict=True)
     ]
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
@@ -86,9 +87,10 @@ def compare(
     seed: Seed = 0,
     json: console.JsonOption = None,
 ) -> None:
-    """Add effects one after the other and watch the error, in and out of sample, beside the repeats' floor."""
+    """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
     import numpy as np
 
+    from calibration.report import wording
     from calibration.session import Step
     from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
@@ -96,23 +98,35 @@ def compare(
     from tactilevision.plots import style
 
     own = _private(private)
-    found = method.compare(_data(take(recordings)), [*_known(known), *own], np.random.default_rng(seed))
+    taken, bulge = _with_nu(take(recordings))
+    rng = np.random.default_rng(seed)
+    found = method.compare(_data(taken), [*_known(known), *own], rng, bulge=bulge)
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
     steps = [
-        Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
+        Step(
+            model.effects[-1],
+            _path_of(model.effects[-1], own, private),
+            before.rms_N,
+            model.rms_N,
+            before.held_out_N,
+            model.held_out_N,
+            model.repeatability_N,
+        )
         for before, model in pairwise(found.models)
     ]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
-        drawn = draw.draw_waterfall(names, [model.held_out_N for model in found.models], found.models[-1].floor_N)
+        drawn = draw.draw_waterfall(
+            names, [model.held_out_N for model in found.models], found.models[-1].repeatability_N
+        )
         style.save_png(drawn, stage / "error.png")
     for name, model in zip(names, found.models, strict=True):
         console.say(
-            f"{name:24s} rms {1e3 * model.rms_N:7.2f} mN, held out {1e3 * model.held_out_N:7.2f} mN, "
-            f"floor {1e3 * model.floor_N:6.2f} mN"
+            f"{name:24s} {wording.fit_error(model.held_out_N, model.rms_N)}, "
+            f"{wording.repeatability(model.repeatability_N)}"
         )
     console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)
@@ -188,6 +202,7 @@ def steps(
     redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
 ) -> None:
     """The steps of an analysis: show them, take one back, and write the script that repeats them (repeat.sh)."""
+    from calibration.report import wording
     from calibration.session import load_history
     from tactilevision.files import write_text
 
@@ -200,9 +215,11 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
+        before = f"{1e3 * (step.held_out_before_N if isfinite(step.held_out_after_N) else step.rms_before_N):.1f}"
         console.say(
-            f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
-            f"{1e3 * step.rms_after_N:.2f} mN"
+            f"{number}. + {step.key.replace('_', ' ')}: from {before} to "
+            f"{wording.fit_error(step.held_out_after_N, step.rms_after_N)}, "
+            f"{wording.repeatability(step.repeatability_N)}"
         )
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
