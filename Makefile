@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check lint types bench blind slow docs clean
+.PHONY: demo test check lint types bench blind slow digest docs clean
 
 .venv/.ok: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -15,7 +15,7 @@ demo: .venv/.ok
 	$(BIN)/tactilevision calibrate sample_frames/gelslim3 --out demo_out
 
 test: .venv/.ok
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: .venv/.ok
 	$(BIN)/ruff check .
@@ -36,8 +36,13 @@ bench: .venv/.ok
 blind: .venv/.ok
 	$(BIN)/python -m benchmarks.blind
 
+# What the commands give, compared with tests/digest.json; `make digest WRITE=1` records it anew.
+digest: .venv/.ok
+	$(BIN)/python -m benchmarks.digest $(if $(WRITE),--write)
+
 docs: .venv/.ok
-	$(BIN)/sphinx-build -W -q docs docs/_build
+	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build
+	$(BIN)/python docs/check_links.py docs/_build
 
 clean:
-	rm -rf .venv build dist docs/_build demo_out
+	rm -rf .venv build dist docs/_build docs/gallery demo_out

@@ -1,8 +1,8 @@
-"""The figures of docs/five_points.md: the published points, the route that reads them, what it makes of others.
+"""The figures of docs/evidence/five_points.md: the published points, the route, what it makes of others.
 
 python -m benchmarks.five_points          prints every table of the page
-python -m benchmarks.five_points solve    solves the finite elements behind docs/five_points.csv anew (minutes)
-python -m benchmarks.five_points draw     draws docs/five_points.png
+python -m benchmarks.five_points solve    solves the elements behind docs/evidence/five_points.csv (minutes)
+python -m benchmarks.five_points draw     draws docs/evidence/five_points.png
 
 The finite element rows are P/(E w) in mm at the five published depths: truths of which everything is known, which
 are then read by the published route as if they had been measured.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[1] / "docs"
-ROWS = DOCS / "five_points.csv"
+ROWS = DOCS / "evidence" / "five_points.csv"
 DEPTHS_MM = np.array([0.15, 0.3, 0.4, 0.5, 0.6])
 RADIUS_MM, THICKNESS_MM, PAD_MM = 2.5, 3.0, 15.0
 SLOPE, OFFSET = 5.2662, 3.4943  # of the published line through P/w against w/h, N/mm
@@ -223,7 +223,7 @@ def draw() -> None:
     """The published line among finite elements, and nu as the route reads it from gels of nu = .4797."""
     from tactilevision.plots import style
 
-    style.save_png(_figure(), DOCS / "five_points.png")
+    style.save_png(_figure(), DOCS / "evidence" / "five_points.png")
 
 
 def _figure() -> Figure:

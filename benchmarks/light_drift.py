@@ -125,7 +125,7 @@ def _calibrated(camera: Camera, rng: np.random.Generator) -> Reconstructor:
     half = (0.5 * VIEW_MM, 0.5 * SIZE[1] * scale)
     presses = plan_balls(14, (4.0,), half, GelOptions(), rng)
     shots = [BallPicture(picture_still(camera, press, rng), press.radius_mm) for press in presses]
-    calibration = calibrate_from_balls(make_reference(flats), shots, (scale, scale), fit=PHOTOMETRIC["either"])
+    calibration = calibrate_from_balls(make_reference(flats), shots, (scale, scale), fit=PHOTOMETRIC["auto"])
     sensor = get_sensor("custom", width_px=SIZE[0], height_px=SIZE[1], mm_per_px=scale)
     sensor = dataclasses.replace(sensor, gel=Gel(thickness_mm=THICKNESS_MM))
     return tuned(sensor, calibration, shots, [camera.picture(Flat(), rng) for _ in range(12)])

@@ -53,7 +53,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
     from calibration.inputs.observations import Measured
     from calibration.tasks.calibrate import calibrate
     from tactilevision.certificate.certify import certify
-    from tactilevision.certificate.depth.surface_beside_punch import with_nu
+    from tactilevision.certificate.poisson_from_rise import with_nu
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
 

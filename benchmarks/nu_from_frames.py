@@ -20,7 +20,7 @@ from benchmarks.main_job import SIDES
 from calibration.inputs.observations import Measured
 from calibration.tasks.calibrate import calibrate
 from tactilevision.certificate.certify import certify
-from tactilevision.certificate.depth.surface_beside_punch import with_nu
+from tactilevision.certificate.poisson_from_rise import with_nu
 from tactilevision.errors import ConvergenceError, TactilevisionError
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording

@@ -1,0 +1,69 @@
+"""Contact laws and effects fitted to depth and force: E, nu, and what the model lacks.
+
+The public names, gathered. Nothing heavy is loaded before it is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibration.effects import EFFECTS
+    from calibration.effects.viscoelasticity import Viscoelasticity
+    from calibration.inputs.observations import Measured, Observations
+    from calibration.laws import LAWS
+    from calibration.model.parameters import Parameter
+    from calibration.model.stages import Effect, EffectBase, Stage, State
+    from calibration.tasks.calibrate import calibrate, observe
+    from calibration.tasks.compare import compare
+    from calibration.tasks.diagnose import diagnose
+    from calibration.tasks.history import history
+    from calibration.tasks.validate import validate
+
+_PLACES = {
+    "effects": ("EFFECTS",),
+    "effects.viscoelasticity": ("Viscoelasticity",),
+    "inputs.observations": ("Measured", "Observations"),
+    "laws": ("LAWS",),
+    "model.parameters": ("Parameter",),
+    "model.stages": ("Effect", "EffectBase", "Stage", "State"),
+    "tasks.calibrate": ("calibrate", "observe"),
+    "tasks.compare": ("compare",),
+    "tasks.diagnose": ("diagnose",),
+    "tasks.history": ("history",),
+    "tasks.validate": ("validate",),
+}
+_HOME = {name: place for place, names in _PLACES.items() for name in names}
+
+__all__ = [
+    "EFFECTS",
+    "LAWS",
+    "Effect",
+    "EffectBase",
+    "Measured",
+    "Observations",
+    "Parameter",
+    "Stage",
+    "State",
+    "Viscoelasticity",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "history",
+    "observe",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name's module when the name is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'calibration' has no attribute {name!r}")
+    found = getattr(import_module(f"calibration.{_HOME[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,14 +1,18 @@
-"""A sensor of one's own: its raw picture straightened, its scale along x and along y, and a file that says so.
+"""
+A sensor of one's own
+=====================
 
+A raw picture is straightened, its scale is found along x and along y, and a file says so.
 A plate of dots at a known spacing is pressed into the gel (drawn here, through a lens that bends lines). Where
 straight lines are straight already, the four corners of a rectangle of known size do.
 """
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
-from tactilevision.sensors import find_grid, rectify, save_rectification, sensor_from_corners, sensor_from_grid
+from tactilevision import find_grid, rectify, save_rectification, sensor_from_corners, sensor_from_grid
 
 ROWS, COLUMNS, SPACING_MM = 7, 9, 2.0
 
@@ -33,7 +37,13 @@ def main() -> None:
     sensor = sensor_from_grid(find_grid(raw, ROWS, COLUMNS), SPACING_MM)
     x, y = sensor.mm_per_px
     print(f"grid: {sensor.width_px} by {sensor.height_px} px straightened, {x:.4f} by {y:.4f} mm a pixel")
-    assert rectify(sensor, raw).shape == (sensor.height_px, sensor.width_px, 3)
+    rectified = rectify(sensor, raw)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
+    left.imshow(raw)
+    left.set(title="raw picture of the plate (px)")
+    right.imshow(rectified, extent=(0, x * sensor.width_px, y * sensor.height_px, 0))
+    right.set(title="rectified (mm)")
+    figure.savefig("custom_sensor.png", dpi=150)
 
     save_rectification(sensor, "maps.npz")
     Path("sensor.toml").write_text(

@@ -1,15 +1,31 @@
-"""One frame of a recording into a height map, and what the map says of its own error.
+"""
+A frame into a height map
+=========================
 
-The sensor, its untouched reference and the balls that its light is calibrated on all stand in the recording.
+One frame becomes a map of depth, with the standard deviation of every pixel.
+The recording holds all it needs: the sensor, its untouched reference, and ball presses that calibrate the light.
 """
 
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
-from tactilevision import build_reconstructor, read_frame, read_recording, write_tiff
+from tactilevision import HeightMap, build_reconstructor, read_frame, read_recording, write_tiff
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+
+
+def draw(height: HeightMap) -> None:
+    """Depth, and its standard deviation beside it."""
+    rows, columns = height.depth_mm.shape
+    extent = (0.0, columns * height.mm_per_px[0], rows * height.mm_per_px[1], 0.0)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    for axes, field, title in ((left, height.depth_mm, "depth (mm)"), (right, height.std_mm, "std (mm)")):
+        shown = axes.imshow(field, extent=extent, cmap="cividis")
+        axes.set(title=title, xlabel="x (mm)", ylabel="y (mm)")
+        figure.colorbar(shown, ax=axes, shrink=0.85)
+    figure.savefig("height_map.png", dpi=150)
 
 
 def main() -> None:
@@ -26,6 +42,7 @@ def main() -> None:
     print(f"the gel beside rises to {-1e3 * height.depth_mm.min():.0f} µm above its untouched level")
     print(f"{100 * height.valid.mean():.1f} % of the picture could be read; {height.mm_per_px[0]:.4f} mm a pixel")
     write_tiff("height.tiff", height)
+    draw(height)
     print("wrote height.tiff (float32, mm, NaN where it could not be read)")
 
 

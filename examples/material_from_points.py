@@ -1,12 +1,34 @@
-"""Certified depth and force into E and nu: what five printed points say, and what they leave open."""
+"""
+Depth and force into E and nu
+=============================
 
+Five printed points of certified depth and force: what they say of the gel, and what they leave open.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 
-from calibration.inputs.observations import Measured
-from calibration.tasks.calibrate import calibrate
-from tactilevision import read_recording
+import matplotlib.pyplot as plt
+import numpy as np
+
+from calibration import Measured, calibrate
+from tactilevision import CertifiedPoint, read_recording
 
 POINTS = Path(__file__).parents[1] / "sample_frames" / "paper_points"
+
+
+def draw(points: Sequence[CertifiedPoint], nu_E: Sequence[tuple[float, float]]) -> None:
+    """Left: the points with their straight line. Right: what one punch fixes, E as a function of nu."""
+    depth = np.array([point.depth_mm for point in points])
+    stiffness = np.array([point.fz_N for point in points]) / depth
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    left.plot(depth, stiffness, "o", label="five printed points")
+    left.plot(depth, np.polyval(np.polyfit(depth, stiffness, 1), depth), label="straight line")
+    left.set(xlabel="depth w (mm)", ylabel="P/w (N/mm)", title="force over depth")
+    left.legend()
+    right.plot(*np.array(nu_E).T)
+    right.set(xlabel="Poisson's ratio", ylabel="Young's modulus E (MPa)", title="all of these fit alike")
+    figure.savefig("material_from_points.png", dpi=150)
 
 
 def main() -> None:
@@ -21,6 +43,7 @@ def main() -> None:
     print(f"what the points fix: c = {ours.c.value:.4f} N/mm, beta = {ours.beta.value:.3f}")
     print(f"E lies between {low:.3f} and {high:.3f} MPa")
     print("E at some nu: " + ", ".join(f"{E:.4f} at {nu:.3f}" for nu, E in ours.youngs_modulus_of_nu[::10]))
+    draw(recording.points, ours.youngs_modulus_of_nu)
     for line in (*ours.assumptions, *ours.warnings):
         print(f"- {line}")
 

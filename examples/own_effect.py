@@ -1,22 +1,22 @@
-"""An effect of one's own, planted in clean data and then looked for: the clamp that creeps with every press.
+"""
+An effect of one's own
+======================
+
+A clamp that creeps with every press is planted in the data. The effect is written down, and found again::
 
     P -> P (1 + amplitude * order / last order)
 
-On the command line the same class goes into its own file: `tactilevision diagnose RECORDING --effect FILE.py`.
+On the command line the same class goes into its own file: ``tactilevision diagnose RECORDING --effect FILE.py``.
 """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
-from calibration.inputs.observations import Measured, Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
-from calibration.tasks.calibrate import observe
-from calibration.tasks.compare import compare
-from tactilevision import read_recording
-from tactilevision.records import Floats
+from calibration import EffectBase, Measured, Observations, Parameter, Stage, State, compare, observe
+from tactilevision import Estimate, Floats, read_recording
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"
 PLANTED = 0.06
@@ -50,12 +50,25 @@ def share_of(data: Observations) -> Floats:
     return data.presses.order[data.press] / float(np.max(data.presses.order))
 
 
+def draw(found: Estimate) -> None:
+    """What was planted beside what was found, with its 95 % interval."""
+    assert found.value is not None
+    assert found.std is not None
+    figure, axes = plt.subplots(figsize=(6, 1.9), layout="constrained")
+    axes.errorbar([found.value], [0], xerr=1.96 * found.std, fmt="o", capsize=4, label="found (95 % interval)")
+    axes.axvline(PLANTED, color="k", ls="--", label="planted")
+    axes.set(xlabel="amplitude of the clamp's creep", yticks=[], ylim=(-1, 2.2))
+    axes.legend(ncols=2, loc="upper right")
+    figure.savefig("own_effect.png", dpi=150)
+
+
 def main() -> None:
     recording = read_recording(SAMPLE)
     data = observe([Measured(recording, recording.points, recording.curves)])
     crept = replace(data, force_N=data.force_N * (1 + PLANTED * share_of(data))[:, None])
     base, _, added = compare(crept, ["viscoelasticity", ClampCreep()], np.random.default_rng(0)).models
     found = dict(added.parameters)["clamp_creep.amplitude"]
+    draw(found)
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
     print(
         f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "

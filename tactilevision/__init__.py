@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tactilevision.batch.folder import reconstruct_folder
     from tactilevision.certificate.certify import certify
+    from tactilevision.contact.region import find_contact
     from tactilevision.errors import (
         ConvergenceError,
         InputError,
@@ -20,12 +21,19 @@ if TYPE_CHECKING:
         TactilevisionError,
     )
     from tactilevision.exports.tiff import read_tiff, write_tiff
+    from tactilevision.force.field import ForceField
+    from tactilevision.live import Stream
+    from tactilevision.mechanics.export import write_material
+    from tactilevision.mechanics.flat_contact import FlatContact
+    from tactilevision.mechanics.kappa import kappa
+    from tactilevision.mechanics.punch_curve import punch_curve
     from tactilevision.reconstruct import Reconstructor, build_reconstructor
-    from tactilevision.recording import Recording, iter_frames, read_folder, read_frame, read_recording
+    from tactilevision.recording import BadFrame, Recording, iter_frames, read_folder, read_frame, read_recording
     from tactilevision.records import (
         CertifiedPoint,
         Curve,
         Estimate,
+        Floats,
         Footprint,
         ForceSeries,
         Frame,
@@ -38,30 +46,89 @@ if TYPE_CHECKING:
         SlopeMap,
         TractionMap,
     )
-    from tactilevision.sensors import get_sensor
+    from tactilevision.sensors import (
+        find_grid,
+        get_sensor,
+        rectify,
+        save_rectification,
+        sensor_from_corners,
+        sensor_from_grid,
+    )
     from tactilevision.synthetic import simulate
 
 _PLACES = {
-    "errors": ("ConvergenceError", "InputError", "NothingCertified", "OutputError", "RecordingError",
-               "TactilevisionError"),
     "batch.folder": ("reconstruct_folder",),
-    "exports.tiff": ("read_tiff", "write_tiff"),
     "certificate.certify": ("certify",),
-    "reconstruct": ("Reconstructor", "build_reconstructor"),
-    "recording": ("Recording", "iter_frames", "read_folder", "read_frame", "read_recording"),
-    "records": ("CertifiedPoint", "Curve", "Estimate", "Footprint", "ForceSeries", "Frame", "Gel", "HeightMap",
-                "Indenter", "Material", "Press", "Sensor", "SlopeMap", "TractionMap"),
-    "sensors": ("get_sensor",),
+    "contact.region": ("find_contact",),
+    "errors": (
+        "ConvergenceError",
+        "InputError",
+        "NothingCertified",
+        "OutputError",
+        "RecordingError",
+        "TactilevisionError",
+    ),
+    "exports.tiff": (
+        "read_tiff",
+        "write_tiff",
+    ),
+    "force.field": ("ForceField",),
+    "live": ("Stream",),
+    "mechanics.export": ("write_material",),
+    "mechanics.flat_contact": ("FlatContact",),
+    "mechanics.kappa": ("kappa",),
+    "mechanics.punch_curve": ("punch_curve",),
+    "reconstruct": (
+        "Reconstructor",
+        "build_reconstructor",
+    ),
+    "recording": (
+        "BadFrame",
+        "Recording",
+        "iter_frames",
+        "read_folder",
+        "read_frame",
+        "read_recording",
+    ),
+    "records": (
+        "CertifiedPoint",
+        "Curve",
+        "Estimate",
+        "Floats",
+        "Footprint",
+        "ForceSeries",
+        "Frame",
+        "Gel",
+        "HeightMap",
+        "Indenter",
+        "Material",
+        "Press",
+        "Sensor",
+        "SlopeMap",
+        "TractionMap",
+    ),
+    "sensors": (
+        "find_grid",
+        "get_sensor",
+        "rectify",
+        "save_rectification",
+        "sensor_from_corners",
+        "sensor_from_grid",
+    ),
     "synthetic": ("simulate",),
-}  # fmt: skip
+}
 _HOME = {name: place for place, names in _PLACES.items() for name in names}
 
 __all__ = [
+    "BadFrame",
     "CertifiedPoint",
     "ConvergenceError",
     "Curve",
     "Estimate",
+    "FlatContact",
+    "Floats",
     "Footprint",
+    "ForceField",
     "ForceSeries",
     "Frame",
     "Gel",
@@ -77,18 +144,28 @@ __all__ = [
     "RecordingError",
     "Sensor",
     "SlopeMap",
+    "Stream",
     "TactilevisionError",
     "TractionMap",
     "build_reconstructor",
     "certify",
+    "find_contact",
+    "find_grid",
     "get_sensor",
     "iter_frames",
+    "kappa",
+    "punch_curve",
     "read_folder",
     "read_frame",
     "read_recording",
     "read_tiff",
     "reconstruct_folder",
+    "rectify",
+    "save_rectification",
+    "sensor_from_corners",
+    "sensor_from_grid",
     "simulate",
+    "write_material",
     "write_tiff",
 ]
 

@@ -17,16 +17,14 @@ from tactilevision.errors import InputError
 from tactilevision.gpu.device import find_gpu
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
 from tactilevision.uncertainty.untouched_noise import untouched_std
 
-SIGMAS = 5.0  # depth over its deviation at which there is contact
-EVERY = 2  # pixels along each side, of which one is looked at
-MIN_PIXELS = 20  # that reach it; fewer are noise
-UNKNOWN_MM = 0.02  # deviation of a map that states none
-BLIND_MM = 0.5  # a picture in which a contact as deep may hide says nothing of the untouched gel
-RENEW = 0.002  # five seconds at 90 frames a second: lamps warm in minutes, presses take less
+SAMPLE_PX = 2  # pixels along each side, of which one is looked at
+RENEW = 0.002  # share a frame: five seconds at 90 frames a second: lamps warm in minutes, presses take less
+# ms: upper edges of the histogram of latencies
 EDGES_MS = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 11, 16, 32, 64, np.inf])
 
 
@@ -88,7 +86,7 @@ class Stream:
         if cut:
             height = replace(height, flags=add(height.flags, [BORDER]))
         self._last = self._footprint(height) if contact else None
-        if not contact and least_mm < BLIND_MM and self.renew > 0:
+        if not contact and least_mm < CONTACT.live_blind_mm and self.renew > 0:
             self._follow(frame)
         latency_ms = 1e3 * (time.perf_counter() - began)
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
@@ -102,13 +100,13 @@ class Stream:
     def _contact(self, height: HeightMap) -> tuple[bool, float, float, bool]:
         """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
         whether the contact reaches the picture's border."""
-        depth, valid = height.depth_mm[::EVERY, ::EVERY], height.valid[::EVERY, ::EVERY]
-        spread = untouched_std(height, self.reconstructor.error, EVERY)
+        depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
+        spread = untouched_std(height, self.reconstructor.error, SAMPLE_PX)
         if spread is None:
-            spread = np.full(depth.shape, UNKNOWN_MM)
-        least_mm = SIGMAS * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
-        pressed = (depth > SIGMAS * spread) & valid
-        if EVERY**2 * np.count_nonzero(pressed) < MIN_PIXELS:
+            spread = np.full(depth.shape, CONTACT.live_unknown_std_mm)
+        least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
+        pressed = (depth > live_limit_mm(spread)) & valid
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 

@@ -2,36 +2,148 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
+import runpy
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 from tactilevision.cli import main
+from tactilevision.cli.app import app
 
 ROOT = Path(__file__).parents[1]
-HOUSE = (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
+DOCS = ROOT / "docs"
+ARCHITECTURE = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
+GENERATED = ("_build", "gallery", "api")
+PAGES = sorted(page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).parts[0] not in GENERATED)
+MANUAL = [page for page in (ROOT / "README.md", *PAGES) if "evidence" not in page.parts]
+MAX_WORDS = 25  # of a sentence in the manual; the evidence is a record, not a manual
 
 
-def rooms() -> list[str]:
-    """Files and packages at the top of tactilevision."""
-    found = [path for path in (ROOT / "tactilevision").iterdir() if path.name[0] not in "_."]
-    files = [path.name for path in found if path.suffix == ".py"]
-    return sorted(files + [f"{path.name}/" for path in found if (path / "__init__.py").is_file()])
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("room", rooms())
-def test_the_house_shows_every_room(room: str) -> None:
-    assert re.search(rf"`(tactilevision/)?{re.escape(room)}`", HOUSE)
+def top_level() -> list[str]:
+    """Files and packages at the top of both packages."""
+    paths = [path for name in ("tactilevision", "calibration") for path in (ROOT / name).iterdir()]
+    paths = [path for path in paths if path.name[0] not in "_."]
+    files = [str(path.relative_to(ROOT)) for path in paths if path.suffix == ".py"]
+    return sorted(files + [f"{path.relative_to(ROOT)}/" for path in paths if (path / "__init__.py").is_file()])
 
 
-def test_the_house_shows_no_room_that_is_gone() -> None:
-    table = "\n".join(line.split("|")[1] for line in HOUSE.splitlines() if line.startswith("| `"))
-    for name in re.findall(r"`([\w/]+(?:\.py|/))`", table):
-        places = (ROOT / name, ROOT / "tactilevision" / name)
-        assert any(place.exists() for place in places), name
+@pytest.mark.parametrize("place", top_level())
+def test_the_architecture_shows_every_package(place: str) -> None:
+    assert f"`{place}`" in ARCHITECTURE
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_every_file_that_a_page_names_exists(page: Path) -> None:
+    tops = "tactilevision|calibration|benchmarks|tests|models|sample_frames|examples"
+    named = set(re.findall(rf"`((?:{tops})/[\w/.]*)`", page.read_text(encoding="utf-8"))) - {
+        "tactilevision/_models"
+    }
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
+def prose(text: str) -> str:
+    """A page without code, tables, headings and directives; each item of a list ends a sentence."""
+    text = re.sub(r"^(```|:::)[\s\S]*?^\1", "\n\n", text, flags=re.MULTILINE)
+    text = re.sub(r"^(#.*|\|.*|!\[.*|\(.*\)=|:.*|\$ .*)$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    return re.sub(r"^ *([-*]|\d+\.) ", "\n\n", text, flags=re.MULTILINE)
+
+
+def sentences(text: str) -> list[str]:
+    """Its sentences, each on one line."""
+    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", prose(text))]
+    parts = [re.split(r"(?<=[.!?])[*_)]*\s+", paragraph) for paragraph in paragraphs]
+    return [sentence for part in parts for sentence in part if sentence]
+
+
+@pytest.mark.parametrize("page", MANUAL, ids=name_of)
+def test_sentences_of_the_manual_are_short(page: Path) -> None:
+    found = sentences(page.read_text(encoding="utf-8"))
+    assert [said for said in found if len(re.findall(r"\w[\w'.,/-]*", said)) > MAX_WORDS] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """The headings and labels of a page, as links name them."""
+    text = page.read_text(encoding="utf-8")
+    headings = re.findall(r"^#+ (.+)$", re.sub(r"```[\s\S]*?```", "", text), flags=re.MULTILINE)
+    slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+    return slugs | set(re.findall(r"^\((.+)\)=$", text, flags=re.MULTILINE))
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"```[\s\S]*?```", "", page.read_text(encoding="utf-8"))
+    dead = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        path, _, anchor = link.partition("#")
+        if "://" in link or re.search(r"(gallery|api)/|^(tactilevision|calibration)\.rst", path):
+            continue  # other sites; pages that a build writes, which check_links.py looks at
+        target = (page.parent / path).resolve() if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            dead.append(link)
+    assert dead == []
+
+
+def test_the_site_check_finds_dead_links_and_anchors(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text('<p id="here"></p><a href="b.html#there"></a><a href="c.html"></a>')
+    (tmp_path / "b.html").write_text('<a href="a.html#here"></a><a href="https://example.org"></a>')
+    check = runpy.run_path(str(DOCS / "check_links.py"))
+    assert check["dead_links"](tmp_path) == ["a.html -> b.html#there", "a.html -> c.html"]
+
+
+@pytest.mark.parametrize("package", ["tactilevision", "calibration"])
+def test_the_api_shows_every_public_name(package: str) -> None:
+    shown = runpy.run_path(str(DOCS / "_ext" / "public_names.py"))["page"](package)
+    for name in getattr(importlib.import_module(package), "__all__", ()):
+        assert re.search(rf"^\.\. .*:: ({package}\.)?{name}$", shown, flags=re.MULTILINE), name
+
+
+def test_docstrings_keep_their_equations_and_lose_no_character() -> None:
+    as_rst = runpy.run_path(str(DOCS / "_ext" / "plain_docstrings.py"))["as_rst"]
+    lines = as_rst(["A `name` and a*b*c.", "", "    P = c w", "    w > 0", "", "Then."])
+    assert lines == [
+        "A ``name`` and a\\*b\\*c.",
+        "",
+        "::",
+        "",
+        "        P = c w",
+        "        w > 0",
+        "",
+        "Then.",
+        "",
+    ]
+
+
+def test_the_glossary_is_in_order() -> None:
+    text = (DOCS / "explanation" / "glossary.md").read_text(encoding="utf-8")
+    words = re.findall(r"^(\w[^\n]*)\n  \S", text.split("```{glossary}")[1], flags=re.MULTILINE)
+    assert words == sorted(words, key=str.lower)
+
+
+def called(text: str) -> list[tuple[str, list[str]]]:
+    """Each `tactilevision COMMAND ...` of a page's blocks and tables, with the options it gives."""
+    blocks = "\n".join(re.findall(r"^```\n([\s\S]*?)^```", text, flags=re.MULTILINE))
+    lines = re.findall(r"tactilevision ([a-z-]+)([^\n#]*)", blocks)
+    lines += re.findall(r"`tactilevision ([a-z-]+)([^`\n]*)`", text)
+    return [(command, re.findall(r"--[a-z-]+", rest)) for command, rest in lines]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=name_of)
+def test_commands_and_options_of_the_pages_exist(page: Path) -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for command, options in called(page.read_text(encoding="utf-8")):
+        assert command in commands, command
+        known = {name for option in commands[command].params for name in option.opts}
+        assert set(options) <= {*known, "--help"}, command
 
 
 def test_the_format_names_every_key_of_a_calibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +14,6 @@ from tactilevision.live import Stream
 from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
-    CalibratedMethod,
     calibrate_from_balls,
     make_reference,
 )
@@ -81,8 +79,8 @@ def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
         for x in (-7.0, -5.5, -4.0)
         for y in (-4.5, -3.0, -2.0)
     ]
-    method = made().method
-    assert isinstance(method, CalibratedMethod)
+    method = made().referenced
+    assert method is not None
     calibration = calibrate_from_balls(method.reference, corner, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
     assert any("of the picture only" in line for line in calibration.warnings)
     found = Reconstructor(SENSOR, calibration.method).rectified_map(flat(rng, gain=grain()))
@@ -145,8 +143,8 @@ def test_a_stream_sees_it_with_its_first_frame() -> None:
 
 def touched(place: Pair, contact_mm: float, rng: np.random.Generator) -> Reconstructor:
     """The method against a reference that was taken with a ball on the gel."""
-    method = made().method
-    assert isinstance(method, CalibratedMethod)
+    method = made().referenced
+    assert method is not None
     flats = [picture(*ball(place, contact_mm, 4.0)[1:], rng, gain=grain())]
     return Reconstructor(SENSOR, method.with_reference(make_reference(flats, may_have_marks=False)))
 
@@ -200,11 +198,11 @@ def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> Non
 
 
 def test_what_is_usual_is_told_by_the_calibration() -> None:
-    method = made().method
-    assert isinstance(method, CalibratedMethod)
-    assert 0.2 < method.card["usual"]["misfit"] < 1.5
-    assert 0.0002 < method.card["usual"]["zero_std_mm"] < 0.003
-    rough = dataclasses.replace(method, card={**method.card, "usual": {"misfit": 40.0, "zero_std_mm": 0.2}})
+    method = made().referenced
+    assert method is not None
+    assert 0.2 < method.card.to_json()["usual"]["misfit"] < 1.5
+    assert 0.0002 < method.card.to_json()["usual"]["zero_std_mm"] < 0.003
+    rough = method.with_card(method.card.extended({"usual": {"misfit": 40.0, "zero_std_mm": 0.2}}))
     level = np.zeros(SHAPE)
     still = picture(level, level, np.random.default_rng(SEED + 7), at=((-30.0, 14.0, 18.0), *LAMPS[1:]))
     assert Reconstructor(SENSOR, rough).rectified_map(still).flags == ()

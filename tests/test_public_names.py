@@ -1,22 +1,84 @@
-"""The catalogue of public names is whole: each can be had, each is documented."""
+"""The two catalogues of public names are whole, and hold whatever was imported first."""
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
 import pytest
 
+import calibration
 import tactilevision
 
+ROOT = Path(__file__).parents[1]
+PUBLIC = [(package, name) for package in (tactilevision, calibration) for name in package.__all__]
+NO_CALL = {"EFFECTS", "LAWS", "Floats", "Effect"}  # tables and types for annotations
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for package in ("tactilevision", "calibration")
+    for path in (ROOT / package).rglob("*.py")
+    if path.name != "__main__.py"
+)
+CHECK = """
+import importlib, sys
+from types import ModuleType
+for module in sys.argv[1].split():
+    importlib.import_module(module)
+import calibration, tactilevision
+for package in (calibration, tactilevision):
+    for name in package.__all__:
+        found = getattr(package, name)
+        assert not isinstance(found, ModuleType), f"{name} is a module"
+"""
 
-@pytest.mark.parametrize("name", tactilevision.__all__)
-def test_a_public_name_is_there_and_says_what_it_is(name: str) -> None:
-    assert getattr(tactilevision, name).__doc__
+
+@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
+def test_a_public_name_is_there_and_says_what_it_is(package: ModuleType, name: str) -> None:
+    found = getattr(package, name)
+    assert not isinstance(found, ModuleType)
+    assert callable(found) or name in NO_CALL
+    assert found.__doc__ or name in NO_CALL
 
 
-def test_the_catalogue_names_what_can_be_loaded() -> None:
-    assert sorted(tactilevision._HOME) == sorted(tactilevision.__all__)
-    assert set(tactilevision.__all__) <= set(dir(tactilevision))
+@pytest.mark.parametrize("package", [tactilevision, calibration], ids=lambda p: p.__name__)
+def test_the_catalogue_names_what_can_be_loaded(package: ModuleType) -> None:
+    assert sorted(package._HOME) == sorted(package.__all__)
+    assert set(package.__all__) <= set(dir(package))
 
 
-def test_an_unknown_name_is_an_attribute_error() -> None:
+@pytest.mark.parametrize("package", [tactilevision, calibration], ids=lambda p: p.__name__)
+def test_an_unknown_name_is_an_attribute_error(package: ModuleType) -> None:
     with pytest.raises(AttributeError, match="nonsense"):
-        tactilevision.nonsense  # noqa: B018 - the look-up itself is the test
+        package.nonsense  # noqa: B018 - the look-up itself is the test
+
+
+@pytest.mark.parametrize("order", ["sorted", "reversed", "shuffled"])
+def test_public_names_are_no_modules_whatever_was_imported_first(order: str) -> None:
+    seed = int(np.random.default_rng().integers(2**31))
+    names = {
+        "sorted": MODULES,
+        "reversed": MODULES[::-1],
+        "shuffled": np.random.default_rng(seed).permutation(MODULES).tolist(),
+    }[order]
+    done = subprocess.run([sys.executable, "-c", CHECK, " ".join(names)], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, f"seed {seed}: {done.stderr[-2000:]}"
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda p: p.stem)
+def test_examples_use_the_public_names_alone(example: Path) -> None:
+    assert re.findall(r"from (?:tactilevision|calibration)\.\S+ import .*", example.read_text()) == []
+
+
+def test_the_command_line_works_where_another_package_emptied_ours(tmp_path: Path) -> None:
+    for package in ("tactilevision", "calibration", "models"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "calibration" / "__init__.py").write_text("")
+    command = [sys.executable, "-m", "tactilevision", "calibrate", str(ROOT / "sample_frames" / "paper_points")]
+    done = subprocess.run([*command, "--out", "out"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "calibration.json").is_file()

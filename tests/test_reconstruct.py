@@ -21,6 +21,8 @@ from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 sys.path.insert(0, str(Path(__file__).parent / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
+from tactilevision.uncertainty.steep_slope import hidden_step_mm
+
 REAL = Path(__file__).parents[2] / "shared" / "real"
 
 
@@ -51,23 +53,32 @@ def test_balls_are_as_deep_as_they_are(contact_mm: float) -> None:
     assert np.sqrt(np.mean(error[r > 4.0] ** 2)) < 0.012
 
 
-@pytest.mark.parametrize("centre", [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)])
-def test_a_contact_at_the_border_is_right_or_says_how_far_off_it_may_be(centre: tuple[float, float]) -> None:
-    """Contacts of 1.3 mm that touch the border of a view of 19 by 14 mm, are cut by it, or sit in a corner."""
-    rng = np.random.default_rng(11)
+CENTRES = [(-8.2, 0.5), (8.1, -2.0), (1.0, 5.9), (-9.5, 1.0), (2.0, 7.1), (8.3, 6.0)]
+
+
+def at_border(centre: tuple[float, float], rng: np.random.Generator) -> tuple[float, float, float]:
+    """True depth, error and stated deviation (mm) of a contact of 1.3 mm in a view of 19 by 14 mm."""
     depth, p, q = ball(centre, 1.3, 4.0)
     height = reconstructor().height_map(Frame(picture(p, q, rng)))
     assert height.std_mm is not None
     x, y = places()
     middle = np.hypot(x - centre[0], y - centre[1]) < 0.6
-    off, true = float((height.depth_mm - depth)[middle].mean()), float(depth[middle].mean())
-    stated = float(height.std_mm[middle].mean())
-    assert abs(off) < max(0.05 * true, 2.0 * stated)
-    assert stated < 0.5 * true, "flagged, not given up"
+    error = height.depth_mm - depth
     untouched = np.hypot(x - centre[0], y - centre[1]) > 6.0
-    assert np.sqrt(np.mean(np.square(height.depth_mm - depth)[untouched])) < 0.02, (
-        "and the rest is not dragged along"
-    )
+    assert np.sqrt(np.mean(np.square(error[untouched]))) < 0.02, "the rest is not dragged along"
+    return float(depth[middle].mean()), float(error[middle].mean()), float(height.std_mm[middle].mean())
+
+
+def test_a_contact_at_the_border_is_right_or_says_how_far_off_it_may_be() -> None:
+    """Contacts that touch the border, are cut by it, or sit in a corner: one in six may leave two deviations."""
+    within = 0
+    for number, centre in enumerate(CENTRES):
+        for seed in (11, 12):
+            true, off, stated = at_border(centre, np.random.default_rng((seed, number)))
+            assert stated < 0.5 * true, "flagged, not given up"
+            assert abs(off) < max(0.05 * true, 3.0 * stated)
+            within += abs(off) < max(0.05 * true, 2.0 * stated)
+    assert within >= 10
 
 
 def test_light_five_grey_levels_off_changes_little() -> None:
@@ -107,8 +118,8 @@ def test_steep_walls_are_confessed() -> None:
     gentle = SlopeMap(np.zeros(SHAPE), np.zeros(SHAPE))
     along_x, along_y = (np.asarray(np.gradient(depth, MM_PER_PX, axis=axis)) for axis in (1, 0))
     steep = SlopeMap(along_x, along_y)
-    assert error.wall_mm(depth, gentle) == 0.0
-    assert error.wall_mm(depth, steep) > 0.02
+    assert hidden_step_mm(depth, gentle, steepest=error.steepest, every=1, mm_per_px=(MM_PER_PX, MM_PER_PX)) == 0.0
+    assert hidden_step_mm(depth, steep, steepest=error.steepest, every=1, mm_per_px=(MM_PER_PX, MM_PER_PX)) > 0.02
 
 
 def test_any_object_with_slopes_is_a_method() -> None:

@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared_scenes import scenes, shared
 
+from benchmarks.digest.cases import calibration
+from benchmarks.digest.compare import differences
+from benchmarks.digest.record import read_record
 from tactilevision.cli import main
 from tactilevision.recording import read_recording
 
@@ -18,8 +22,13 @@ SAMPLE = ROOT / "sample_frames" / "gelslim3"
 
 
 @pytest.fixture(scope="module")
-def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("sample")
+def calibrated() -> Path:
+    return calibrated_sample()
+
+
+@shared
+def calibrated_sample() -> Path:
+    out = scenes() / "sample"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["tactilevision", "calibrate", str(SAMPLE), "--out", str(out)])
         assert main() == 0
@@ -41,6 +50,11 @@ def result(calibrated: Path) -> dict[str, Any]:
 def test_the_truth_lies_in_the_interval(key: str, result: dict[str, Any], truth: dict[str, Any]) -> None:
     low, high = result[key]["interval95"]
     assert low <= truth[key] <= high
+
+
+def test_the_sample_gives_what_is_on_record(calibrated: Path) -> None:
+    case = "calibrate gelslim3"
+    assert list(differences(read_record()[case], calibration(calibrated), case)) == []
 
 
 def test_stiffness_and_clock_are_near(result: dict[str, Any], truth: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate
 from calibration.fit.least_squares import Fit, Problem, linearise
 from calibration.inputs.observations import Observations, Presses
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.noise.model import Whitener
@@ -175,7 +176,9 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
     about, _ = linearise(model, values, data)
     if not base.noise.stated:
         about = replace(about, base_N=np.ones(data.size))
-    noise = base.noise if data.is_curves and base.noise.gain else replace(base.noise, gain=0.005, zero_mm=0.004)
+    noise = base.noise
+    if not (data.is_curves and noise.gain):
+        noise = replace(noise, gain=TYPICAL_GAIN, zero_mm=TYPICAL_ZERO_MM)
     problem = Problem(model, data, model.parameters(data), Whitener(data, noise, about))
     jacobian = problem.whitener.apply(problem.jacobian(values)[:, problem.free])
     gap = problem.whitener.apply(f_one - f_rival)

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.fit.alternative_fits import Rival, rivals
 from calibration.fit.least_squares import Fit
-from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
+from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.theory.plausible import GEL_MODULUS_MPA
 from calibration.laws.theory.sticking import sticking_surplus
 from calibration.laws.theory.stiffness import punch_stiffness
@@ -25,7 +25,6 @@ from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 
 NODES = 201
-NU_TABLE = np.append(np.round(np.arange(0.45, 0.4999, 0.005), 3), SILICONE_NU[1])
 UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter
 
 
@@ -69,7 +68,7 @@ def identify(fitted: Fit) -> Identified:
         beta=bend_of(fitted, radius),
         source=source,
         covariance=_covariance(fitted, radius),
-        modulus_of_nu=modulus_of_nu(fitted, NU_TABLE, radius),
+        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius),
         assumptions=tuple(assumptions),
     )
 

@@ -17,6 +17,7 @@ import numpy as np
 from calibration.fit.minimise import Box, Minimum, differentiate, minimise
 from calibration.fit.tolerances import TOLERANCES, with_tolerances
 from calibration.inputs.observations import Observations
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.model.composition import Model
 from calibration.model.parameters import Parameter
 from calibration.noise.model import Linear, Noise, Whitener, base_noise
@@ -169,7 +170,7 @@ def first_noise(data: Observations, about: Linear, stated: bool) -> Noise:
     """The noise assumed before there is a residual."""
     scale = 1.0 if stated else UNKNOWN_SHARE * float(np.max(np.abs(data.normal_N)))
     shared = data.is_curves
-    return Noise(scale, 0.005 if shared else 0.0, 0.004 if shared else 0.0, stated=stated)
+    return Noise(scale, TYPICAL_GAIN if shared else 0.0, TYPICAL_ZERO_MM if shared else 0.0, stated=stated)
 
 
 @dataclass(frozen=True, slots=True)

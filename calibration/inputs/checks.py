@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.inputs.denoised_depth import BRANCHES, branches
 from calibration.inputs.observations import Observations
-from calibration.noise.reml import TYPICAL_ZERO_MM
+from calibration.inputs.press_noise import TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
 from tactilevision.records import Floats, Indenter
 

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import datetime
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
+from calibration.inputs.certified_depth import depth_source, finite_or, own_depth_std, shared_errors
 from calibration.inputs.observations import (
     DAY_S,
-    DepthSource,
     EdgeDrop,
     Measured,
     Observations,
     Presses,
     RecordingLike,
-    Shared,
 )
 from tactilevision.errors import InputError
 from tactilevision.records import CertifiedPoint, Floats, Gel, Indenter, Press
 
 NAN = float("nan")
-FALL = re.compile(r"fall_(\d+)_([\d.]+)_([\d.]+)_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,26 +93,26 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             protocol=row,
             time_s=np.array([point.time_s]) + shift,
             depth_mm=np.array([_finite(point)]),
-            force_N=np.array([[_zero(point.fx_N), _zero(point.fy_N), point.fz_N]]),
+            force_N=np.array([[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]]),
             phase=np.array(["load"]),
             temperature_C=np.array([row.temperature_C]),
-            depth_std_mm=np.array([_own_depth_std(point, indenter, recording)]),
+            depth_std_mm=np.array([own_depth_std(point, indenter, recording)]),
             force_std_N=np.array([point.fz_std_N]),
-            reconstructed_mm=np.array([_number(point.extra, "reconstructed_depth_mm")]),
-            reconstructed_std_mm=np.array([_number(point.extra, "reconstructed_std_mm")]),
+            reconstructed_mm=np.array([point.details.reconstructed_depth_mm]),
+            reconstructed_std_mm=np.array([point.details.reconstructed_std_mm]),
             dated_s=_dated_s(row, recording),
             falls=tuple(_falls(point, number)),
         )
 
 
 def _falls(point: CertifiedPoint, number: int) -> Iterator[EdgeDrop]:
-    """What the columns fall_AZIMUTH_FROM_TO_mm say of one press."""
-    gain_std, ball_slope = (_number(point.extra, name) for name in ("slope_gain_std", "ball_slope"))
-    for name in point.extra if np.isfinite(gain_std) and ball_slope > 0 else ():
-        place, fall_mm = FALL.fullmatch(name), _number(point.extra, name)
-        if place is not None and np.isfinite(fall_mm):
-            azimuth, begin, end = (float(text) for text in place.groups())
-            yield EdgeDrop(number, point.press, azimuth, begin, end, fall_mm, gain_std, ball_slope)
+    """The drops of the gel beside the face of one press, where the slopes behind them are known to be sound."""
+    profile = point.edge_profile
+    if profile is None or not (np.isfinite(profile.slope_gain_std) and profile.ball_slope > 0):
+        return
+    for drop in profile.drops:
+        place = (drop.azimuth_deg, drop.from_mm, drop.to_mm)
+        yield EdgeDrop(number, point.press, *place, drop.drop_mm, profile.slope_gain_std, profile.ball_slope)
 
 
 def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
@@ -142,7 +139,7 @@ def _curve_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             temperature_C=np.full(size, row.temperature_C)
             if temperature is None
             else np.asarray(temperature, dtype=float)[use],
-            depth_std_mm=np.full(size, _zero(recording.depth_std_mm, NAN)),
+            depth_std_mm=np.full(size, finite_or(recording.depth_std_mm, NAN)),
             force_std_N=np.full(size, _force_std(recording)),
             reconstructed_mm=np.full(size, NAN) if seen is None else np.asarray(seen, dtype=float)[use],
             reconstructed_std_mm=np.full(size, NAN),
@@ -173,12 +170,12 @@ def _gather(sets: Sequence[Measured], touches: Sequence[_Touch]) -> Observations
         temperature_C=np.concatenate([t.temperature_C for t in touches]),
         depth_std_mm=np.concatenate([t.depth_std_mm for t in touches]),
         force_std_N=np.concatenate([t.force_std_N for t in touches]),
-        depth_source=_depth_source(sets),
+        depth_source=depth_source(sets),
         reconstructed_mm=seen if np.isfinite(seen).any() else None,
         reconstructed_std_mm=seen_std if np.isfinite(seen_std).any() else None,
         falls=tuple(fall for t in touches for fall in t.falls),
         recordings=tuple(m.recording.name for m in sets),
-        shared=_shared(sets),
+        shared=shared_errors(sets),
     )
 
 
@@ -231,7 +228,7 @@ def _day(touch: _Touch, origin: float) -> float:
 def _dated_s(press: Press, recording: RecordingLike) -> float:
     """The press's own date and time of day, else its recording's date; NaN where there is none."""
     date = press.date or recording.date
-    return _days_since_epoch(date) * DAY_S + _zero(press.time_of_day_s) if date else NAN
+    return _days_since_epoch(date) * DAY_S + finite_or(press.time_of_day_s) if date else NAN
 
 
 def _sortable(time: float) -> float:
@@ -294,55 +291,9 @@ def _only_indenter(recording: RecordingLike, press: str) -> Press:
 def _merge(protocol: Press | None, point: CertifiedPoint) -> Press:
     """The protocol's row, with what the point itself says put first."""
     row = protocol or Press(point.press, point.indenter, NAN, NAN)
-    own = {name: getattr(point, name) for name in ("rest_s", "speed_mm_s", "x_mm", "y_mm")}
-    for name in ("temperature_C", "lubricated", "hold_s"):
-        own[name] = _number(point.extra, name)
+    stated = ("rest_s", "speed_mm_s", "x_mm", "y_mm", "temperature_C", "lubricated", "hold_s")
+    own = {name: getattr(point, name) for name in stated}
     return replace(row, **{name: value for name, value in own.items() if np.isfinite(value)})
-
-
-def _own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: RecordingLike) -> float:
-    """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
-    whole = point.depth_std_mm
-    if not np.isfinite(whole):
-        return _zero(recording.depth_std_mm, NAN)
-    height = 0.0 if _ruled(point) else indenter.height_std_mm / (1 + _zero(_number(point.extra, "rise_ratio")))
-    shared = math.hypot(height, _rise_std(point) * point.depth_mm)
-    if _certified(point):  # made up of just these parts
-        return math.sqrt(max(whole**2 - shared**2, 0.0))
-    return math.sqrt(whole**2 - shared**2) if whole > shared > 0 else whole
-
-
-def _ruled(point: CertifiedPoint) -> bool:
-    return bool(np.isfinite(_number(point.extra, "ruler_std")))
-
-
-def _rise_std(point: CertifiedPoint) -> float:
-    """Relative std of the depth that the gel's rise at the bevel, and the ruler, bring to all presses alike."""
-    rise = _zero(_number(point.extra, "rise_ratio_std")) / (1 + _zero(_number(point.extra, "rise_ratio")))
-    return math.hypot(rise, _zero(_number(point.extra, "ruler_std")))
-
-
-def _shared(sets: Sequence[Measured]) -> Shared:
-    """What certified depths share by the way in which they were certified."""
-    points = [p for m in sets for p in m.points if p.accepted]
-    touch = [_zero(_number(p.extra, "touch_shared_std_mm")) for p in points]
-    rise = [_rise_std(p) for p in points]
-    if not points:
-        return Shared()
-    return Shared(float(np.median(touch)), float(np.median(rise)), heights=not all(_ruled(p) for p in points))
-
-
-def _depth_source(sets: Sequence[Measured]) -> DepthSource:
-    """Where the depths come from: what a certificate of our own says is a gauge's, whatever the curves are."""
-    certified = [_certified(p) for m in sets for p in m.points if p.accepted]
-    if certified and all(certified) and not any(m.curves for m in sets):
-        return "gauge"
-    return cast(DepthSource, sets[0].recording.depth_source or "vision")
-
-
-def _certified(point: CertifiedPoint) -> bool:
-    """Whether it comes from a certificate of our own, which took the gel's rise off and says how well."""
-    return bool(np.isfinite(_number(point.extra, "rise_ratio_std")))
 
 
 def _force_std(recording: RecordingLike) -> float:
@@ -357,14 +308,3 @@ def _finite(point: CertifiedPoint) -> float:
             value=(point.depth_mm, point.fz_N),
         )
     return point.depth_mm
-
-
-def _number(extra: Mapping[str, Any], name: str) -> float:
-    try:
-        return float(extra.get(name, NAN))
-    except (TypeError, ValueError):
-        return NAN
-
-
-def _zero(value: float | None, instead: float = 0.0) -> float:
-    return float(value) if value is not None and np.isfinite(value) else instead

@@ -32,6 +32,8 @@ from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)
+# Poisson's ratios for which E is listed where nu is open: all silicones, in steps of .005
+NU_TABLE: tuple[float, ...] = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), SILICONE_NU[1])
 NOMINAL_NU = 0.48
 CHORD = 0.2  # w/h up to which theory's slopes are chords
 STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit

@@ -10,6 +10,8 @@ bootstrap that estimates them anew for each draw, then never touch the samples a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +54,8 @@ class Product:
         inverse, _ = inverse_beside_one(self.common * size[:, None] * size)
         weight = inverse * size[:, None] * size
         way = "mrb,mrs,msb->b" if self.rest.ndim == 1 else "mra,mrs,msb->ab"
-        lost = np.einsum(way, self.left, weight, self.right, optimize=True)
+        shapes = (self.left.shape, weight.shape, self.right.shape)
+        lost = np.einsum(way, self.left, weight, self.right, optimize=_contraction_path(way, *shapes))
         return np.asarray((self.rest - lost) / noise.scale**2)
 
     def of(self, k: int) -> Product:
@@ -100,4 +103,10 @@ def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
     """
     a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
-    return np.moveaxis(np.array([[1 + d, -b], [-b, 1 + a]]), 2, 0) / volume[:, None, None], volume
+    return np.array([[1 + d, -b], [-b, 1 + a]]).transpose(2, 0, 1) / volume[:, None, None], volume
+
+
+@cache
+def _contraction_path(way: str, *shapes: tuple[int, ...]) -> Any:
+    """In which order einsum multiplies arrays of these shapes: looked for once, not at every size tried."""
+    return np.einsum_path(way, *(np.empty(shape) for shape in shapes), optimize=True)[0]

@@ -18,11 +18,12 @@ from itertools import combinations
 import numpy as np
 
 from calibration.inputs.observations import Observations
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.noise.inner_products import Product, Weighing
 from calibration.noise.model import Linear, Noise
 from tactilevision.records import Floats
 
-TYPICAL_GAIN, TYPICAL_ZERO_MM, SPREAD = 0.005, 0.004, 1.0
+SPREAD = 1.0  # of the logarithm of gain and zero: a factor 2.7 either way
 UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken

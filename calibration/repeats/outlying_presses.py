@@ -23,7 +23,7 @@ import numpy as np
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import Ints
-from calibration.noise.reml import TYPICAL_GAIN, TYPICAL_ZERO_MM
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats
 
 MIN_COUNT, REPEATS, SHUFFLES = 8, 3, 999

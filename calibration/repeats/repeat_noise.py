@@ -12,12 +12,11 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.conditions import group_basis
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise
 from calibration.noise.reml import (
     STATED_DOF,
-    TYPICAL_GAIN,
-    TYPICAL_ZERO_MM,
     estimate_noise,
     newton_move,
     prior_cost,

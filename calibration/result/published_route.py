@@ -9,13 +9,13 @@ import numpy as np
 
 from calibration.fit.identifiability import beta_name, main_radius
 from calibration.fit.least_squares import Fit
+from calibration.laws.flat_punch import NU_TABLE
 from calibration.laws.paper import A_OVER_H, modulus_at, modulus_from, poisson_from_beta
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from tactilevision.records import Estimate, Floats
 
-NU_TABLE = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), 0.4999)
 Route = Callable[[float, float], float]
 
 

@@ -12,19 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.laws.flat_punch import SILICONE_NU
+from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_sticking import stuck_shift
 from tactilevision.records import Estimate, Floats, Pair
 
-NUS = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), 0.4999)
 NO_C = "a ball or a cone has no stiffness at depth 0: its force grows as a power of the depth"
 
 
 def of_round(fitted: Fit) -> CalibrationResult:
     """E and nu with intervals, and what they rest on."""
-    curve = tuple((nu, _modulus_at(fitted, nu)) for nu in NUS)
+    curve = tuple((nu, _modulus_at(fitted, nu)) for nu in NU_TABLE)
     nu, modulus = fitted.estimate("poisson_ratio"), fitted.estimate("youngs_modulus_MPa")
     stated = fitted.data.gel.poisson_ratio is not None
     low_nu, high_nu = SILICONE_NU

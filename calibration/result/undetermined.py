@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from calibration.laws.flat_punch import SILICONE_NU
@@ -70,12 +70,11 @@ def in_words(points: Sequence[CertifiedPoint]) -> list[str]:
     """How many presses were accepted, and of each other one what speaks against it."""
     refused = [point for point in points if not point.accepted]
     lines = [f"{len(points) - len(refused)} of {len(points)} presses accepted"]
-    return lines + [f"  rejected {point.press}: {_findings(point.reason, point.extra)}" for point in refused]
+    return lines + [f"  rejected {point.press}: {_findings(point)}" for point in refused]
 
 
-def _findings(reason: str, extra: Mapping[str, Any]) -> str:
-    told = extra.get("findings")
-    return str(told or reason or "rejected").replace("_", " ")
+def _findings(point: CertifiedPoint) -> str:
+    return (point.details.findings or point.reason or "rejected").replace("_", " ")
 
 
 def _open(unit: str, why: str, interval95: Pair | None = None) -> dict[str, Any]:

@@ -11,24 +11,22 @@ of the catalogue explains).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis import manual_checks
 from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.diagnosis.experiment_design import NextMeasurement, measure_next
 from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import CANDIDATES, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.diagnosis.sensitivity import hidden
-from calibration.diagnosis.unexplained import Unexplained, nearest, unexplained
+from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, risen, sighted
 from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
@@ -43,13 +41,12 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
+from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.01  # of saying that something unknown is left
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
-WORTH = 0.5  # std: an action that brings less is not worth its minutes
-SURE = 10.0  # std: one that brings more is no better for it
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -132,7 +129,7 @@ def _diagnosed(
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
     """The diagnosis of the rest, with the presses that were set aside; what is in a foreign one is not known."""
     odd = replace(rest.odd, presses=aside, foreign=foreign)
-    plans = {plan.action: plan for plan in (*_again(odd), *rest.measure_next)}
+    plans = {plan.action: plan for plan in (*press_again(odd), *rest.measure_next)}
     return replace(
         rest,
         verdict="UNKNOWN" if foreign else rest.verdict,
@@ -202,7 +199,9 @@ def _determine(
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, score_test=force.searched.first.effects,
-        measure_next=_next(base, both, left, instead, small.bias),
+        measure_next=plan_next(
+            base, [one.sets for one in both], both[0].odd, left, instead=instead, bias=small.bias
+        ),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
         tried=tuple(key for one in both for key in one.tried), possible_bias=small.bias,
@@ -327,41 +326,6 @@ def _errors(base: Fit, current: Fit) -> Errors:
     before = fit_errors(base)
     after = before if current is base else fit_errors(current)
     return Errors(before.rms_N, after.rms_N, before.held_out_N, after.held_out_N, after.repeatability_N)
-
-
-def _next(
-    base: Fit,
-    both: Sequence[_Outcome],
-    left: Unexplained | None,
-    instead: Sequence[Candidate],
-    bias: Mapping[str, float],
-) -> tuple[NextMeasurement, ...]:
-    """Odd presses first, then what tells candidates apart or follows what is left, then what nothing shows."""
-    open_sets = [group for one in both for group in one.sets]
-    if not open_sets and instead:
-        open_sets = [tuple(instead)]
-    plans = [plan for group in open_sets for plan in manual_checks.of_candidates(group)]
-    for group in both[0].sets or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
-        if len(group) > 1:
-            plans += measure_next(base, group[0], group[1:])
-            break
-    worth = [plan for plan in plans if plan.separation_sigma > WORTH]
-    worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
-    follow = manual_checks.of_left(left.covariates) if left is not None else []
-    found = [*_again(both[0].odd), *follow, *worth, *manual_checks.of_hidden(bias)]
-    return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]
-
-
-def _again(odd: OutlyingPresses) -> tuple[NextMeasurement, ...]:
-    """Presses that do not repeat the others are pressed again before anything else is asked of them."""
-    if odd.presses:
-        names = ", ".join(odd.presses)
-        action, minutes = f"press {names} again: the same indenter at the same place", 2.0 * len(odd.presses)
-    elif odd.wanders:
-        action, minutes = "repeat the first press after the last one: is it still the same?", 3.0
-    else:
-        return ()
-    return (NextMeasurement(action, minutes, float("nan")),)
 
 
 def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:

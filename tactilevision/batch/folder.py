@@ -17,7 +17,7 @@ from typing import Literal, Self
 import numpy as np
 
 from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
-from tactilevision.certificate.depth.face_depth import UNHELD, FaceDepthCorrection
+from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
@@ -72,7 +72,7 @@ class DepthJob:
     reconstructor: Reconstructor
     out: Path
     scratch: Path | None = None
-    anchor: FaceDepthCorrection = UNHELD
+    anchor: FaceDepthCorrection = NO_CORRECTION
     with_std: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
     columns: int = len(COLUMNS)
@@ -123,7 +123,7 @@ def reconstruct_folder(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
-    anchor: FaceDepthCorrection = UNHELD,
+    anchor: FaceDepthCorrection = NO_CORRECTION,
     with_std: bool = False,
 ) -> tuple[FrameResult, ...]:
     """Write every frame's height map, and depth.csv; returns its rows in the order of the frames.
@@ -142,7 +142,7 @@ def reconstruct_folder(
         clear_leftovers(folder)
     scratch = out / SCRATCH if form == "zarr" else None
     seen = way_of_reading(recording, reconstructor.height_map)
-    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, anchor.gauge, with_std))
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, anchor.depth_scale, with_std))
     job = DepthJob(reconstructor, out, scratch, anchor, with_std, _apart(recording))
     sensor = reconstructor.sensor
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
 from tactilevision.recording.pictures import find_frames
 
-REFERENCE = layout.FLATS.split("/")[0]
+REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
 Run = Callable[[Recording, Reconstructor, Path], tuple[FrameResult, ...]]
@@ -72,11 +72,8 @@ def reconstruct_tree(
     root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
-    finished = {
-        name: rows
-        for name, recording in found.items()
-        if (rows := _rows_of_finished(out / name, recording, way)) is not None
-    }
+    told = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
+    finished = {name: rows for name, rows in told.items() if rows is not None}
     branches = [Branch(name, rows) for name, rows in finished.items()]
     before = sum(len(branch.rows) for branch in branches)
     if progress is not None:
@@ -92,16 +89,21 @@ def reconstruct_tree(
         run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
         branches.append(_branch(name, recording, out, light=light, run=run, way=way))
         before += len(recording.frame_names)
-    every = sorted((*branches, *refused), key=lambda branch: branch.name)
+    every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
+    write_text(out / TABLE, _table(every))
+    for name in found:
+        _finished(out / name).unlink(missing_ok=True)
+    return every
+
+
+def _checked(root: Path, every: Sequence[Branch]) -> tuple[Branch, ...]:
+    """All branches; raises InputError where not one of them could be read."""
     if all(branch.why for branch in every):
         raise InputError(
             "none of its recordings, folders and videos can be read",
             where=root,
             remedy=f"The first of {len(every)}: {every[0].why}",
         )
-    write_text(out / TABLE, _table(every))
-    for name in found:
-        _finished(out / name).unlink(missing_ok=True)
     return tuple(every)
 
 
@@ -177,7 +179,7 @@ def _frames_of(folder: Path) -> Path | None:
         return folder / layout.FRAMES  # what is wrong with it is said when it is read
 
 
-def _table(branches: list[Branch]) -> str:
+def _table(branches: Sequence[Branch]) -> str:
     """Every frame under its path in the tree; a source that was passed over is one row."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

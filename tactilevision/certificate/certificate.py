@@ -7,27 +7,9 @@ from dataclasses import dataclass, field
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.certificate.depth.pile_up import PileUp
-from tactilevision.contact.bevel_onset import Onset
+from tactilevision.certificate.rejection import Finding
+from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, HeightMap, Pair
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A reason (one of records.REASONS) against a press, in one sentence with its figures."""
-
-    reason: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class ContactEvent:
-    """First touch of the bevel: camera time and std, the depth that the camera read then, channel, onset."""
-
-    time_s: float
-    std_s: float
-    depth_seen_mm: float
-    channel: str
-    onset: Onset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +52,7 @@ class Certificate:
     curves: tuple[Curve, ...]
     clock_offset: Estimate
     evidence: Mapping[str, Evidence]
-    rise: PileUp | None = None
+    pile_up: PileUp | None = None
     bevel_distance_mm: float | None = None
-    gauge: DepthScale | None = None
+    depth_scale: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())

@@ -1,6 +1,6 @@
 """Frames and forces of a recording to its certificate.
 
-watch each press -> align the clocks -> tare -> find all touches together -> rise, depth, force -> check
+track each press -> align the clocks -> tare -> find all contact events together -> pile-up, depth, force -> check
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ import numpy as np
 from tactilevision.certificate.assemble import assemble_certificate
 from tactilevision.certificate.certificate import Certificate
 from tactilevision.certificate.clock.alignment import (
-    Seen,
-    coarse_offset,
+    PressDepths,
+    clock_jump_warnings,
+    clock_jumps,
+    correlation_offset,
     estimate_offset,
-    jumps,
-    near_offset,
-    said_of_jumps,
+    parabola_offset,
 )
-from tactilevision.certificate.clock.repeated_frames import allow_for_copies, copied, noting
-from tactilevision.certificate.force.tare import levelled
+from tactilevision.certificate.clock.repeated_frames import allow_for_repeats, note_repeats, repeated_share
+from tactilevision.certificate.force.tare import subtract_tares
 from tactilevision.certificate.force.window import ForceWindow, force_window
 from tactilevision.certificate.rejection import rests
-from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.bevel_search import Touched, find_all
-from tactilevision.certificate.touch.contact_times import Chain
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
+from tactilevision.certificate.touch.bevel_search import BevelContact, search_bevel_contacts
+from tactilevision.certificate.touch.contact_times import RecordingMeasurements
 from tactilevision.certificate.touch.press_track import PressTrack, Reconstructs, track
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.errors import RecordingError
@@ -35,9 +35,10 @@ from tactilevision.recording import BadFrame, Recording, iter_frames, require
 from tactilevision.records import Estimate, Footprint, ForceSeries, Gel, Indenter, Press
 
 Progress = Callable[[int, int], None]
-_LONG, _LOOKS = 250, 12  # frames of a press beyond which their maps are not kept, and those looked at first
+_LONG = 250  # frames of a press beyond which their maps are not kept
+_TRIAL_FRAMES = 12  # frames of a long press in which the face is searched first
 _SILICONE = 0.48  # Poisson's ratio, to tell how much harder a wider punch presses
-_MARGIN_S = 0.5  # of frames before and after the press that the table names: the free gel, where there are any
+_MARGIN_S = 0.5  # s of free gel wanted before and after the press that the table names; benchmarks.certificate
 
 
 def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Progress | None = None) -> Certificate:
@@ -48,28 +49,32 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     described.
     """
     require_all(recording)
-    alike: list[float] = []
-    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), alike)
+    repeats: list[float] = []
+    tracks = _track_all(recording, reconstructor, progress or (lambda done, of: None), repeats)
     forces = recording.forces
     assert forces is not None
     offset = _first_offset(recording, forces, tracks)
     windows = _windows(recording, forces, tracks, offset.value or 0.0)
-    touches = find_all(tracks, windows, offset.value or 0.0)
+    bevel_contacts = search_bevel_contacts(tracks, windows, offset.value or 0.0)
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
-        level = levelled(forces, (window.tare for window in windows.values() if window is not None))
-        seen = _seen(tracks, windows, touches, recording.sensor.gel)
+        level = subtract_tares(forces, (window.tare for window in windows.values() if window is not None))
+        seen = _seen(tracks, windows, bevel_contacts, recording.sensor.gel)
         offset = estimate_offset(list(seen.values()), level, start_s=offset.value)
         windows = _windows(recording, forces, tracks, offset.value or 0.0)
-        touches = find_all(tracks, windows, offset.value or 0.0, before=touches)
-    offset, notes = allow_for_copies(offset, copied(alike), recording.frame_times_s)
-    strays = {}
+        bevel_contacts = search_bevel_contacts(tracks, windows, offset.value or 0.0, before=bevel_contacts)
+    offset, notes = allow_for_repeats(offset, repeated_share(repeats), recording.frame_times_s)
+    clock_outliers = {}
     if offset.value is not None:
-        strays = jumps(_seen(tracks, windows, touches, recording.sensor.gel), forces, offset.value)
-        notes = (*notes, *said_of_jumps(strays))
+        clock_outliers = clock_jumps(
+            _seen(tracks, windows, bevel_contacts, recording.sensor.gel), forces, offset.value
+        )
+        notes = (*notes, *clock_jump_warnings(clock_outliers))
     rest_s = dict(zip(tracks, rests(recording.presses), strict=True))
     return assemble_certificate(
-        Chain(recording, reconstructor, tracks, windows, offset, touches, rest_s, notes, strays)
+        RecordingMeasurements(
+            recording, reconstructor, tracks, windows, offset, bevel_contacts, rest_s, notes, clock_outliers
+        )
     )
 
 
@@ -79,7 +84,7 @@ def require_all(recording: Recording) -> None:
 
 
 def _track_all(
-    recording: Recording, reconstructor: Reconstructs, progress: Progress, alike: list[float]
+    recording: Recording, reconstructor: Reconstructs, progress: Progress, repeats: list[float]
 ) -> dict[str, PressTrack | None]:
     """Every press as the camera saw it; of a video, `alike` takes what its frames have in common."""
     found: dict[str, PressTrack | None] = {}
@@ -106,7 +111,7 @@ def _track_all(
         near = _look_ahead(recording, reconstructor, (first, last), indenter)
         frames = iter_frames(recording, first, last)
         if recording.frames_path is not None and recording.frames_path.is_file():
-            frames = noting(frames, alike)
+            frames = note_repeats(frames, repeats)
         found[press.press] = track(frames, reconstructor, press=press, indenter=indenter, near=near)
         progress(k + 1, len(recording.presses))
     return found
@@ -121,7 +126,7 @@ def _look_ahead(
     if rows.size <= _LONG:
         return None
     best, top = None, 0.0
-    for row in rows[np.linspace(0, rows.size - 1, _LOOKS).astype(int)]:
+    for row in rows[np.linspace(0, rows.size - 1, _TRIAL_FRAMES).astype(int)]:
         frame = next(iter_frames(recording, float(times[row]), float(times[row])))
         face = None if isinstance(frame, BadFrame) else find_footprint(reconstructor.height_map(frame), indenter)
         if face is not None and face.depth_mm > top:
@@ -144,18 +149,18 @@ def _first_offset(recording: Recording, forces: ForceSeries, tracks: Mapping[str
     seen = list(_seen(tracks, {}, {}, recording.sensor.gel).values())
     if not seen:
         return Estimate(None, None, None, "s", why="no press is to be seen in the frames")
-    start, sure = coarse_offset(seen, forces)
+    start, sure = correlation_offset(seen, forces)
     if sure < 0.5:
         return Estimate(None, None, None, "s", why=f"depth and force do not go together (correlation {sure:.2f})")
-    return estimate_offset(seen, forces, start_s=near_offset(seen, forces, start_s=start))
+    return estimate_offset(seen, forces, start_s=parabola_offset(seen, forces, start_s=start))
 
 
 def _seen(
     tracks: Mapping[str, PressTrack | None],
     windows: Mapping[str, ForceWindow | None],
-    touches: Mapping[str, Touched],
+    bevel_contacts: Mapping[str, BevelContact],
     gel: Gel | None,
-) -> dict[str, Seen]:
+) -> dict[str, PressDepths]:
     """The presses for the clocks, by label; the depth that the camera read at the touch is where the force passed
     through it.
     """
@@ -163,16 +168,16 @@ def _seen(
     for name, seen in tracks.items():
         if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
             continue
-        touched, window = touches.get(name), windows.get(name)
+        bevel_contact, window = bevel_contacts.get(name), windows.get(name)
         level = float("nan")
-        if touched is not None and window is not None:
+        if bevel_contact is not None and window is not None:
             level = float("inf")
-            if touched.onset is not None and touched.onset.gain > SURE:
-                level = float(touched.law.force(touched.onset.at))
+            if bevel_contact.onset is not None and bevel_contact.onset.gain > DETECTION_CHI2:
+                level = float(bevel_contact.law.force(bevel_contact.onset.at))
         radius = stiffness = seen.indenter.radius_mm
         if gel is not None:
             stiffness *= float(fast_kappa(_SILICONE, np.clip(radius / gel.thickness_mm, *A_OVER_H_RANGE)))
-        found[name] = Seen(seen.time_s, seen.depth_mm, radius, level, stiffness)
+        found[name] = PressDepths(seen.time_s, seen.depth_mm, radius, level, stiffness)
     return found
 
 

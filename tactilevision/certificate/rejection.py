@@ -12,26 +12,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.certificate.certificate import ContactEvent, Finding
 from tactilevision.certificate.force.event_force import EventForce
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
-from tactilevision.certificate.touch.bevel_contact_depth import SURE
-from tactilevision.certificate.touch.press_track import PressTrack
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
+from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.certificate.touch.press_track import PressTrack, face_tilt
 from tactilevision.contact.bevel import SIDES
 from tactilevision.contact.footprint import relief_mm, unevenness_mm
 from tactilevision.records import Bools, Floats, ForceSeries, Press
 
-TANGENTIAL = 0.1  # of the normal force: a sliding share of 1/10 turns the resultant by six degrees
-TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by against the face
-TILT_READ = 0.005  # rad: what a height map that is right to one part in a hundred may tilt a flat face by
-RADIUS_SHARE = 0.06  # c grows as the radius does: three times what the footprint itself may be off
-UNEVEN_SHARE = (
-    0.05  # of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
-)
-FORCE_SHARE = 0.005  # of the force: what a gap between frames may leave open
-_GAPS = 2.5  # of the usual interval at the event: one frame lost and some jitter are no gap
-_REST = 0.5  # of the usual rest
+TANGENTIAL = 0.1  # of the normal force: a share of 1/10 turns the resultant by six degrees
+TILT_SHARE = 0.05  # of the depth: what a tilt may shift the bevel by; benchmarks.certificate
+TILT_READ = 0.005  # rad that a map right to 1 % may tilt a flat face by; benchmarks.certificate
+RADIUS_SHARE = 0.06  # of the radius, thrice what the footprint itself may be off; benchmarks.certificate
+# of the depth, on the face or beside it: the gel there dips and rises by a third of it, alike all round
+UNEVEN_SHARE = 0.05
+FORCE_SHARE = 0.005  # of the force, what a gap between frames may leave open
+_MAX_GAP = 2.5  # of the median interval at the event: one lost frame and jitter are no gap; benchmarks.certificate
+_MIN_REST = 0.5  # of the median rest, that a press must have had
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A reason (one of records.REASONS) against a press, in one sentence with its figures."""
+
+    reason: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +60,7 @@ class PressEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingStatistics:
-    """What is usual in this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
+    """Medians and scatter of this recording: radius over nominal by indenter, tilt (2,) and its scatter, the
     interval of frames at the event, the rest, the chance that two readings of the free gel are equal, how
     uneven the gel is beside the face, and how far the face is from flat."""
 
@@ -67,66 +74,68 @@ class RecordingStatistics:
     relief_mm: float
 
 
-def rejection_reasons(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> tuple[Finding, ...]:
+def rejection_reasons(
+    evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries
+) -> tuple[Finding, ...]:
     """All that speaks against a press, the main reason first."""
-    said = [check(look, usual, forces) for check in ORDER]
-    return tuple(finding for finding in said if finding is not None)
+    findings = [check(evidence, statistics, forces) for check in ORDER]
+    return tuple(finding for finding in findings if finding is not None)
 
 
-def _border(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    face, map_ = look.track.footprint, look.track.face_map
+def _border(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, map_ = evidence.track.footprint, evidence.track.face_map
     if face is None:
         return None
     half = [0.5 * n * s for n, s in zip(map_.depth_mm.shape[::-1], map_.mm_per_px, strict=True)]
     room = min(h - abs(c) - face.radius_mm for h, c in zip(half, face.centre_mm, strict=True))
     if room < 2 * max(map_.mm_per_px):
         return Finding("border", f"the face comes within {room:.2f} mm of the view's border")
-    if look.distance_mm is not None:
-        edge = [c + look.distance_mm * e for c, e in zip(face.centre_mm, SIDES[look.track.side], strict=True)]
+    if evidence.distance_mm is not None:
+        edge = [
+            c + evidence.distance_mm * e for c, e in zip(face.centre_mm, SIDES[evidence.track.side], strict=True)
+        ]
         out = max(abs(place) - h for place, h in zip(edge, half, strict=True))
         if out > 0:
             return Finding("border", f"the bevel's edge lies {out:.2f} mm outside the view")
     return None
 
 
-def _footprint(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    face, nominal = look.track.footprint, look.track.indenter.radius_mm
+def _footprint(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    face, nominal = evidence.track.footprint, evidence.track.indenter.radius_mm
     if face is None:
         return Finding("footprint", "no round face is to be seen")
     if face.residual_mm > RADIUS_SHARE * face.radius_mm:
         return Finding("footprint", f"the face is not round: its edge is {face.residual_mm:.2f} mm off a circle")
-    uneven = unevenness_mm(look.track.face_map, face, away_from=SIDES[look.track.side])
-    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.uneven_mm):
+    uneven = unevenness_mm(evidence.track.face_map, face, away_from=SIDES[evidence.track.side])
+    if uneven > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.uneven_mm):
         return Finding(
             "footprint", f"beside the face the gel is uneven by {1e3 * uneven:.0f} µm: it is no plain disc"
         )
-    relief = relief_mm(look.track.face_map, face) if look.track.indenter.shape == "flat_cylinder" else 0.0
-    if relief > max(UNEVEN_SHARE * face.depth_mm, 4 * usual.relief_mm):
+    flatness = (
+        relief_mm(evidence.track.face_map, face) if evidence.track.indenter.shape == "flat_cylinder" else 0.0
+    )
+    if flatness > max(UNEVEN_SHARE * face.depth_mm, 4 * statistics.relief_mm):
         return Finding(
-            "footprint", f"the face is not flat: {1e3 * relief:.0f} µm rms beside a plane; is it chipped?"
+            "footprint", f"the face is not flat: {1e3 * flatness:.0f} µm rms beside a plane; is it chipped?"
         )
     if not np.isfinite(nominal):
         return None
-    ratio = face.radius_mm / nominal / usual.radius.get(look.track.indenter.name, 1.0)
-    limit = max(RADIUS_SHARE, 3 * face.radius_std_mm / nominal, 3 * look.track.indenter.radius_std_mm / nominal)
+    ratio = face.radius_mm / nominal / statistics.radius.get(evidence.track.indenter.name, 1.0)
+    limit = max(
+        RADIUS_SHARE, 3 * face.radius_std_mm / nominal, 3 * evidence.track.indenter.radius_std_mm / nominal
+    )
     if abs(ratio - 1) > limit:
         text = f"the face has a radius of {face.radius_mm:.2f} mm, the indenter {nominal:.2f} mm"
         return Finding("footprint", f"{text} ({100 * (ratio - 1):+.0f} % against the other presses)")
     return None
 
 
-def face_tilt(track: PressTrack) -> Floats:
-    """Tilt (2,) of the face while it is deep, the mean over those frames."""
-    deep = track.depth_mm > 0.6 * np.nanmax(track.depth_mm)
-    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
-
-
-def _tilt(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    if look.track.footprint is None or not np.nanmax(look.track.depth_mm) > 0:
+def _tilt(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if evidence.track.footprint is None or not np.nanmax(evidence.track.depth_mm) > 0:
         return None
-    tilt = float(np.hypot(*(face_tilt(look.track) - usual.tilt)))
-    lever = look.distance_mm or 2 * look.track.footprint.radius_mm
-    limit = max(TILT_SHARE * look.depth_mm / lever, 5 * usual.tilt_scatter, TILT_READ)
+    tilt = float(np.hypot(*(face_tilt(evidence.track) - statistics.tilt)))
+    lever = evidence.distance_mm or 2 * evidence.track.footprint.radius_mm
+    limit = max(TILT_SHARE * evidence.depth_mm / lever, 5 * statistics.tilt_scatter, TILT_READ)
     if tilt > limit:
         return Finding(
             "tilt", f"the face is tilted by {np.degrees(tilt):.2f} degrees (limit {np.degrees(limit):.2f})"
@@ -134,12 +143,12 @@ def _tilt(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) 
     return None
 
 
-def _tangential(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    if look.event is not None:
-        force, std = look.event.force_N, look.event.std_N
-    elif look.force is not None and look.force.phases is not None:
-        phases = look.force.phases
-        held = look.force.force_N[phases.hold : phases.release + 1]
+def _tangential(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if evidence.event is not None:
+        force, std = evidence.event.force_N, evidence.event.std_N
+    elif evidence.force is not None and evidence.force.phases is not None:
+        phases = evidence.force.phases
+        held = evidence.force.force_N[phases.hold : phases.release + 1]
         force, std = held.mean(axis=0), held.std(axis=0) / np.sqrt(max(len(held), 1))
     else:
         return None
@@ -149,29 +158,29 @@ def _tangential(look: PressEvidence, usual: RecordingStatistics, forces: ForceSe
     return None
 
 
-def _saturated(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    if look.force is None:
+def _saturated(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if evidence.force is None:
         return None
-    raw = look.force.force_N + look.force.tare.at(look.force.time_s)
+    raw = evidence.force.force_N + evidence.force.tare.at(evidence.force.time_s)
     for axis, name in enumerate(("fx", "fy", "fz")):
         reading = np.abs(raw[:, axis])
         top = float(np.nanmax(reading))
         if top < 20 * forces.std_N[axis]:
             continue
         run = _longest(reading >= top * (1 - 1e-9))
-        if run >= 10 and usual.equal**run < 1e-6:
+        if run >= 10 and statistics.equal**run < 1e-6:
             return Finding("saturated", f"{name} stands at {top:.3f} N for {run} readings")
-    return _stalled(look, look.force)
+    return _force_stopped(evidence, evidence.force)
 
 
-def _stalled(look: PressEvidence, force: ForceWindow) -> Finding | None:
+def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | None:
     """The force has stopped growing while the camera still sees the face go deeper."""
-    seen = find_phases(look.track.depth_mm)
+    seen = find_phases(evidence.track.depth_mm)
     if force.phases is None or seen is None or seen.hold == 0:
         return None
-    still_s = float(force.time_s[force.phases.hold]) - look.offset_s
-    depth = look.track.depth_mm
-    after = int(np.searchsorted(look.track.time_s, still_s))  # a frame taken since: none is made up in a gap
+    still_s = float(force.time_s[force.phases.hold]) - evidence.offset_s
+    depth = evidence.track.depth_mm
+    after = int(np.searchsorted(evidence.track.time_s, still_s))  # a frame taken since: none is made up in a gap
     if after >= depth.size:
         return None
     there, deepest = float(depth[after]), float(np.nanmax(depth[after:]))
@@ -188,57 +197,59 @@ def _longest(run: Bools) -> int:
 
 
 def interval_at(time_s: Floats, event_s: float) -> float:
-    """Interval between the frames before and after an event; inf where it lies outside them."""
+    """Interval (s) between the frames, taken at times (N,) s, before and after an event; inf outside them."""
     after = int(np.searchsorted(time_s, event_s))
     if not 0 < after < time_s.size:
         return float("inf")
     return float(time_s[after] - time_s[after - 1])
 
 
-def _dropped(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    if look.force is None:
+def _dropped(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if evidence.force is None:
         return Finding("dropped_frames", "there are no force readings to go with the frames of this press")
-    if not np.isfinite(look.event_s):
+    if not np.isfinite(evidence.event_s):
         return None
-    gap = interval_at(look.track.time_s, look.event_s)
-    moved = min(gap, _moving_s(look, look.force))
-    if moved <= _GAPS * usual.interval_s:
+    gap = interval_at(evidence.track.time_s, evidence.event_s)
+    moved = min(gap, _moving_s(evidence, evidence.force))
+    if moved <= _MAX_GAP * statistics.interval_s:
         return None
-    if look.event is not None and np.isfinite(moved):
-        open_N = look.force.ramp_N_s * moved / np.sqrt(12)
-        if open_N < FORCE_SHARE * float(look.event.force_N[2]):
+    if evidence.event is not None and np.isfinite(moved):
+        open_N = evidence.force.ramp_N_s * moved / np.sqrt(12)
+        if open_N < FORCE_SHARE * float(evidence.event.force_N[2]):
             return None
-    text = f"{1e3 * gap:.0f} ms without a frame at the event, {1e3 * usual.interval_s:.0f} ms are usual"
+    text = f"{1e3 * gap:.0f} ms without a frame at the event, {1e3 * statistics.interval_s:.0f} ms are usual"
     return Finding("dropped_frames", text)
 
 
-def _moving_s(look: PressEvidence, force: ForceWindow) -> float:
+def _moving_s(evidence: PressEvidence, force: ForceWindow) -> float:
     """How long the rig needs for what it moved between the frames about the event: a dwell is no gap."""
-    after = int(np.searchsorted(look.track.time_s, look.event_s))
-    if not 0 < after < look.track.time_s.size or not force.ramp_N_s > 0:
+    after = int(np.searchsorted(evidence.track.time_s, evidence.event_s))
+    if not 0 < after < evidence.track.time_s.size or not force.ramp_N_s > 0:
         return float("inf")
-    there = force.at(look.track.time_s[after - 1 : after + 1] + look.offset_s)
+    there = force.at(evidence.track.time_s[after - 1 : after + 1] + evidence.offset_s)
     grown = abs(float(there[1] - there[0]))
     return grown / force.ramp_N_s if np.isfinite(grown) else float("inf")
 
 
-def _not_touched(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    indenter = look.track.indenter
+def _not_touched(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    indenter = evidence.track.indenter
     if indenter.height_mm is None or indenter.bevel is None:
         return Finding("bevel_not_touched", f"indenter {indenter.name} has no bevel of known height")
-    if look.touch is None:
+    if evidence.touch is None:
         return Finding("bevel_not_touched", "no touch of the bevel is to be seen")
-    if look.touch.onset.gain < SURE:
-        sigma = np.sqrt(max(look.touch.onset.gain, 0.0))
+    if evidence.touch.onset.gain < DETECTION_CHI2:
+        sigma = np.sqrt(max(evidence.touch.onset.gain, 0.0))
         return Finding(
             "bevel_not_touched", f"a touch of the bevel would stand only {sigma:.1f} sigma out of the noise"
         )
     return None
 
 
-def _short_rest(look: PressEvidence, usual: RecordingStatistics, forces: ForceSeries) -> Finding | None:
-    if look.rest_s < _REST * usual.rest_s:
-        return Finding("short_rest", f"the gel had rested {look.rest_s:.1f} s, {usual.rest_s:.1f} s are usual")
+def _short_rest(evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries) -> Finding | None:
+    if evidence.rest_s < _MIN_REST * statistics.rest_s:
+        return Finding(
+            "short_rest", f"the gel had rested {evidence.rest_s:.1f} s, {statistics.rest_s:.1f} s are usual"
+        )
     return None
 
 

@@ -37,7 +37,7 @@ def flat_steps(recording: Recording, reconstructor: Reconstructor) -> tuple[list
 
 def _step(recording: Recording, reconstructor: Reconstructor, point: CertifiedPoint) -> Known | None:
     """One face, at the moment that certifies it; None where the picture does not show it then."""
-    found_mm = float(point.extra.get("reconstructed_depth_mm", np.nan))
+    found_mm = point.details.reconstructed_depth_mm
     relative = _relative_std(recording, reconstructor, recording.indenters[point.indenter], point.time_s)
     if not np.isfinite([found_mm, relative, point.depth_std_mm]).all():
         return None

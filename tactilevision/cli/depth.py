@@ -92,7 +92,7 @@ def depth(
                 anchor=anchor,
                 with_std=with_std,
             )
-        content = {"passed_over": {}, "faces_certified": anchor.gauge is not None}
+        content = {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
         _tell(rows, out, maps)
     console.hand_over(_summary(rows) | content | {"warnings": warned}, json)

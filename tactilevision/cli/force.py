@@ -61,7 +61,7 @@ def force(
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
     content = {"frames": len(rows), "read": len(read), "material": _material(material)}
-    content |= {"faces_certified": anchor.gauge is not None}
+    content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
     beside = write_beside(recording, rows, out / "beside")

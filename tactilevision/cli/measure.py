@@ -51,7 +51,7 @@ def take(paths: Sequence[Path]) -> list[Taken]:
 
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
-    from tactilevision.certificate.depth.surface_beside_punch import with_nu
+    from tactilevision.certificate.poisson_from_rise import with_nu
 
     if taken.certificate is None or taken.reconstructor is None:
         return taken, None

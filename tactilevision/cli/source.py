@@ -25,7 +25,7 @@ ReferenceOption = Annotated[
 MethodOption = Annotated[
     str | None,
     typer.Option(
-        help="polynomial, either, lookup, network, or a file that `train` made; left out: the best there is."
+        help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
 
@@ -63,19 +63,19 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
     """
     from tactilevision.reconstruct import build_reconstructor
 
-    return build_reconstructor(recording, method or ("either" if recording.balls else None))
+    return build_reconstructor(recording, method or ("auto" if recording.balls else None))
 
 
 def open_face_correction(
     recording: Recording, reconstructor: Reconstructor, calibration: Path | None
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
-    from tactilevision.certificate.depth.face_depth import UNHELD, face_depth_correction, read_certified
+    from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction, read_certified
 
     if calibration is None:
-        return UNHELD
+        return NO_CORRECTION
     anchor = face_depth_correction(recording, reconstructor, read_certified(calibration))
-    if anchor is UNHELD:
+    if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,14 +12,14 @@ from tactilevision.cli import console
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
-    from tactilevision.photometric import CalibratedMethod
+    from tactilevision.photometric.method import ReferencedMethod
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
 
 def train(
     recording: Annotated[Path, typer.Argument(help="A recording with reference/flat and reference/ball.")],
-    method: Annotated[str, typer.Option(help="polynomial, either, lookup or network.")] = "polynomial",
+    method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "polynomial",
     out: Annotated[
         Path, typer.Option("--out", help="The method's file; its card and figure lie beside it.")
     ] = Path("method.npz"),
@@ -31,7 +30,7 @@ def train(
     Its card says how far it is off; a figure shows balls held out, and flat steps that the recording's own presses
     certify, by depth and by contact size.
     """
-    from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod
+    from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.reconstruct import build_reconstructor
     from tactilevision.recording import read_recording
@@ -53,11 +52,11 @@ def train(
     with console.progress_bar("calibrating the light"):
         made = build_reconstructor(source, method)
     console.warn([*source.warnings, *made.warnings])
-    assert isinstance(made.method, CalibratedMethod)
+    assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
-    card = {**made.method.card, **_certified(source, made), **provenance(data, licence=licence)}
-    _save(dataclasses.replace(made.method, card=card), out, network=method == "network")
-    shown = {name: value for name, value in card.items() if not isinstance(value, dict | list)}
+    card = made.referenced.card.extended(_certified(source, made) | provenance(data, licence=licence))
+    _save(made.referenced.with_card(card), out, network=method == "network")
+    shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
 
 
@@ -75,16 +74,16 @@ def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
     return {**known, "doubt_of_scale": doubt} if doubt else dict(known)
 
 
-def _save(method: CalibratedMethod, out: Path, *, network: bool) -> None:
+def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
     """The method's file, and its card and figure beside it."""
     from tactilevision.photometric import save_method
 
     path = save_method(method, out)
     also: tuple[str, ...] = (".onnx", ".json") if network else (".json",)
-    if method.card.get("held_out_balls"):
+    if method.card.other.get("held_out_balls"):
         from tactilevision.plots.depth_report import draw_depth_report
         from tactilevision.plots.style import save_png
 
-        save_png(draw_depth_report(method.card), path.with_suffix(".png"))
+        save_png(draw_depth_report(method.card.other), path.with_suffix(".png"))
         also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))

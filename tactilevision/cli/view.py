@@ -13,6 +13,8 @@ from tactilevision.cli import console, source
 from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     from matplotlib.figure import Figure
 
     from tactilevision.reconstruct import Reconstructor
@@ -43,6 +45,9 @@ def view(
     mm_per_px: Annotated[
         float | None, typer.Option(help="Scale of a depth TIFF that does not state its own.")
     ] = None,
+    terms: Annotated[
+        bool, typer.Option("--terms", help="Also draw which part of the depth's deviation is the largest where.")
+    ] = False,
     window: Annotated[bool, typer.Option("--window", help="Show the pictures in windows, too.")] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
@@ -60,7 +65,12 @@ def view(
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
+    told = _terms(height, opened) if terms else {}
     figures = _draw(height, rgb, None if minus is None else _other(minus, opened, mm_per_px))
+    if told:
+        from tactilevision.plots.depth_terms import draw_terms
+
+        figures["terms"] = draw_terms(height, told)
     for name, figure in figures.items():
         path_out = out / f"{Path(height.name).stem}_{name}.png"
         style.save_png(figure, path_out)
@@ -101,6 +111,24 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)
     return figures
+
+
+def _terms(height: HeightMap, opened: _Opened | None) -> dict[str, npt.NDArray[np.float32]]:
+    """The terms of a map's deviation, told on the way. Raises InputError where nothing is known of them."""
+    from tactilevision.errors import InputError
+    from tactilevision.uncertainty.depth import contributions_mm
+
+    found = {} if opened is None else opened.reconstructor.depth_terms(height)
+    if not found:
+        raise InputError(
+            "nothing is known of what the depth's deviation is made of",
+            where="--terms",
+            value=height.name,
+            remedy="Name a frame of a recording whose light was calibrated on balls.",
+        )
+    for name, rms_mm in contributions_mm(height, found).items():
+        console.say(f"  {name:14s} {1e3 * rms_mm:6.1f} um in the contact")
+    return found
 
 
 class _Opened:

@@ -19,7 +19,7 @@ from tactilevision.contact.edge import sample
 from tactilevision.records import Floats, Pair
 
 SIDES: dict[str, Pair] = {"right": (1.0, 0.0), "left": (-1.0, 0.0), "bottom": (0.0, 1.0), "top": (0.0, -1.0)}
-STEP_MM = 0.1
+STEP_MM = 0.1  # mm between the places of a strip, about a pixel
 HALF_WIDTH_MM = 1.5  # along a straight edge at twice the radius the gel rises alike within that
 EDGE_MM = 0.15  # to both sides of the bevel's edge: the dent is some pixels wide while it is shallow
 FLANK_MM = (0.6, 1.2)  # from the edge: near enough to share its long-waved noise, far enough to be off the dent

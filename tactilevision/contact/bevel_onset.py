@@ -19,9 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Floats, Pair
+from tactilevision.robust import mad_std, second_difference_std
 
 _BEND = 0.02  # the smooth part may change its slope over the range of x by this, one sigma
-_GRID = 161
+_GRID = 161  # places of the onset that are tried, from a twentieth of the range of depth on
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +164,10 @@ def _summary(x: Floats, search: _Search, noise: float, growth: Growth) -> Onset 
 def _scatter(x: Floats, y: Floats) -> float:
     """Noise of y from second differences along x, which a smooth course hardly touches."""
     order = np.argsort(x, kind="stable")
-    bends = np.diff(y[order], 2)
-    return max(1.4826 * float(np.median(np.abs(bends)) / np.sqrt(6.0)), 1e-9 + 1e-6 * float(np.ptp(y)))
+    return max(second_difference_std(y[order]), 1e-9 + 1e-6 * float(np.ptp(y)))
 
 
 def _spread(residual: Floats, parameters: int) -> float:
-    robust = 1.4826 * float(np.median(np.abs(residual)))
+    robust = mad_std(residual, centre=0.0)
     freedom = max(residual.size - parameters, 1)
     return max(robust, 0.7 * float(np.sqrt((residual**2).sum() / freedom)), 1e-12)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from tactilevision.records import Floats, HeightMap, Pair
 
-_DIRECTIONS = 180
+_DIRECTIONS = 180  # round the face, in which the steepest place is looked for
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:

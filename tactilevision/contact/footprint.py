@@ -14,16 +14,19 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tactilevision.contact.circle import Circle, fit_circle
 from tactilevision.contact.edge import edge_points, place_px, sample
+from tactilevision.integration.circle import Circle, fit_circle
 from tactilevision.records import Bools, Floats, Footprint, HeightMap, Indenter, Pair
+from tactilevision.robust import mad_std
 
-_GRID_MM = 0.2
+_GRID_MM = 0.2  # mm: grid of the rough search, fine against any face
 _RING = (1.2, 1.5)  # of the radius: near enough that a tilted zero plane cancels
-_BESIDE, _ROUND = (1.2, 1.5), 180  # of the radius, beyond the steep wall; directions
+_BESIDE = (1.2, 1.5)  # of the radius: beyond the steep edge
+_ROUND = 180  # directions round the face
 _INNER = 0.8  # of the radius: the face without its wall
-_MODEL = 0.25  # share of the wall's correction that is doubtful: blurs differ from a Gaussian by about that
-_SURE = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
+# share of the edge's correction that is doubtful: blurs differ from a Gaussian by about that
+_CORRECTION_STD = 0.25
+_DETECTION_SIGMA = 6.0  # times the scatter of the filter over the view: about one false alarm in 1e6 views
 
 
 def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | None = None) -> Footprint | None:
@@ -49,7 +52,7 @@ def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | 
         if circle is None or not 0.3 * start[1] < circle.radius_mm < 2.5 * start[1]:
             return None
         start = (circle.centre_mm, circle.radius_mm)
-    return None if circle is None else _describe(height, circle, _MODEL * drawn)
+    return None if circle is None else _describe(height, circle, _CORRECTION_STD * drawn)
 
 
 def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> float:
@@ -113,10 +116,9 @@ def _best_disc(height: HeightMap, radius_mm: float) -> tuple[Pair, float] | None
     score, covered = _contrast(depth, known, radius_mm / _GRID_MM)
     if not covered.any():
         return None
-    typical = np.median(score[covered])
-    scatter = 1.4826 * float(np.median(np.abs(score[covered] - typical)))
+    typical, scatter = np.median(score[covered]), mad_std(score[covered])
     best = np.unravel_index(int(np.where(covered, score, -np.inf).argmax()), score.shape)
-    if score[best] - typical < _SURE * scatter or score[best] <= 0:
+    if score[best] - typical < _DETECTION_SIGMA * scatter or score[best] <= 0:
         return None
     x = (best[1] + 0.5) * columns / size[0] - 0.5 - (columns - 1) / 2
     y = (best[0] + 0.5) * rows / size[1] - 0.5 - (rows - 1) / 2

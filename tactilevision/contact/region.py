@@ -20,17 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, HeightMap
+from tactilevision.records.contact_thresholds import CONTACT, depth_limit_mm, wide_depth_limit_mm
 from tactilevision.uncertainty.depth import DepthError
-from tactilevision.uncertainty.untouched_noise import roughness_mm, untouched_std
+from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_std
 
-NOISY, MIN_MM = 5.0, 0.01  # robust deviations of the map's shallower half; and at least
-WAVE_MM = 1.0  # over which depth errors hang together at least: integrated noise has no shorter waves
-MIN_PX = 16  # as deep; the outermost pixels of a map are noisier than it states
-STD_KNOWN = 0.3  # how well a deviation found from a few frames of free gel is known
-SPECK = 0.1  # of the largest region
-STEEPEST, LEVELS = 0.9, 20
-SMOOTH_PX = 1.0
-FEW = 3  # pixels, too few to tell a slope
+STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
+LEVELS = 20  # of depth, between the shallowest and the deepest of a region
+SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
+MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -38,22 +35,22 @@ Array = npt.NDArray[np.floating[Any]]
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Where something presses (H, W).
 
-    A region is deeper than NOISY robust deviations of the map's shallower half, and than MIN_MM; as slow waves
-    of untouched gel go as deep as that over wide areas, it counts where MIN_PX of it are deeper than they are to
-    be expected anywhere in the picture, by the `error` of the method that made the map. Specks do not count.
+    A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
+    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. Specks
+    do not count. Limits: records/contact_thresholds.py.
     """
     from scipy.ndimage import find_objects
     from skimage.measure import label
 
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > max(NOISY * roughness_mm(height), MIN_MM))
+    deep = height.valid & (height.depth_mm > depth_limit_mm(map_noise_mm(height)))
     labels = label(deep, connectivity=1)
     sizes = np.bincount(labels.ravel())
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
-    sizes[surely < MIN_PX] = 0
+    sizes[surely < CONTACT.depth_min_px] = 0
     sizes[0] = 0
     windows = find_objects(labels)
-    for k in np.flatnonzero((sizes > 0) & (sizes >= SPECK * sizes.max())):
+    for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
         rows, columns = windows[k - 1]
         window = rows, columns
         found[window] |= _to_its_edge(height, window, labels[window] == k)
@@ -67,7 +64,7 @@ def at_border(contact: Bools) -> bool:
 
 def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) -> Bools:
     """The part of a `region` (h, w) of the map's `window` that lies behind its steepest line."""
-    if min(region.shape) < FEW:
+    if min(region.shape) < MIN_SLOPE_PX:
         return region
     smooth = cv2.GaussianBlur(np.asarray(height.depth_mm[window], np.float32), (0, 0), SMOOTH_PX)
     down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
@@ -78,20 +75,14 @@ def _to_its_edge(height: HeightMap, window: tuple[slice, slice], region: Bools) 
         return region
     level = np.minimum(((depth - least) / step).astype(int), LEVELS - 1)
     count = np.bincount(level, minlength=LEVELS)
-    mean = np.where(count >= FEW, np.bincount(level, slope, LEVELS) / np.maximum(count, 1), 0.0)
+    mean = np.where(count >= MIN_SLOPE_PX, np.bincount(level, slope, LEVELS) / np.maximum(count, 1), 0.0)
     edge = least + step * (float(np.argmax(mean >= STEEPEST * mean.max())) + 0.5)
     return np.asarray(region & (smooth > edge))
 
 
 def _surely_mm(height: HeightMap, error: DepthError | None) -> Array | float:
-    """Depth (H, W) that untouched gel reaches nowhere in one picture of two: of N normal numbers the largest is
-
-        sqrt(2 ln N) standard deviations
-
-    above 0, N: patches of WAVE_MM in the picture; once more a part of it, as the deviations are not known better.
-    """
+    """Depth (H, W) mm that untouched gel reaches nowhere in one picture of two; 0 where no deviation is known."""
     std_mm = untouched_std(height, error)
     if std_mm is None:
         return 0.0
-    patches = height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1] / WAVE_MM**2
-    return np.asarray((1.0 + STD_KNOWN) * np.sqrt(2.0 * np.log(max(patches, np.e))) * std_mm)
+    return wide_depth_limit_mm(std_mm, height.depth_mm.size * height.mm_per_px[0] * height.mm_per_px[1])

@@ -13,8 +13,8 @@ from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
 
-MAX_POISSON = 0.4999
-SAME_GEL = 0.01
+MAX_POISSON = 0.4999  # Poisson's ratio beyond which a layer counts as incompressible
+SAME_GEL = 0.01  # of the thickness: gels that differ by more are not the same
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from tactilevision.force.lateral_boundaries.table import SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
 from tactilevision.records import Bools, Floats, Gel
 
-POISSON_STEP = 1e-3
+POISSON_STEP = 1e-3  # of Poisson's ratio, over which the compliance's slope is taken
 SIDE_POISSON_STEP = 4e-3  # the table is right to some 1e-4 of itself
 
 

@@ -1,15 +1,16 @@
 """Which cells may carry force: an outer guess from the depth, narrowed by the force itself.
 
-Outer guess: cells deeper than three standard deviations and than `SHALLOWEST` of the deepest. The edge of a
-contact is at least a third as deep as its middle (Hertz: a half; flat punch: all), so this loses no contact down
-to a tenth of the depth of the deepest one. Of the patches they form, those count whose deepest cell stands out
-by five deviations, and, counted in the deviations of each place, sinks more than the gel rises anywhere: beside
-a punch it rises by an eighth of the punch's depth at most, so a map that rises more than it sinks shows its own
-error there. Cells of a slow error are alike, so that a view holds a few hundred places at most that may err
-apart from each other: of such, five deviations are exceeded by chance once in thousands of frames.
-Narrowed: no cell pulls, so cells of negative pressure are left
-out until none is. A cell that carries less than `FAINTEST` of the greatest pressure is left out as well: it is
-the ringing of the contact's edge, which a square cell cannot follow.
+Outer guess: cells deeper than three standard deviations and than a share of the deepest. The edge of a contact is
+at least a third as deep as its middle (Hertz: a half; flat punch: all). So this loses no contact down to a tenth
+of the depth of the deepest one. Limits: records/contact_thresholds.py.
+Of the patches they form, those count whose deepest cell stands out by five deviations. Counted in the deviations
+of each place, it must also sink more than the gel rises anywhere. Beside a punch the gel rises by an eighth of the
+punch's depth at most, so a map that rises more than it sinks shows its own error there. Cells of a slow error are
+alike, so that a view holds a few hundred places at most that may err apart from each other. Of such, five
+deviations are exceeded by chance once in thousands of frames.
+Narrowed: no cell pulls, so cells of negative pressure are left out until none is. A cell that carries less than
+FAINTEST of the greatest pressure is left out as well: it is the ringing of the contact's edge, which a square cell
+cannot follow.
 """
 
 from __future__ import annotations
@@ -19,14 +20,11 @@ import numpy.typing as npt
 from scipy.ndimage import label, maximum, uniform_filter
 
 from tactilevision.records import Bools, Floats
+from tactilevision.records.contact_thresholds import CONTACT, cell_limit_mm
 
-SHALLOWEST = 0.03
-FAINTEST = 0.02
-SIGMAS = 3.0
-SURE = 5.0  # standard deviations that the deepest cell of a patch stands out by
-TINY = 1e-12
+FAINTEST = 0.02  # of the greatest pressure: the ringing of a contact's edge lies below
+TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
-COMPANY = 3  # cells out of 3 x 3, itself included: a cell deep by itself alone is noise
 
 
 def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArray[np.intp]:
@@ -36,14 +34,14 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArr
     seen = depth_mm[known]
     if seen.size == 0:
         return np.zeros(0, dtype=np.intp)
-    deep = known & (depth_mm > np.maximum(SIGMAS * std_mm, SHALLOWEST * float(seen.max())))
+    deep = known & (depth_mm > cell_limit_mm(std_mm, float(seen.max())))
     neighbours = uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9
-    deep &= neighbours > COMPANY - 0.5
+    deep &= neighbours > CONTACT.cell_neighbours - 0.5
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
     pull = depth_mm / (std_mm + TINY)
-    sure = maximum(pull, patches, np.arange(count + 1)) > max(SURE, -float(pull[known].min()))
+    sure = maximum(pull, patches, np.arange(count + 1)) > max(CONTACT.patch_sigma, -float(pull[known].min()))
     sure[0] = False
     return np.flatnonzero(sure[patches])
 
@@ -59,14 +57,14 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: 
     if not usable.any():
         return np.zeros(0, dtype=np.intp)
     doubt = DOUBT * float(np.abs(moved_mm[usable]).max())
-    deep = usable & (left_mm > SIGMAS * std_mm + doubt)
-    if np.count_nonzero(deep) < COMPANY:
+    deep = usable & (left_mm > CONTACT.cell_sigma * std_mm + doubt)
+    if np.count_nonzero(deep) < CONTACT.cell_neighbours:
         return np.zeros(0, dtype=np.intp)
-    deep &= uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > COMPANY - 0.5
+    deep &= uniform_filter(deep.astype(np.float32), 3, mode="constant") * 9 > CONTACT.cell_neighbours - 0.5
     patches, count = label(deep)
     if count == 0:
         return np.zeros(0, dtype=np.intp)
-    share = left_mm / (SURE * std_mm + doubt + TINY)
+    share = left_mm / (CONTACT.patch_sigma * std_mm + doubt + TINY)
     sure = maximum(share, patches, np.arange(count + 1)) > max(1.0, -float(share[usable].min()))
     sure[0] = False
     return np.flatnonzero(sure[patches])

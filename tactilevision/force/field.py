@@ -30,7 +30,7 @@ import numpy as np
 from scipy.ndimage import binary_fill_holes
 
 from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import SIGMAS, SURE, at_border, candidate_cells, overlooked_cells
+from tactilevision.force.contact import at_border, candidate_cells, overlooked_cells
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
@@ -38,12 +38,14 @@ from tactilevision.force.observe import Observation, PixelNoise, observe
 from tactilevision.force.wrench import MeasuredForce, constrain, triple, wrench_weights
 from tactilevision.mechanics.profile import LIKELY_SHARE, SHARE_STD
 from tactilevision.records import Floats, Gel, HeightMap, Material, Pair, ShearMap, TractionMap
+from tactilevision.records.contact_thresholds import CONTACT
 
+# of the force, for fx, fy, fz: what cells and linear theory leave wrong; benchmarks.force
 MODEL_STD = np.array([0.002, 0.002, 0.008])
 FEW_CELLS = 0.08  # of the normal force over the root of the number of cells
 BESIDE = 1.0  # thicknesses from a deep contact, within which a weak one cannot be told from it
 STILL = 2.0  # thicknesses from a contact, beyond which the gel lies still
-MAX_OF_VIEW = 0.9
+MAX_OF_VIEW = 0.9  # of the view: gel that covers less is flagged as small
 NO_CONTACT, NO_SHEAR = "no contact", "shear not measured"
 CUT = "contact cut by the border of the view or the gel"
 SMALL_GEL = "gel smaller than the view"
@@ -128,7 +130,9 @@ class ForceField:
             found = self._solve(compliance, seen, np.union1d(cells, more)) if len(more) else found
         if found is None or len(found.cells) == 0:
             reduced = self.material.youngs_modulus_MPa / (1 - self.material.poisson_ratio**2)
-            least = max(SURE * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min()))
+            least = max(
+                CONTACT.patch_sigma * float(np.median(seen.depth_std_mm)), -float(seen.displacement_mm[-1].min())
+            )
             unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
@@ -163,18 +167,13 @@ class ForceField:
         height: HeightMap,
         flags: tuple[str, ...],
     ) -> TractionMap:
-        grid, modulus, parts = compliance.grid, self.material.youngs_modulus_MPa, len(found.traction)
+        grid, parts = compliance.grid, len(found.traction)
         stiffer, by_share = self._stiffening(compliance, seen, found)
-        scale = modulus * stiffer
+        scale = self.material.youngs_modulus_MPa * stiffer
         weights = wrench_weights(grid, found.cells, parts) * np.tile(scale, parts)
         total = weights @ found.traction.ravel()
         noise = np.repeat(seen.std_mm, len(found.cells))
-        variance = np.diag(found.propagate(weights, noise)).copy()
-        if not np.isfinite(self._noise.correlation_px):
-            variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
-        if parts == 3 and seen.shear_std_mm > 0:
-            shared = np.full(len(found.cells), seen.shear_std_mm * _share(grid, found, seen.shear_alike_mm))
-            variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
+        variance = self._seen_variance(grid, seen, found, weights, noise)
         variance += self._material_variance(compliance, found, weights, total)
         variance[:3] += (MODEL_STD * np.linalg.norm(total[:3])) ** 2
         variance[2] += (FEW_CELLS * total[2]) ** 2 / len(found.cells)
@@ -191,6 +190,21 @@ class ForceField:
             fields[:2], total[[0, 1, 5]], std[[0, 1, 5]] = np.nan, np.nan, np.nan
         deepest = float(seen.displacement_mm[-1].ravel()[found.cells].max())
         return replace(_as_map(grid, fields, errors, total, std, flags, height), depth_mm=deepest)
+
+    def _seen_variance(
+        self, grid: NodeGrid, seen: Observation, found: Solution, weights: Floats, noise: Floats
+    ) -> Floats:
+        """Variance (6,) of force and moment, N² and (N mm)², by the errors of what is seen.
+
+        `noise` (parts C,) mm is that of each cell alone; a whole contact shares the rest.
+        """
+        variance = np.diag(found.propagate(weights, noise)).copy()
+        if not np.isfinite(self._noise.correlation_px):
+            variance += found.shift(weights, seen.depth_std_mm.ravel()[found.cells]) ** 2
+        if len(found.traction) == 3 and seen.shear_std_mm > 0:
+            shared = np.full(len(found.cells), seen.shear_std_mm * _share(grid, found, seen.shear_alike_mm))
+            variance += found.shift(weights, shared, 0) ** 2 + found.shift(weights, shared, 1) ** 2
+        return np.asarray(variance)
 
     def _stiffening(self, compliance: GelCompliance, seen: Observation, found: Solution) -> tuple[Floats, Floats]:
         """Factor (C,) on the linear tractions, and how its logarithm grows with the share of friction's effect."""
@@ -254,8 +268,10 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
 
 
 def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
-    """Whether pressure reaches the border: that of its cells, summed, is over SIGMAS of its own deviation, by
-    errors that the whole contact shares and by those of each cell alone."""
+    """Whether pressure reaches the border: that of its cells, summed, stands out of its own deviation.
+
+    That holds errors that the whole contact shares, and those of each cell alone.
+    """
     edge = at_border(found.cells, binary_fill_holes(seen.known))
     if not edge.any():
         return False
@@ -263,7 +279,7 @@ def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
     weights[0, -len(found.cells) :] = edge
     shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
     own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
-    return float(found.traction[-1][edge].sum()) > SIGMAS * float(np.hypot(shared, np.sqrt(own)))
+    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
 
 
 def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats, cut: bool) -> Floats:

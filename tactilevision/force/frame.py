@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from tactilevision.batch.jobs import Row
-from tactilevision.certificate.depth.face_depth import UNHELD, FaceDepthCorrection
+from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
@@ -20,7 +20,7 @@ from tactilevision.records.flags import MEANING
 from tactilevision.shear.measure import NOTHING_TO_FOLLOW, Untouched
 
 NO_REFERENCE = "no picture of the untouched gel to follow it from"
-NOTHING = (float("nan"),) * 3
+NOTHING = (float("nan"),) * 3  # N: a force that is not known
 Triple = tuple[float, float, float]
 
 
@@ -93,7 +93,7 @@ class ForceJob:
     untouched: Untouched | None
     store: TractionStore
     columns: int = 16
-    anchor: FaceDepthCorrection = UNHELD
+    anchor: FaceDepthCorrection = NO_CORRECTION
 
     def __call__(self, frame: Frame | BadFrame, number: int) -> Row:
         """Keep the tractions; the row holds the resultant, or why there is none."""

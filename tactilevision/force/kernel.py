@@ -23,8 +23,8 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.mechanics.layer import surface_compliance
 from tactilevision.records import Floats
 
-WAVES = 4
-REACH = 8.0
+WAVES = 4  # times the grid's own: shorter ones average out over a cell
+REACH = 8.0  # thicknesses of gel between a load and its next image, so that they do not feel each other
 
 
 @dataclass(frozen=True, slots=True)

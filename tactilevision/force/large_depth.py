@@ -27,7 +27,7 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records import Floats, Gel
 
 WIDEST = 3.0  # of the thickness: a wider patch is all thickness, and kappa's table ends
-THINNEST = 0.5
+THINNEST = 0.5  # of the thickness: deeper than that no factor is known
 
 
 def depth_factors(

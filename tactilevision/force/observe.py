@@ -16,11 +16,11 @@ from scipy.ndimage import distance_transform_edt
 from tactilevision.errors import InputError
 from tactilevision.force.nodes import Array, NodeGrid, cell_means, mean_std
 from tactilevision.records import Bools, Floats, HeightMap, ShearMap
+from tactilevision.robust import MAD_TO_STD
 
-MAD_TO_STD = 1.4826
-MIN_FAR = 50
-SAME_SCALE = 1e-3
-TINY = 1e-12
+MIN_FAR = 50  # cells, fewer do not tell the scatter of the gel that lies still
+SAME_SCALE = 1e-3  # relative difference of mm per pixel between two maps of one sensor
+TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import numpy as np
 from tactilevision.recording import Recording
 from tactilevision.records import Floats, Press
 
-STUCK = 5
+STUCK = 5  # equal readings at the extreme: a sensor at the end of its range
 
 
 class Readings:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from tactilevision.photometric.method import Evaluator
 from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.methods.network import NetworkEvaluator
 from tactilevision.photometric.methods.polynomial import MOST, RAISED, PolynomialEvaluator
+from tactilevision.photometric.protocols import Evaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
 

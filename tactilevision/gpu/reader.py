@@ -13,8 +13,9 @@ from tactilevision.gpu.cosine import TorchSolver
 from tactilevision.gpu.laws import Law, law_on
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
-from tactilevision.photometric.method import CalibratedMethod, Evaluator
-from tactilevision.photometric.multiresolution import Reading, TiledSlopes
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.photometric.multiresolution import TiledSlopes
+from tactilevision.photometric.protocols import Evaluator, Reading
 from tactilevision.records import Bytes, Pair, SlopeMap
 
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -23,7 +24,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 class TorchReader:
     """Reads frames of one method on `device`: `look` where it reads calm gel in means, else `read`."""
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair, device: str) -> None:
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair, device: str) -> None:
         """Raises LookupError for a colour law that torch is not told of."""
         self.method, self.device, self.calm = method, device, method.tiled_evaluator
         self.solver = TorchSolver(method.reference.shape, mm_per_px, device)

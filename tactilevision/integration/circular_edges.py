@@ -9,23 +9,25 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.circle import quick_circle, residual_std, weighted_solution
 from tactilevision.records import Floats, Pair, SlopeMap
-from tactilevision.robust import median
+from tactilevision.robust import geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
 ENOUGH = 200  # pixels that tell a circle to look for a rim on
-MIN_RADIUS_PX = 6.0
+MIN_RADIUS_PX = 6.0  # px: of a smaller circle no flank can be told
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
 SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
-BIN_PX = 0.5
+BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
-INNER_PX, OUTER = 12.0, 0.4  # the profile reaches this far inside the rim, and this part of the radius outside
+INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
+OUTER = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
-STIFFENING = 1e-9 * np.eye(3)
-HALF, QUARTER = 0.6977, 1.2452  # sigma before the edge, where a blurred 1/sqrt(s) has these parts of its peak
+HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
+QUARTER = 1.2452  # sigma before the edge, where it has a quarter of its peak; by quadrature
 
 Picture = npt.NDArray[np.float32]
 
@@ -67,7 +69,7 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list
         at = at[:: max(1, len(at) // ENOUGH)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        rim = _measure(slopes, mm_per_px, _circle(x, y, squared.ravel()[at].astype(np.float64)))
+        rim = _measure(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
         if rim is not None:
             found.append(rim)
     return found
@@ -172,18 +174,6 @@ def _parts(values: Floats, *shares: float) -> Floats:
     return np.asarray(ordered[np.multiply.outer(shares, last).astype(np.intp), np.arange(len(last))])
 
 
-def _circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
-    """Centre and radius of the weighted algebraic circle, robust to what lies off it."""
-    terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
-    keep = weight
-    for _ in range(2):
-        a, b, c = _solved(terms, squares, keep)
-        radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
-        off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
-        keep = weight * _trust(off, _scale(off))
-    return 0.5 * float(a), 0.5 * float(b), radius
-
-
 def _flanks(places: Floats, profiles: Floats, part: Floats | float) -> Floats:
     """Places (K,) where profiles (K, J), inwards from their peak, fall to a part of it (one, or (K,)); or NaN."""
     filled = np.where(np.isnan(profiles), -np.inf, profiles)
@@ -206,33 +196,11 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     """
     terms, places = _waves(len(places))[:, good], places[good]
     off = places - median(places)
-    solution, scale = np.zeros(3), _scale(off)
+    solution, scale = np.zeros(3), residual_std(off)
     for _ in range(4):
-        before, solution = solution, _solved(terms, places, _trust(off, scale))
+        before, solution = solution, weighted_solution(terms, places, geman_mcclure_weight(off, 2.0 * scale))
         off = places - solution @ terms
-        scale = _scale(off)
+        scale = residual_std(off)
         if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:
             break
     return solution, scale, float(np.sqrt(np.mean(off**2)))
-
-
-def _solved(terms: Floats, values: Floats, weights: Floats) -> Floats:
-    """Weighted least squares of values (n,) over terms (3, n)."""
-    heavy = terms * weights
-    normal = heavy @ terms.T + STIFFENING
-    return solved(normal, heavy @ values)
-
-
-def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k)."""
-    return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
-
-
-def _trust(off: Floats, scale: float) -> Floats:
-    """Weight of what is `off` by that much."""
-    weight = 1.0 / (1.0 + np.square(off * (0.5 / scale)))
-    return np.asarray(weight * weight)
-
-
-def _scale(off: Floats) -> float:
-    return 1.4826 * float(median(np.abs(off))) + 1e-9

@@ -130,8 +130,7 @@ def solve_edges(
     residual = right - stiffness(depth) if start is not None else right.copy()
     step = solver.solve(-residual)
     goal = tolerance**2 * abs(float(np.vdot(right, solver.solve(-right))))
-    energy = float(np.vdot(residual, step))
-    direction = step
+    energy, direction = float(np.vdot(residual, step)), step
     for _ in range(max_iterations):
         if energy <= goal:
             return np.asarray(depth - depth.mean())

@@ -26,21 +26,25 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, solved, window_of
+from tactilevision.integration.circle import solved
+from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges, window_of
 from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
-FOOT_PX, FAR = 6.0, 0.4  # read from this far inside the edge to this part of the radius outside
-CAMERA_PX, EDGE_PX = (0.8, 0.5), (0.5, 0.8)  # usual blur of camera and edge, and its spread (log)
-SLOPE_ERROR, SLOPE_FLOOR = 0.03, 0.01  # of the mean slope round the rim
-MIN_READ = 8  # bins
-MIN_FACE = 50  # pixels
+FOOT_PX = 6.0  # px inside the edge from which slopes are read
+FAR = 0.4  # of the radius outside the edge, to which slopes are read
+CAMERA_PX = (0.8, 0.5)  # px: usual blur of the camera, and the spread of its logarithm
+EDGE_PX = (0.5, 0.8)  # px: usual blur by the edge's rounding, and the spread of its logarithm
+SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
+SLOPE_FLOOR = 0.01  # mm/mm: deviation of the mean slope round the edge where it is gentle
+MIN_READ = 8  # bins outside the edge that can be read; with fewer it is not fitted
+MIN_FACE = 50  # pixels of a face; with fewer it counts as not known
 FINE = 0.25  # px: grid of the law
-MAX_ITERATIONS, DAMPING = 8, 1e-3
-EACH = np.arange(6)
-CONVERGENCE_TOL = (
-    0.02  # by which a step would still lessen the squares of what is left, in deviations: a seventh of one
-)
+MAX_ITERATIONS = 8  # steps of the fit, at most: a frame has little time
+DAMPING = 1e-3  # of the normal equations' diagonal, the least that a step is damped by
+EACH = np.arange(6)  # the unknowns' places on a diagonal
+# squares of deviations by which a last step would still lessen what is left: a seventh of one deviation
+CONVERGENCE_TOL = 0.02
 
 
 @dataclass(frozen=True, slots=True)

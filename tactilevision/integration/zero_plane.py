@@ -25,19 +25,23 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
+from tactilevision.records.contact_thresholds import slope_limit
+from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
 
 Depth = npt.NDArray[np.floating[Any]]
-DECAY_PER_THICKNESS = 0.9
+DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punches .75, balls 1
 DECAY_STD = 0.17  # relative, from contact to contact
-USUAL_THICKNESS_MM, THICKNESS_STD = 3.0, 0.3  # relative, where nobody has told it
+USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
+THICKNESS_STD = 0.3  # relative deviation of such a thickness
 FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
 NONE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
-BLOCKS, MIN_BLOCKS = 600, 12
+BLOCKS = 600  # over the picture, about: small against contacts, large against noise
+MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
 LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
-MAX_ITERATIONS = 4
+MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
-STIFFENING = 1.0 + 1e-9 * np.eye(5)
+STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
 SAMPLED = 8  # places along each side of a block that stand for it
 
 
@@ -112,7 +116,7 @@ def flat_blocks(slopes: SlopeMap) -> Bools:
         for s in (slopes.dz_dx, slopes.dz_dy)
     )
     steep = np.hypot(p - np.median(p), q - np.median(q))
-    return np.asarray(steep < 4.0 * np.median(steep) + 1e-3)
+    return np.asarray(steep < slope_limit(np.median(steep)))
 
 
 def _means(picture: Depth, blocks: tuple[int, ...]) -> Floats:
@@ -194,7 +198,7 @@ def _robust(
         square -= depth
         square *= square
         square[touched] = np.inf
-        scale = 1.4826 * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
+        scale = MAD_TO_STD * float(np.partition(square, count // 2)[count // 2]) ** 0.5 + 1e-12
         if (
             max(abs(now - then) for now, then in zip(solution[:3], before[:3], strict=True))
             < CONVERGENCE_TOL * scale
@@ -202,9 +206,7 @@ def _robust(
             break
         if rises:
             held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
-        square *= 1.0 / (3.0 * scale) ** 2
-        square += 1.0
-        square *= square
+        geman_mcclure_inverse(square, (3.0 * scale) ** 2)
         heavy = terms / square
     inverse = cv2.invert(normal)[1]
     std = float(scale * np.sqrt(correlated * inverse[0, 0]))

@@ -32,16 +32,17 @@ from tactilevision.mechanics.tables.friction import friction_place
 from tactilevision.records import Floats, Pair
 
 TABLE = Path(__file__).with_name("boundary_table.npz")
-DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h
+DISTANCES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # d/h, nodes of the table
+# Poisson's ratio, nodes of the table
 POISSON_NODES = (0.3, 0.4, 0.45, 0.48, 0.499)
-A_OVER_H_NODES = (0.4, 0.6, 2.5 / 3, 1.2, 1.5)
+A_OVER_H_NODES = (0.4, 0.6, 2.5 / 3, 1.2, 1.5)  # a/h, nodes of the table
 RATIO_DISTANCES = (0.25, 0.5, 1.0, 2.0)  # d/h; beyond, where s is small, the last holds
-RATIO_POISSON = (0.3, 0.45, 0.48, 0.499)
-RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)
-RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)
+RATIO_POISSON = (0.3, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the ratios
+RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)  # a/h, nodes of the ratios
+RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
 RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h
-DIRECTIONS = 180
-SAME_PAD = 1e-9
+DIRECTIONS = 180  # azimuths of the boundary's mean
+SAME_PAD = 1e-9  # relative difference below which two pads are one
 
 
 def softening(

@@ -21,10 +21,9 @@ from tactilevision.records import Floats
 
 START_STD_MM = 0.005  # before anything is known; only the weight of weak priors depends on it
 LONGEST = 8.0  # lags up to this many blocks are looked at
-FLOOR_SHARE = (
-    0.02  # at least this share of the variance is taken for white, which keeps the matrix well conditioned
-)
-LINEAR_UNKNOWNS = 12
+# of the variance: at least this share is taken for white, which keeps the matrix well conditioned
+FLOOR_SHARE = 0.02
+LINEAR_UNKNOWNS = 12  # columns of the linear part of the fit
 
 
 @dataclass(frozen=True, slots=True)

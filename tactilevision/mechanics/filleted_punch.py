@@ -39,7 +39,7 @@ SHARP_MM = 1e-5  # a smaller rounding is none
 MIN_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
 STEPS = 33  # of the contact's radius, from which its growth is read
 OFFSET = 0.002  # the table's variable is -ln(.5 + OFFSET - nu), in which nu = .5 is nothing special
-RATIOS = (0.05, 5.0)  # r/h
+RATIOS = (0.05, 5.0)  # r/h, range of the table
 SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 
 

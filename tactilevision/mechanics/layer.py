@@ -27,7 +27,8 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.material import positive, shear_modulus
 from tactilevision.records import Floats
 
-SERIES_BELOW = 0.05  # sinh(2u) - 2u from its series: the next term left out is below 1e-13 of the sum
+# u, below which sinh(2u) - 2u comes from its series: the next term left out is below 1e-13 of the sum
+SERIES_BELOW = 0.05
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ def contact_stiffness(
     radius_mm: npt.ArrayLike,
     thickness_mm: npt.ArrayLike,
 ) -> Floats:
-    """c = 2 a E kappa / (1 - nu^2), N/mm."""
+    """c = 2 a E kappa / (1 - nu^2), N/mm, any shape."""
     modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
     return np.asarray(modulus * _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
 
@@ -39,7 +39,7 @@ def youngs_modulus(
     radius_mm: npt.ArrayLike,
     thickness_mm: npt.ArrayLike,
 ) -> Floats:
-    """E = c (1 - nu^2) / (2 a kappa), MPa."""
+    """E = c (1 - nu^2) / (2 a kappa), MPa, any shape."""
     stiffness = positive("c_N_per_mm", c_N_per_mm)
     return np.asarray(stiffness / _stiffness_of_unit_modulus(poisson_ratio, radius_mm, thickness_mm))
 
@@ -66,23 +66,24 @@ def youngs_modulus_log_gradient(
 
 
 def reduced_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """E* = E / (1 - nu^2), MPa: what contact on a half-space feels."""
+    """E* = E / (1 - nu^2), MPa, any shape: what contact on a half-space feels."""
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (1 - _poisson(poisson_ratio) ** 2))
 
 
 def shear_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """mu = E / (2 (1 + nu)), MPa."""
+    """mu = E / (2 (1 + nu)), MPa, any shape."""
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (2 * (1 + _poisson(poisson_ratio))))
 
 
 def bulk_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """K = E / (3 (1 - 2 nu)), MPa; nu < .5."""
+    """K = E / (3 (1 - 2 nu)), MPa, any shape; nu < .5."""
     nu = _compressible(poisson_ratio)
     return np.asarray(positive("youngs_modulus_MPa", youngs_modulus_MPa) / (3 * (1 - 2 * nu)))
 
 
 def constrained_modulus(youngs_modulus_MPa: npt.ArrayLike, poisson_ratio: npt.ArrayLike) -> Floats:
-    """M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa: a layer compressed all over gives by h/M; nu < .5."""
+    """M = E (1 - nu) / ((1 + nu) (1 - 2 nu)), MPa, any shape: a layer
+    compressed all over gives by h/M; nu < .5."""
     nu = _compressible(poisson_ratio)
     modulus = positive("youngs_modulus_MPa", youngs_modulus_MPa)
     return np.asarray(modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu)))
@@ -106,7 +107,7 @@ def moduli_of_neo_hooke(c10_MPa: float, d1_per_MPa: float) -> tuple[float, float
 
 
 def positive(name: str, value: npt.ArrayLike) -> Floats:
-    """`value` as an array, or InputError where any of it is not a finite number above 0."""
+    """`value` as an array of any shape, or InputError where any of it is not a finite number above 0."""
     numbers = np.asarray(value, dtype=float)
     if not (np.isfinite(numbers) & (numbers > 0)).all():
         raise InputError(

@@ -24,8 +24,9 @@ from tactilevision.mechanics.material import constrained_modulus, positive, shea
 from tactilevision.mechanics.punch_equation import gauss, solve_punch
 from tactilevision.records import Bools, Floats, Pair
 
-WAVES, LAST_WAVE = 256, 40.0  # the stresses at the base fall like u exp(-u)
-GRID = 200
+WAVES = 256  # nodes of the integral over wave numbers
+LAST_WAVE = 40.0  # of u: the stresses at the base fall like u exp(-u)
+GRID = 200  # places across the base
 
 
 def base_energy(r_mm: npt.ArrayLike, *, radius_mm: float, thickness_mm: float, poisson_ratio: float) -> Floats:

@@ -43,12 +43,12 @@ from tactilevision.mechanics.surface_view import SurfaceView, reduce_view
 from tactilevision.mechanics.tables.profile import TABULATED
 from tactilevision.records import Estimate, Floats
 
-START = 0.45
+START = 0.45  # Poisson's ratio at the start of the fit
 AT_BOUND = 1e-3  # an estimate this near the table's lowest nu belongs to another model
 PINNED = 1e-6  # standard deviation of what is taken as known
-MIN_CLUSTERS = 4
+MIN_CLUSTERS = 4  # clusters of errors from which a robust covariance is taken
 SECTORS = 8  # of directions from the punch
-SAME_DEPTH = 0.1
+SAME_DEPTH = 0.1  # of the depth, within which presses are of one depth
 NO_ANSWER_WIDTH = 0.25  # an interval as wide as half the range of nu says nothing
 
 
@@ -94,7 +94,8 @@ class SurfaceFit:
 
 
 NAMES = ("poisson_ratio", "log_thickness", "friction_share", "gain")
-LOWER, UPPER = (-0.5, 0.0, 0.5), (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
+LOWER = (-0.5, 0.0, 0.5)  # of all but nu, whose bounds are the model's
+UPPER = (0.5, 1.0, 2.0)  # of all but nu, whose bounds are the model's
 
 
 @dataclass(frozen=True, slots=True)

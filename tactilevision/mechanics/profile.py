@@ -43,10 +43,11 @@ from tactilevision.records import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-FULL_FRICTION = 0.3
-LIKELY_SHARE, SHARE_STD = 0.7, 0.3  # of friction's full effect, where nothing is known: silicone grips most things
+FULL_FRICTION = 0.3  # Coulomb's coefficient that is taken for full friction
+LIKELY_SHARE = 0.7  # of friction's full effect, where nothing is known: silicone grips most things
+SHARE_STD = 0.3  # of friction's full effect, one sigma, where nothing is known
 REACH = 20.0  # the spline goes as far as r = a + 20 h, where the rise is below 1e-6 w
-SPLINE_NODES = 100
+SPLINE_NODES = 100  # of the profile's spline
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from tactilevision.records import Floats, Material
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-GRID = 400
+GRID = 400  # depths of the integrated curve
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,11 +22,11 @@ from numpy.polynomial import Legendre
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
-NODES = 64
-KERNEL_NODES = 320
+NODES = 64  # of Gauss and Legendre on the punch's radius
+KERNEL_NODES = 320  # of the kernel's integral
 KERNEL_END = 24.0  # (4 u^2) exp(-2u) has fallen to 3e-18 there
-POISSON_RANGE = (0.0, 0.5)
-A_OVER_H_RANGE = (0.05, 10.0)
+POISSON_RANGE = (0.0, 0.5)  # Poisson's ratio, range of validity
+A_OVER_H_RANGE = (0.05, 10.0)  # a/h, range of validity
 
 
 @dataclass(frozen=True, slots=True)

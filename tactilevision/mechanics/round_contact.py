@@ -28,15 +28,15 @@ from tactilevision.mechanics.material import positive, reduced_modulus
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE, equation_matrix, gauss, legendre_series
 from tactilevision.records import Floats
 
-NODES = 48
-CURVE_POINTS = 80
+NODES = 48  # of Gauss and Legendre on the contact's radius
+CURVE_POINTS = 80  # radii of contact along a curve
 
 
 class RoundBody(Protocol):
     """A smooth convex body of revolution: Ball, Cone, or one's own."""
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """s(x) of the module's equation, mm; 0 at x = 0 and growing."""
+        """s(x) of the module's equation, mm, any shape; 0 at x = 0 and growing."""
         ...
 
     def largest_contact_mm(self) -> float:
@@ -54,11 +54,11 @@ class Ball:
         positive("radius_mm", self.radius_mm)
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """See RoundBody."""
+        """See RoundBody: mm, any shape."""
         return np.asarray(x_mm * np.arctanh(x_mm / self.radius_mm))
 
     def largest_contact_mm(self) -> float:
-        """See RoundBody."""
+        """See RoundBody: mm, any shape."""
         return 0.95 * self.radius_mm
 
 
@@ -78,11 +78,11 @@ class Cone:
             )
 
     def sag(self, x_mm: Floats, /) -> Floats:
-        """See RoundBody."""
+        """See RoundBody: mm, any shape."""
         return np.asarray(np.pi / 2 * x_mm / np.tan(np.radians(self.half_angle_deg)))
 
     def largest_contact_mm(self) -> float:
-        """See RoundBody."""
+        """See RoundBody: mm, any shape."""
         return float("inf")
 
 

@@ -17,11 +17,11 @@ from tactilevision.mechanics.profile import ProfileModel, ProfileSource, PunchCa
 from tactilevision.mechanics.surface_view import Blocks
 from tactilevision.records import Floats
 
-FACE_TILT_STD = 0.02
+FACE_TILT_STD = 0.02  # slope, one sigma of the face's tilt
 PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
-FREE_DEPTH_STD = 10.0
-MIN_BLOCKS = 12
-UNKNOWNS = 12
+FREE_DEPTH_STD = 10.0  # mm, one sigma of a depth that is not known: as good as free
+MIN_BLOCKS = 12  # blocks beside the punch
+UNKNOWNS = 12  # columns of the linear part of the fit
 DEPTH_STEP = 0.001  # of w/h
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 

@@ -25,10 +25,10 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
-CHI_RANGE = (0.0, 1.0)
-DIMITRIADIS_BALL = (1.133, 1.283, 0.769, 0.0975)
-GARCIA_BALL = (1.133, 1.497, 1.469, 0.755)
-GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)
+CHI_RANGE = (0.0, 1.0)  # range of validity of the series
+DIMITRIADIS_BALL = (1.133, 1.283, 0.769, 0.0975)  # coefficients of chi, chi², chi³, chi⁴
+GARCIA_BALL = (1.133, 1.497, 1.469, 0.755)  # coefficients of chi, chi², chi³, chi⁴
+GARCIA_CONE = (0.721, 0.650, 0.491, 0.225)  # coefficients of the series' powers of chi
 
 
 def dimitriadis_ball(chi: npt.ArrayLike) -> Floats:

@@ -29,9 +29,12 @@ if TYPE_CHECKING:
     from scipy.interpolate import RectBivariateSpline
 
 TABLE = Path(__file__).with_name("tilted_punch.csv")
-RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)
-PLACES = np.linspace(-1, 2, 31)
-SQUARES, NU, TURNS, CONVERGENCE_TOL = 65, 0.48, 4000, 1e-9
+RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # a/h, nodes of the table
+PLACES = np.linspace(-1, 2, 31)  # place along the tilt, nodes of the table
+SQUARES = 65  # squares across the face
+NU = 0.48  # Poisson's ratio of the table
+TURNS = 4000  # iterations at most
+CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
 def upright(x: Floats, a_over_h: float) -> Floats:

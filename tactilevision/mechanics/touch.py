@@ -22,9 +22,9 @@ from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.mechanics.profile import LINEAR, ProfileModel, PunchCase, seen_profile
 from tactilevision.records import Indenter
 
-STEPS = 50
-TOLERANCE = 1e-10
-FRICTIONS = (0.0, 0.3, float("inf"))
+STEPS = 50  # of the fixed point, at most
+TOLERANCE = 1e-10  # of the height, change of the depth at which the iteration ends
+FRICTIONS = (0.0, 0.3, float("inf"))  # Coulomb's coefficients that span what friction may do
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +52,7 @@ def touch_depth(
     friction (where the source knows friction) are carried to the depth.
     Raises InputError where the indenter lacks a height or a bevel distance, or the bevel would lie under the face.
     """
-    height, distance = indenter.height_mm, indenter.bevel_distance_mm
-    if height is None or distance is None:
-        raise InputError(
-            "the touch needs height_mm and bevel_distance_mm",
-            where=f"indenter.{indenter.name}",
-            remedy="Add them to recording.toml.",
-        )
-    if not (0 < height < thickness_mm and distance > indenter.radius_mm):
-        raise InputError(
-            "the height lies between 0 and the gel's thickness, and the bevel beside the face",
-            where=f"indenter.{indenter.name}",
-            value=(height, distance),
-        )
+    height, distance = _placed(indenter, thickness_mm)
 
     def rise(nu: float, place_mm: float, friction: float) -> tuple[float, float]:
         return _solve(height, lambda w: _rho(indenter.radius_mm, place_mm, thickness_mm, nu, (w, friction), model))
@@ -84,6 +72,24 @@ def touch_depth(
     rho_std = float(np.linalg.norm(parts))
     depth_std = float(np.hypot(indenter.height_std_mm, depth * rho_std)) / (1 + rho)
     return Touch(depth, depth_std, rho, rho_std)
+
+
+def _placed(indenter: Indenter, thickness_mm: float) -> tuple[float, float]:
+    """Height of the face over the bevel and the bevel's distance, mm, checked."""
+    height, distance = indenter.height_mm, indenter.bevel_distance_mm
+    if height is None or distance is None:
+        raise InputError(
+            "the touch needs height_mm and bevel_distance_mm",
+            where=f"indenter.{indenter.name}",
+            remedy="Add them to recording.toml.",
+        )
+    if not (0 < height < thickness_mm and distance > indenter.radius_mm):
+        raise InputError(
+            "the height lies between 0 and the gel's thickness, and the bevel beside the face",
+            where=f"indenter.{indenter.name}",
+            value=(height, distance),
+        )
+    return height, distance
 
 
 def _rho(

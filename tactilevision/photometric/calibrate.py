@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from tactilevision.photometric.ball.cross_validation import (
     scale_uncertainty,
 )
 from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.gamma import response_of
 from tactilevision.photometric.ball.observability import Observability, slope_observability
 from tactilevision.photometric.ball.samples import (
     CONTACT,
@@ -33,11 +34,12 @@ from tactilevision.photometric.ball.samples import (
     untouched,
     with_noise,
 )
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
 from tactilevision.photometric.illumination.drift import solid
-from tactilevision.photometric.illumination.gamma import response_of
 from tactilevision.photometric.markers import marked
-from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
@@ -124,25 +126,24 @@ def calibrate_from_balls(
     unsure = {number: off for number, (_, off) in doubt.unseen.items()}
     names = [picture.name for picture in pictures]
     warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names, unsure=unsure)
-    card: dict[str, Any] = {
-        "method": law.name,
-        "balls": len(contact),
-        "balls_left_out": len(pictures) - len(contact),
-        "balls_cover": np.round(cover, 3).tolist(),
-        "held_out_direction_error_deg": direction,
-        "held_out_slope_rms": error,
-        "held_out_gain_std": gain_std(found, touching),
-        "place_gain_std": np.round(doubt.gain_std, 5).tolist(),
-        "place_gain_borne_out": doubt.coverage_factor,
-        "fitted_by": getattr(way, "__name__", type(way).__name__),
-        "ridge": ridge,
-        "slope_of_one_pixels_noise_best": light.best,
-        "slope_of_one_pixels_noise_worst": light.worst,
-        "steepest_slope": float(np.hypot(*touching.slopes.T).max()),
-        "response": response_of(touching, seen_at(touching, change.level)).told(),
-    }
-    if touched:
-        card["contact_in_reference_px"] = touched
+    card = MethodCard(
+        method=law.name,
+        balls=len(contact),
+        balls_left_out=len(pictures) - len(contact),
+        balls_cover=tuple(np.round(cover, 3).tolist()),
+        held_out_direction_error_deg=direction,
+        held_out_slope_rms=error,
+        held_out_gain_std=gain_std(found, touching),
+        place_gain_std=np.round(doubt.gain_std, 5).tolist(),
+        coverage_factor=doubt.coverage_factor,
+        fitted_by=getattr(way, "__name__", type(way).__name__),
+        ridge=ridge,
+        min_slope_noise=light.best,
+        max_slope_noise=light.worst,
+        steepest_slope=float(np.hypot(*touching.slopes.T).max()),
+        response=response_of(touching, seen_at(touching, change.level)).told(),
+        contact_in_reference_px=touched,
+    )
     return Calibration(
         CalibratedMethod(law, reference, relative, background, card),
         tuple(balls),

@@ -1,16 +1,143 @@
-"""What every card says beside its figures: when, with which versions, under which licence."""
+"""The card of a photometric method: what it was made from, how far it is off, and how it is to be read.
+
+On disk a card is a JSON table. Each field of `MethodCard` names its key there; keys without a field are kept in
+`other`, so that a card of another version is written as it was read.
+"""
 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from tactilevision.errors import InputError
+from tactilevision.records import Pair
+
 PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")
+
+Rows = list[Any]  # (h, w) or (h, w, 3), over blocks of the picture
+
+
+def _pair(value: Any) -> Pair:
+    x, y = value
+    return float(x), float(y)
+
+
+def _numbers(value: Any) -> dict[str, float]:
+    return {str(name): float(number) for name, number in value.items()}
+
+
+def _floats(value: Any) -> tuple[float, ...]:
+    return tuple(float(number) for number in value)
+
+
+_KEYS = {
+    "coverage_factor": "place_gain_borne_out",
+    "leakage_std": "spread",
+    "min_slope_noise": "slope_of_one_pixels_noise_best",
+    "max_slope_noise": "slope_of_one_pixels_noise_worst",
+    "baseline": "usual",
+    "tile_px": "calm_gel_px",
+}  # on disk, of fields whose key is another
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "method": str,
+    "balls": int,
+    "balls_left_out": int,
+    "balls_cover": _floats,
+    "sensor": str,
+    "light": list,
+    "place_gain_std": list,
+    "untouched_std_mm": list,
+    "baseline": _numbers,
+    "contact_in_reference_px": _pair,
+    "fitted_by": str,
+    "response": dict,
+    "depth_terms_mm": dict,
+    "tile_px": int,
+    "format": int,
+    "sha256": str,
+    "onnx_sha256": str,
+    "onnx_opset": int,
+}  # JSON value to a field; float for all others
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MethodCard:
+    """What is known of one method; None is not known. Slopes and gains have no unit."""
+
+    # what it was made from
+    method: str | None = None
+    balls: int | None = None
+    balls_left_out: int | None = None
+    balls_cover: tuple[float, ...] | None = None  # of the picture, across and down
+    sensor: str | None = None
+    light: Rows | None = None  # grey levels of the blocks that it was made in
+
+    # how far it is off
+    held_out_direction_error_deg: float | None = None  # median
+    held_out_slope_rms: float | None = None
+    held_out_relative_error: float | None = None
+    held_out_gain_std: float | None = None
+    seen_gain_std: float | None = None  # over the balls of the fit
+    place_gain_std: Rows | None = None
+    coverage_factor: float | None = None
+    leakage_std: float | None = None
+    min_slope_noise: float | None = None  # best direction
+    max_slope_noise: float | None = None  # worst direction
+    frame_noise: float | None = None  # of the noise that the reference tells
+    untouched_depth_rms_mm: float | None = None
+    untouched_std_mm: Rows | None = None
+    depth_terms_mm: dict[str, Any] | None = None  # of ball presses, by term and depth
+    baseline: dict[str, float] | None = None  # misfit, zero_std_mm
+    contact_in_reference_px: Pair | None = None  # x, y
+
+    # how it is to be read
+    fitted_by: str | None = None
+    ridge: float | None = None
+    steepest_slope: float | None = None
+    response: Mapping[str, Any] | None = None  # of the camera: power, answers
+    tile_px: int | None = None  # side of the blocks that untouched gel is averaged over
+
+    # of its files
+    format: int | None = None
+    sha256: str | None = None
+    onnx_sha256: str | None = None
+    onnx_opset: int | None = None
+
+    other: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> MethodCard:
+        """The card of a JSON table. Raises InputError for a value of another kind than its key's."""
+        rest, known = dict(content), dict[str, Any]()
+        for name in _entries():
+            key = _KEYS.get(name, name)
+            value = rest.pop(key, None)
+            if value is not None:
+                try:
+                    known[name] = _READERS.get(name, float)(value)
+                except (TypeError, ValueError, AttributeError) as fault:
+                    raise InputError("the method's card cannot be read", where=key, value=value) from fault
+        return cls(**known, other=rest)
+
+    def to_json(self) -> dict[str, Any]:
+        """The card as a JSON table, entries that are not known left out."""
+        known = {_KEYS.get(name, name): getattr(self, name) for name in _entries()}
+        return {key: value for key, value in known.items() if value is not None} | dict(self.other)
+
+    def extended(self, entries: Mapping[str, Any]) -> MethodCard:
+        """The card with further `entries`, by their keys on disk."""
+        return MethodCard.from_json(self.to_json() | dict(entries))
+
+
+def _entries() -> list[str]:
+    return [one.name for one in fields(MethodCard) if one.name != "other"]
 
 
 def provenance(data: str, *, licence: str) -> dict[str, Any]:
-    """`data`: what a method was made from; `licence` of the method's file."""
+    """Entries of a card: date, versions, `licence` of the method's file, and the `data` it was made from."""
     return {
         "data": data,
         "date": datetime.datetime.now(tz=datetime.UTC).date().isoformat(),

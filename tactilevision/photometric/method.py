@@ -1,61 +1,56 @@
-"""What a photometric method is: a rectified frame in, slopes out."""
+"""Calibrated photometric methods: a rectified frame in, slopes out."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground, darkness, doubt, noise_bias
-from tactilevision.photometric.illumination.camera_response import response_in
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.illumination.camera_response import response_of_card
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
-from tactilevision.photometric.multiresolution import Reading, TiledEvaluator, smooth_pixels
+from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
-from tactilevision.records import Bytes, Floats, SlopeMap
+from tactilevision.records import Bools, Bytes, SlopeMap
 
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]
 
 
-class PhotometricMethod(Protocol):
-    """Anything with these members works everywhere; PHOTOMETRIC only lists the ones that come along."""
+@runtime_checkable
+class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
+    """A method that compares a frame with a reference, follows its light, and knows its own error.
 
-    name: str
+    `told` (h, w): blocks of the picture where the law holds, for the zero plane.
+    """
 
-    def slopes(self, rgb_rectified: Bytes) -> SlopeMap: ...
-
-
-class Evaluator(Protocol):
-    """A colour law made ready for one picture size."""
-
-    def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
-
-    def strip(self, change: Planes, window: Window, out: Planes) -> None:
-        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window of the picture, STRIP_PX at most."""
-
-    def noise(self, noise: Planes) -> Picture: ...
-
-
-class ColourLaw(Protocol):
-    """Slope as a function of colour change and place, free of any one sensor's reference picture."""
+    relative_error: float
+    quiet: SlopeBackground | None
+    card: MethodCard
+    told: Bools
 
     @property
-    def name(self) -> str: ...
+    def tiled_evaluator(self) -> TiledEvaluator | None: ...
 
-    def at(self, change: Floats, place: Floats) -> Floats: ...
+    def read(self, rgb_rectified: Bytes) -> Reading: ...
 
-    def averaged(self, noise: Floats) -> ColourLaw:
-        """The law that says of a colour what this one says, on the mean, of that colour with `noise` (3,)."""
-        ...
+    def follow(self, rgb_rectified: Bytes, share: float) -> None: ...
 
-    def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
+    def with_reference(self, reference: Reference) -> ReferencedMethod: ...
 
-    def arrays(self) -> dict[str, Floats]: ...
+    def with_card(self, card: MethodCard) -> ReferencedMethod: ...
+
+
+def as_referenced(method: object) -> ReferencedMethod | None:
+    """The method as one with a reference; None for one that gives slopes alone."""
+    return method if isinstance(method, ReferencedMethod) else None
 
 
 @dataclass
@@ -70,11 +65,11 @@ class CalibratedMethod:
     reference: Reference
     relative_error: float = 0.0
     quiet: SlopeBackground | None = None
-    card: Mapping[str, Any] = field(default_factory=dict)
+    card: MethodCard = field(default_factory=MethodCard)
 
     def __post_init__(self) -> None:
         self.name = self.law.name
-        self.change = ColourChange(self.reference, response_in(self.card))
+        self.change = ColourChange(self.reference, response_of_card(self.card.response))
         self.evaluate = self.law.evaluator(self.reference.shape)
         noise = self.evaluate.noise(self.change.noise)
         quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
@@ -83,8 +78,9 @@ class CalibratedMethod:
         self.rest = noise_bias(self.evaluate, self.change.noise)
         self.bias: Planes = np.stack([(q + r) * self.calm for q, r in zip(quiet[:2], self.rest, strict=True)])
         self.noise: Picture = quiet[2] * self.calm
-        self.readable = self.reference.usable & (self.calm > 0.5)
-        self.told = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA) > 0.95
+        self.readable: Bools = self.reference.usable & (self.calm > 0.5)
+        calm = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA)
+        self.told: Bools = np.asarray(calm > 0.95)
 
     @property
     def current_background(self) -> SlopeBackground:
@@ -123,7 +119,7 @@ class CalibratedMethod:
     @cached_property
     def tiled_evaluator(self) -> TiledEvaluator | None:
         """What reads calm gel in means; None where the method was not settled so (card)."""
-        px = int(self.card.get("calm_gel_px", 1))
+        px = self.card.tile_px or 1
         return TiledEvaluator(self, px) if 1 < px <= smooth_pixels(self) else None
 
     def read_window(self, window: Window) -> tuple[Planes, float]:
@@ -152,6 +148,10 @@ class CalibratedMethod:
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""
         return CalibratedMethod(self.law, reference, self.relative_error, self.quiet, self.card)
+
+    def with_card(self, card: MethodCard) -> CalibratedMethod:
+        """The same method with another card."""
+        return replace(self, card=card)
 
     def _std(self, dz_dx: Array, dz_dy: Array) -> Array:
         std = np.abs(dz_dx)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -23,11 +22,9 @@ from tactilevision.photometric.background import noise_bias
 from tactilevision.photometric.illumination.block_means import means, usual_pixels
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.protocols import PixelMethod, Reading
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
-
-if TYPE_CHECKING:
-    from tactilevision.photometric.method import CalibratedMethod
 
 LOUD = 4.0
 ROUGH = (
@@ -44,15 +41,6 @@ Picture = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What one frame says: its slopes, the drift of its light, and the greatest |slope|."""
-
-    slopes: SlopeMap
-    drift: Drift
-    steepest: float
-
-
-@dataclass(frozen=True, slots=True)
 class TiledSlopes:
     """What one frame says, calm gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and `fine`
     (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
@@ -65,7 +53,7 @@ class TiledSlopes:
     steepest: float
 
 
-def smooth_pixels(method: CalibratedMethod) -> int:
+def smooth_pixels(method: PixelMethod) -> int:
     """Pixels along each side of the means in which calm gel is read; 1 where it is to be read pixel by pixel."""
     side = min(method.reference.shape)
     if method.reference.marks is not None or side < LEAST:
@@ -76,7 +64,7 @@ def smooth_pixels(method: CalibratedMethod) -> int:
 class TiledEvaluator:
     """Reads frames for one method in means of `px` by `px`; what depends on the method alone is made once."""
 
-    def __init__(self, method: CalibratedMethod, px: int) -> None:
+    def __init__(self, method: PixelMethod, px: int) -> None:
         self.method, self.px = method, px
         height, width = method.reference.shape
         self.size = width // px, height // px

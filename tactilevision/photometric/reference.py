@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.photometric.markers import Marks, find_marks
 from tactilevision.records import Bools, Bytes
+from tactilevision.robust import MAD_TO_STD
 
 SATURATED = 253  # grey level from which a channel no longer counts light (JPEG moves 255 about)
 MIN_SIGNAL = 12.0  # brightness over noise below which a pixel tells nothing of slope
@@ -80,7 +81,7 @@ def _noise_within(mean: npt.NDArray[np.float32]) -> tuple[float, float, float]:
     """Median response to a filter that no plane or curved surface excites (Immerkaer, CVIU 64, 1996)."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0
     fine = np.abs(cv2.filter2D(mean, -1, kernel))
-    return _floored(1.4826 * np.median(fine.reshape(-1, 3), axis=0))
+    return _floored(MAD_TO_STD * np.median(fine.reshape(-1, 3), axis=0))
 
 
 def _floored(noise: npt.NDArray[np.floating]) -> tuple[float, float, float]:

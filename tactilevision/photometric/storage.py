@@ -19,19 +19,21 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import light_of
 from tactilevision.photometric.markers import find_marks
-from tactilevision.photometric.method import CalibratedMethod, ColourLaw
+from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.photometric.methods.lookup import Lookup
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 
-FORMAT = 1
+FORMAT = 1  # version of a method's card; cards of another are refused
 
 
-def save_method(method: CalibratedMethod, path: Path | str) -> Path:
+def save_method(method: ReferencedMethod, path: Path | str) -> Path:
     """Write `path` (.npz) and the card beside it; returns the path of the numbers."""
     target = Path(path).with_suffix(".npz")
     held = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
@@ -45,11 +47,11 @@ def save_method(method: CalibratedMethod, path: Path | str) -> Path:
         held["quiet"] = np.stack([method.quiet.bias_x, method.quiet.bias_y, method.quiet.noise])
     with replacing(target) as temporary:
         np.savez_compressed(temporary, **held)  # type: ignore[arg-type]
-    card = dict(method.card) | {"format": FORMAT, "method": method.name, "sha256": digest(target)}
+    entries: dict[str, Any] = {"format": FORMAT, "method": method.name, "sha256": digest(target)}
     if isinstance(method.law, Network):
         light = np.round(light_of(method.reference), 1).tolist()  # the network may travel without its numbers
-        card |= _save_network(method.law, target.with_suffix(".onnx")) | {"light": light}
-    write_json(target.with_suffix(".json"), card)
+        entries |= _save_network(method.law, target.with_suffix(".onnx")) | {"light": light}
+    write_json(target.with_suffix(".json"), method.card.to_json() | entries)
     return target
 
 
@@ -59,7 +61,7 @@ def load_method(path: Path | str) -> CalibratedMethod:
     card = read_card(target.with_suffix(".json"))
     if not target.is_file():
         raise InputError("the method's numbers are missing", where=target)
-    if card.get("format") != FORMAT or card.get("sha256") != digest(target):
+    if card.format != FORMAT or card.sha256 != digest(target):
         raise InputError(
             "the method does not match its card",
             where=target,
@@ -94,7 +96,8 @@ def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
     target = Path(path).with_suffix(".onnx")
     card = read_card(target.with_suffix(".json"))
     law = _network(card, target)
-    return CalibratedMethod(law, reference, float(card.get("held_out_relative_error", 1.0)), None, card)
+    error = 1.0 if card.held_out_relative_error is None else card.held_out_relative_error
+    return CalibratedMethod(law, reference, error, None, card)
 
 
 def digest(path: Path) -> str:
@@ -102,8 +105,8 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _law(card: Mapping[str, Any], held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
-    name = card.get("method")
+def _law(card: MethodCard, held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+    name = card.method
     if name == Polynomial.name:
         coefficients = held["law_coefficients"]
         if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
@@ -127,21 +130,21 @@ def _save_network(network: Network, path: Path) -> dict[str, Any]:
     return {"onnx_sha256": network.sha256, "onnx_opset": OPSET, "steepest_slope": network.steepest}
 
 
-def _network(card: Mapping[str, Any], path: Path) -> Network:
+def _network(card: MethodCard, path: Path) -> Network:
     """The network of a card, tried on one pixel so that a strange one is told now and not at the first frame."""
-    if card.get("method") != Network.name or "onnx_sha256" not in card or "steepest_slope" not in card:
-        raise InputError("the card is not that of a network", where=path, value=card.get("method"))
+    if card.method != Network.name or card.onnx_sha256 is None or card.steepest_slope is None:
+        raise InputError("the card is not that of a network", where=path, value=card.method)
     if not path.is_file():
         raise InputError("the network is missing", where=path, remedy="Copy it together with its card.")
     content = path.read_bytes()
-    session = open_bytes(content, str(card["onnx_sha256"]), where=path)
+    session = open_bytes(content, card.onnx_sha256, where=path)
     found = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
     if found.shape != (1, 2, 1, 1):
         raise InputError("the network does not give slopes", where=path, value=found.shape)
-    return Network(content, float(card["steepest_slope"]), path)
+    return Network(content, card.steepest_slope, path)
 
 
-def read_card(path: Path) -> dict[str, Any]:
+def read_card(path: Path) -> MethodCard:
     """The card of a method. Raises InputError where it is missing or no table."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -149,4 +152,4 @@ def read_card(path: Path) -> dict[str, Any]:
         raise InputError(f"the method's card cannot be read: {fault}", where=path) from fault
     if not isinstance(content, dict):
         raise InputError("the method's card is not a table", where=path)
-    return content
+    return MethodCard.from_json(content)

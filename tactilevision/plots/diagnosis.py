@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BINS = 8
+BINS = 8  # of a residual panel, each with as many residuals
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,19 +63,7 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
         degrees, cmap=style.DEPTH_MAP, vmin=0, vmax=top, extent=extent_mm(height), interpolation="none"
     )
     figure.colorbar(image, ax=tilt, label="tilt (degrees)", shrink=0.85)
-    step = max(1, max(depth.shape) // 28)
-    rows, columns = (np.arange(step // 2, n, step) for n in depth.shape)
-    some = np.ix_(rows, columns)
-    far = np.maximum(steep[some], 1e-9)
-    strong = steep[some] > np.nanmax(steep, initial=0.0) / 10
-    x, y = np.meshgrid(columns * height.mm_per_px[0], rows * height.mm_per_px[1])
-    arrow = [
-        np.where(strong, down[some] / far, 0)[strong] for down in (down_x, down_y)
-    ]  # their colour says how steep
-    size = 1.4 * step * min(height.mm_per_px)
-    tilt.quiver(
-        x[strong], y[strong], *arrow, color="white", angles="xy", scale_units="xy", scale=1 / size, width=0.003
-    )
+    _draw_arrows(tilt, height, (down_x, down_y))
     lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
     scale_bar(lit, height, colour="black")
     for axes, words in (
@@ -86,6 +74,22 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
         axes.grid(False)
         axes.set(xlabel="x (mm)", ylabel="y (mm)", title=words)
     return figure
+
+
+def _draw_arrows(axes: Axes, height: HeightMap, slopes: tuple[Floats, Floats]) -> None:
+    """Arrows down the `slopes` (H, W) mm/mm along x and y, where they are a tenth of the greatest at least."""
+    steep = np.hypot(*slopes)
+    step = max(1, max(steep.shape) // 28)
+    rows, columns = (np.arange(step // 2, n, step) for n in steep.shape)
+    some = np.ix_(rows, columns)
+    far = np.maximum(steep[some], 1e-9)
+    strong = steep[some] > np.nanmax(steep, initial=0.0) / 10
+    x, y = np.meshgrid(columns * height.mm_per_px[0], rows * height.mm_per_px[1])
+    arrow = [np.where(strong, down[some] / far, 0)[strong] for down in slopes]  # their colour says how steep
+    size = 1.4 * step * min(height.mm_per_px)
+    axes.quiver(
+        x[strong], y[strong], *arrow, color="white", angles="xy", scale_units="xy", scale=1 / size, width=0.003
+    )
 
 
 @style.house_look

@@ -8,35 +8,37 @@ At the picture's border, where light and gel change first, a hill tells nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.drift import solid
-from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.records import Bytes, Pair
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.quality.reference_match import ReferenceMatch
+from tactilevision.records import Bytes, HeightMap, Pair
 
-if TYPE_CHECKING:
-    from tactilevision.reconstruct import Reconstructor
-
-MIN_FRAMES, MAX_FRAMES = 3, 9
+MIN_FRAMES = 3  # frames that can be read; fewer show nothing
+MAX_FRAMES = 9  # frames that are read, at most, spread evenly
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
 CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
-MIN_MM = 0.03
+MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
 OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
-BORDER = 2  # blocks
+BORDER = 2  # blocks along the border of the picture, which do not count
 
 
-def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple[str, ...]:
-    """See by rectified `pictures` that lie on it if the reference shows a contact; note it, with a warning."""
-    likeness = reader.likeness
-    if likeness is None or likeness.moved is not None or likeness.touched is not None:
+def check_reference(
+    likeness: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+) -> tuple[str, ...]:
+    """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
+
+    `height_map` gives the map of a rectified picture.
+    """
+    if likeness.moved is not None or likeness.touched is not None:
         return ()
-    likeness.touched = contact_in_reference(reader, pictures)
+    likeness.touched = contact_in_reference(likeness.method, height_map, pictures)
     if likeness.touched is None:
         return ()
     x, y = likeness.touched
@@ -46,19 +48,18 @@ def look_at_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> tuple
     )
 
 
-def contact_in_reference(reader: Reconstructor, pictures: Sequence[Bytes]) -> Pair | None:
-    """Where (x, y in px) the reference of `reader` shows a contact, by rectified `pictures` (H, W, 3) of its run.
+def contact_in_reference(
+    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+) -> Pair | None:
+    """Where (x, y in px) the reference of `method` shows a contact, by rectified `pictures` (H, W, 3) of its run.
 
     None where it shows none, and where fewer than MIN_FRAMES can be read; MAX_FRAMES, spread evenly, are read.
     A contact that most frames press again, deeper, cannot be seen.
     """
-    method = reader.method
-    if not isinstance(method, CalibratedMethod) or reader.error is None:
-        return None
     tracker, maps = method.change.tracker, []
     for k in np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int)):
         with suppress(InputError):
-            found = reader.rectified_map(pictures[k])
+            found = height_map(pictures[k])
             if found.std_mm is not None:
                 depth, std = (
                     cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)

@@ -22,16 +22,19 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bytes, Floats, Pair
+from tactilevision.robust import mad_std
 
-FINE_PX, COARSE_PX, EVEN_PX = 0.8, 3.0, 15.0
+FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the coarser
+COARSE_PX = 3.0  # px: sigma of the coarser blur
+EVEN_PX = 15.0  # px: sigma of the blur over which the strength of detail is taken
 DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
 BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
-REACH_PX = 16
+REACH_PX = 16  # px: the largest shift that is looked for
 CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
 ABOVE = 1.5  # times the correlation of a picture that has not moved
 MIN_PX = 1.5  # gel that is pressed sideways moves by as much
-ALIKE_PX = 1.5
-MAX_FRAMES = 8
+ALIKE_PX = 1.5  # px from the middle shift, within which shifts count as alike
+MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
 
 Single = npt.NDArray[np.float32]
 
@@ -58,7 +61,7 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     """By how much (2,) one picture has moved; None where it has not, or where it cannot be seen."""
     shape = picture.shape[:2]
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
-    noise = 1.4826 * float(np.median(np.abs(whole))) + 1e-12
+    noise = mad_std(whole, centre=0.0) + 1e-12
     reach = min(REACH_PX, (min(shape) - 3) // 2)
     near = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
     y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))

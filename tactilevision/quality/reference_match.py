@@ -11,7 +11,7 @@ A shift is seen from 1.5 px on by the gel's grain (`photometric/moved.py`), whic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -23,19 +23,19 @@ from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.quality.image_shift import moved_by
 from tactilevision.records import Bytes, Pair
 from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:
-    from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
 MUCH = 3.0  # times the usual misfit, or
 WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
-MIN_MISFIT, MIN_STD_MM = 0.8, 0.001  # that are usual: one reading's own noise
+MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
+MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
 UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
 LOOKED_AT = 5  # frames of a recording
 
@@ -50,20 +50,20 @@ class ReferenceMatch:
     `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
     """
 
-    def __init__(self, method: CalibratedMethod, *, usual: Mapping[str, float] | None = None) -> None:
+    def __init__(self, method: ReferencedMethod, *, usual: Mapping[str, float] | None = None) -> None:
         self.method = method
-        told: Mapping[str, float] = method.card.get("usual", UNTOLD) if usual is None else usual
+        told: Mapping[str, float] = usual or method.card.baseline or UNTOLD
         self.usual = max(MIN_MISFIT, float(told["misfit"])), max(MIN_STD_MM, float(told["zero_std_mm"]))
         self.elsewhere = False
         self.moved: Pair | None = None
-        self.touched: Pair | None = method.card.get("contact_in_reference_px")
+        self.touched: Pair | None = method.card.contact_in_reference_px
         self.seen: tuple[float, ...] = ()
 
     def made_in(self, light: npt.ArrayLike) -> tuple[str, ...]:
         """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
-        card = self.method.card
+        gain_std = self.method.card.held_out_gain_std
         told = other_light(
-            light, self.method.reference, float(card.get("held_out_gain_std", self.method.relative_error))
+            light, self.method.reference, self.method.relative_error if gain_std is None else gain_std
         )
         self.elsewhere = bool(told)
         return told
@@ -83,7 +83,7 @@ class ReferenceMatch:
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
         lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
-        if min(self.method.card.get("balls_cover", (1.0,))) <= COVERED:
+        if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
             lasting.append(BALLS)
         self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
         misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
@@ -91,16 +91,15 @@ class ReferenceMatch:
         return (*lasting, LIGHT) if strange else tuple(lasting)
 
 
-def baseline(reader: Reconstructor, pictures: Sequence[Bytes]) -> dict[str, float]:
+def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence[Bytes]) -> dict[str, float]:
     """The median misfit, and deviation of the zero plane in mm, of rectified `pictures`, presses among them.
 
-    Those that cannot be read do not count.
+    `residuals` gives both for one picture. Those that cannot be read do not count.
     """
     found = []
     for rgb in pictures:
         with suppress(InputError):
-            reader.rectified_map(rgb)
-            found.append(reader.likeness.seen if reader.likeness else tuple(UNTOLD.values()))
+            found.append(residuals(rgb))
     return dict(zip(UNTOLD, map(float, np.median(found, axis=0)), strict=True)) if found else UNTOLD
 
 

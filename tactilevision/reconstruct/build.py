@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,23 +23,26 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import far_from
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import check_view, light_of
-from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.reference_match import UNTOLD, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import may_have_marks, rectify
 from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_std
-from tactilevision.uncertainty.depth import untouched_std_mm
-from tactilevision.uncertainty.leakage import leakage_std
+from tactilevision.uncertainty.depth import contributions_mm
+from tactilevision.uncertainty.leakage import leakage_share
+from tactilevision.uncertainty.untouched_gel import untouched_std_mm
 from tactilevision.weights import find_model
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 DEFAULT = "polynomial"
-MAX_WAVES = 8
+MAX_WAVES = 8  # pictures with balls that are looked at, at most
 
 
 def build_reconstructor(recording: Recording, method: str | PhotometricMethod | None = None) -> Reconstructor:
@@ -92,22 +95,36 @@ def tuned(
     them, else by the ball pictures.
     """
     gain = seen_gain_std(calibration.method, pictures, calibration.balls, sensor.mm_per_px)
-    card = {**calibration.method.card, "sensor": sensor.kind, "seen_gain_std": gain}
-    card |= held_out_depth(calibration, pictures, sensor.mm_per_px, seen_gain=gain)
-    card["spread"] = _spread(sensor, calibration, pictures)
+    card = dataclasses.replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
+    card = card.extended(held_out_depth(calibration, pictures, sensor.mm_per_px, seen_gain=gain))
+    card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
     method = dataclasses.replace(calibration.method, card=card)
     settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.quiet is method.quiet:
         waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
-        settled = dataclasses.replace(settled, card={**card, "untouched_depth_rms_mm": waves_mm})
+        settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
         flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
-        settled = dataclasses.replace(settled, card={**settled.card, "untouched_std_mm": std_mm})
-    usual = baseline(Reconstructor(sensor, settled), [*(picture.rgb for picture in pictures), *free])
-    settled = dataclasses.replace(settled, card={**settled.card, "usual": usual})
+        settled = settled.with_card(dataclasses.replace(settled.card, untouched_std_mm=std_mm))
+    reader = Reconstructor(sensor, settled)
+    usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
+    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, calibration.balls)
+    settled = settled.with_card(dataclasses.replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
+
+
+def depth_terms_mm(
+    reader: Reconstructor, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]
+) -> dict[str, float]:
+    """What each term adds to the deviation of depth under a ball: rms in mm, the median over ball pictures."""
+    found = []
+    for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
+        if ball is not None:
+            height = reader.rectified_map(picture.rgb)
+            found.append(contributions_mm(height, reader.depth_terms(height)))
+    return {name: round(float(np.median([one[name] for one in found])), 6) for name in found[0]} if found else {}
 
 
 def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture]) -> float:
@@ -115,8 +132,8 @@ def _spread(sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPic
     method = calibration.method
     others = [dataclasses.replace(method, law=law) for law in calibration.other_laws]
     maps = [partial(_depth, Reconstructor(sensor, made)) for made in (method, *others)]
-    gain = np.array(method.card["place_gain_std"]) / method.card["place_gain_borne_out"]
-    return leakage_std(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
+    gain = np.array(method.card.place_gain_std) / method.card.coverage_factor
+    return leakage_share(maps, pictures, balls=calibration.balls, gain=gain, mm_per_px=sensor.mm_per_px)
 
 
 def _depth(reader: Reconstructor, rgb: Bytes) -> npt.NDArray[Any]:
@@ -161,14 +178,14 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
     found.likeness = ReferenceMatch(method, usual=UNTOLD)
-    if "light" in method.card:  # else it was made for any light
-        found.warnings = found.likeness.made_in(method.card["light"])
+    if method.card.light is not None:  # else it was made for any light
+        found.warnings = found.likeness.made_in(method.card.light)
     return found
 
 
-def _check_kind(card: Mapping[str, Any], sensor: Sensor) -> None:
+def _check_kind(card: MethodCard, sensor: Sensor) -> None:
     """A method of one kind of light says nothing of another; a custom sensor is its owner's affair."""
-    kinds = _family(str(card.get("sensor", "custom"))), _family(sensor.kind)
+    kinds = _family(card.sensor or "custom"), _family(sensor.kind)
     if "custom" not in kinds and kinds[0] != kinds[1]:
         raise InputError(
             "the method was made for another sensor",
@@ -202,11 +219,12 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.
     """
-    if not isinstance(method, CalibratedMethod):
+    calibrated = as_referenced(method)
+    if calibrated is None:
         return Reconstructor(sensor, method)
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
-    check_view(method.reference.shape, reference.shape)
-    found = Reconstructor(sensor, method.with_reference(reference))
+    check_view(calibrated.reference.shape, reference.shape)
+    found = Reconstructor(sensor, calibrated.with_reference(reference))
     if found.likeness is not None:
-        found.warnings = found.likeness.made_in(light_of(method.reference))
+        found.warnings = found.likeness.made_in(light_of(calibrated.reference))
     return found

@@ -20,13 +20,14 @@ from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, fla
 from tactilevision.photometric import Calibration
 from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.photometric.illumination.drift import Drift
-from tactilevision.photometric.method import CalibratedMethod, PhotometricMethod
+from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
-from tactilevision.quality.contact_in_reference import look_at_reference
-from tactilevision.quality.reference_match import ReferenceMatch
+from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.quality.contact_in_reference import check_reference
+from tactilevision.quality.reference_match import UNTOLD, ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
-from tactilevision.uncertainty.depth import DepthError
+from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
 if TYPE_CHECKING:
     from tactilevision.gpu.reader import TorchReader
@@ -48,14 +49,16 @@ class Reconstructor:
         self.sensor, self.method, self.calibration = sensor, method, calibration
         self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
         self.zero: ZeroPlane | None = None
-        steepest = method.card.get("steepest_slope") if isinstance(method, CalibratedMethod) else None
-        self.readable = READABLE * float(steepest) if steepest else None
-        self.error = DepthError(method, sensor.mm_per_px) if isinstance(method, CalibratedMethod) else None
+        self.evidence: MapEvidence | None = None
+        self.referenced = as_referenced(method)
+        steepest = self.referenced.card.steepest_slope if self.referenced else None
+        self.readable = READABLE * steepest if steepest else None
+        self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None
         self.grids: TwoGridPoisson | None = None
-        if isinstance(method, CalibratedMethod) and method.tiled_evaluator:
-            self.grids = TwoGridPoisson(method.reference.shape, method.tiled_evaluator.px, sensor.mm_per_px)
+        if self.referenced and (tiled := self.referenced.tiled_evaluator):
+            self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
-        self.likeness = ReferenceMatch(method) if isinstance(method, CalibratedMethod) else None
+        self.likeness = ReferenceMatch(self.referenced) if self.referenced else None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -76,10 +79,15 @@ class Reconstructor:
         surface, valid, std, flags = self._mapped(rgb)
         return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
 
+    def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
+        """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
+        self.rectified_map(rgb)
+        return self.likeness.seen if self.likeness else tuple(UNTOLD.values())
+
     def _mapped(self, rgb: Bytes) -> Mapped:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
-        if self.grids and isinstance(self.method, CalibratedMethod) and self.method.tiled_evaluator:
-            return self._on_two_grids(rgb, self.method, self.method.tiled_evaluator, self.grids)
+        if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
+            return self._on_two_grids(rgb, self.referenced, tiled, self.grids)
         slopes, untouched, drift, steepest, surface = self._evaluate_tiled(rgb)
         walls = self._walls(slopes, steepest)
         if surface is None or walls:
@@ -91,7 +99,7 @@ class Reconstructor:
         return surface, valid, std, self.likeness.flags(drift, self.zero) if self.likeness else ()
 
     def _on_two_grids(
-        self, rgb: Bytes, method: CalibratedMethod, reader: TiledEvaluator, grids: TwoGridPoisson
+        self, rgb: Bytes, method: ReferencedMethod, reader: TiledEvaluator, grids: TwoGridPoisson
     ) -> Mapped:
         """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
@@ -106,10 +114,22 @@ class Reconstructor:
         std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
 
+    def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
+        """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
+
+        On a grid of every `error.every`th pixel; empty for a method that states no deviation.
+        """
+        if self.error is None or self.evidence is None:
+            return {}
+        return self.error.terms_mm(height.depth_mm, self.evidence)
+
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.likeness is not None:
-            self.warnings += (*self.likeness.look(pictures), *look_at_reference(self, pictures))
+            self.warnings += (
+                *self.likeness.look(pictures),
+                *check_reference(self.likeness, self.rectified_map, pictures),
+            )
 
     def _std_mm(
         self,
@@ -123,7 +143,8 @@ class Reconstructor:
         if self.error is None or self.zero is None:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        return self.error.std_mm(depth, self.zero, slopes=hidden, walls=walls, drift=drift)
+        self.evidence = MapEvidence(self.zero, hidden, walls, drift)
+        return self.error.std_mm(depth, self.evidence)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
@@ -140,14 +161,12 @@ class Reconstructor:
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
         rgb = self.rectified(frame)
-        return (
-            self.method.read(rgb).slopes if isinstance(self.method, CalibratedMethod) else self.method.slopes(rgb)
-        )
+        return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""
-        if isinstance(self.method, CalibratedMethod):
-            self.method.follow(rgb, share)
+        if self.referenced:
+            self.referenced.follow(rgb, share)
             if self.elsewhere is not None:
                 self.elsewhere.follow()
 
@@ -155,17 +174,17 @@ class Reconstructor:
         """Read frames on torch's `device` from here on; False where torch cannot be told how."""
         from tactilevision.gpu.reader import TorchReader
 
-        if isinstance(self.method, CalibratedMethod):
+        if self.referenced:
             with suppress(LookupError):
-                self.elsewhere = TorchReader(self.method, self.sensor.mm_per_px, device)
+                self.elsewhere = TorchReader(self.referenced, self.sensor.mm_per_px, device)
                 return True
         return False
 
     def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
         """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
-        if not isinstance(self.method, CalibratedMethod):
+        if self.referenced is None:
             slopes = self.method.slopes(rgb)
             return slopes, flat_blocks(slopes), None, np.inf, None
-        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.method.read(rgb), None)
-        untouched = reading.drift.untouched & self.method.told
+        reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
+        untouched = reading.drift.untouched & self.referenced.told
         return reading.slopes, untouched, reading.drift, reading.steepest, surface

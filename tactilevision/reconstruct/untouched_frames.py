@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
 FREE_SHARE = 0.97  # of the blocks that follow the light's drift: the rest is noise
-MIN_FREE, MAX_FREE = 4, 16
+MIN_FREE = 4  # untouched frames; of fewer the noise would be taken for bias
+MAX_FREE = 16  # untouched frames that are read, at most
 
 
 def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
@@ -54,7 +55,7 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
         read = method.read(rgb).slopes
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
-    card = {**method.card, "frame_noise": whole.noise_over(method.noise), "calm_gel_px": px}
+    card = dataclasses.replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
     return dataclasses.replace(method, quiet=mean.added_to(method.current_background, method.calm), card=card)
 
 

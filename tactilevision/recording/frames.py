@@ -17,7 +17,7 @@ from tactilevision.recording.need import require
 from tactilevision.recording.video import iter_video
 from tactilevision.records import Bytes, Frame
 
-_AHEAD = 4
+_AHEAD = 4  # frames read ahead of their use
 
 
 def iter_frames(

@@ -55,7 +55,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
 
 
 def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:
-    """Bring an array in the order red, green, blue to 8 bits; `path` is for the messages."""
+    """Bring an array (H, W, 3) in the order red, green, blue to 8 bits; `path` is for the messages."""
     if picture.ndim == 2 or (picture.ndim == 3 and picture.shape[2] in (1, 2)):
         raise RecordingError(
             "the picture is grey, but photometric stereo needs the colours of the lights",

@@ -16,7 +16,7 @@ FLATS = "reference/flat"
 BALLS = "reference/ball"
 BALL_TABLE = "reference/ball.csv"
 
-FORMAT = 1
+FORMAT = 1  # version of the folder's format
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi")
 PHASES = ("free", "load", "hold", "unload")
@@ -89,6 +89,9 @@ POINT_COLUMNS = Columns(
         "speed_mm_s",
         "x_mm",
         "y_mm",
+        "temperature_C",
+        "lubricated",
+        "hold_s",
     ),
 )
 BALL_COLUMNS = Columns(

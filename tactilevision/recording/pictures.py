@@ -22,8 +22,8 @@ from tactilevision.recording.series import read_frame_table
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.recording.video import count_frames, iter_video, stated_frames
 
-_LOOKS = 10  # pictures to try before their size is given up
-_LOST = 0.5  # share of the listed pictures that may be missing
+_MAX_TRIALS = 10  # pictures to try before their size is given up
+_MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
 
 def list_images(folder: Path) -> list[str]:
@@ -72,7 +72,7 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
         _check_indices(table, frames_path)
         return table, ()
     present = set(_image_names(frames_path))
-    gone = _check_present(table, names, present, spare=_LOST)
+    gone = _check_present(table, names, present, spare=_MAX_MISSING)
     left = len(present - set(names))
     lost = f"{len(gone)} of {len(names)} pictures listed are missing and are passed over: {some(gone)}"
     return table, (f"{layout.FRAME_TABLE}: {lost}",) * bool(gone) + (
@@ -168,14 +168,14 @@ def first_look(
         if rgb is not None:
             return (rgb.shape[1], rgb.shape[0]), ()
     else:
-        names = list(islice((name for name in names if (frames_path / name).is_file()), _LOOKS))
+        names = list(islice((name for name in names if (frames_path / name).is_file()), _MAX_TRIALS))
         for name in names:
             with suppress(TornImageError):
                 stored = read_stored(frames_path / name)
                 height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
                 return (width, height), _doubts_of_depth(stored, name, white_level)
     raise RecordingError(
-        f"none of the first pictures can be read: {', '.join(names[:_LOOKS]) or 'there is none'}",
+        f"none of the first pictures can be read: {', '.join(names[:_MAX_TRIALS]) or 'there is none'}",
         where=frames_path,
         remedy="Copy them again from where they came.",
     )

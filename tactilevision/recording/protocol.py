@@ -12,6 +12,7 @@ import numpy as np
 
 from tactilevision.recording import layout
 from tactilevision.recording.names import nearest
+from tactilevision.recording.point_columns import split_columns
 from tactilevision.recording.series import check_time
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.records import CertifiedPoint, Curve, Indenter, Press
@@ -133,7 +134,7 @@ def _point(table: Table, row: int) -> CertifiedPoint:
     if said.lower() not in _WORDS_OF_TRUTH:
         raise table.fault(row, "accepted is true or false", value=said)
     accepted = _WORDS_OF_TRUTH[said.lower()] and not (reason and not said)
-    numbers = {name: float(column[row]) for name, column in table.numbers.items()}
+    numbers: dict[str, Any] = {name: float(column[row]) for name, column in table.numbers.items()}
     for name in layout.POINT_COLUMNS.gap_numbers:
         if accepted and np.isnan(numbers[name]):
             raise table.fault(
@@ -145,7 +146,7 @@ def _point(table: Table, row: int) -> CertifiedPoint:
         **numbers,
         accepted=accepted,
         reason=reason,
-        extra=_extra(table, row),
+        **split_columns(_extra(table, row)),
     )
 
 

@@ -13,6 +13,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.model import StageSeries
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.records import Floats, ForceSeries
+from tactilevision.robust import MAD_TO_STD
 
 if TYPE_CHECKING:
     from tactilevision.recording.settings import ForceSettings
@@ -106,7 +107,7 @@ def step_noise(readings: Floats) -> Floats:
     readings' own rounding, step / sqrt(12). Too low where neighbouring readings were filtered together.
     """
     steps = np.diff(readings, axis=0)
-    spread = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
+    spread = MAD_TO_STD * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
     sizes = np.where(steps == 0, np.inf, np.abs(steps)).min(axis=0)
     rounding = np.where(np.isfinite(sizes), sizes, 0.0) / np.sqrt(12)
     return np.asarray(np.maximum(spread, rounding), dtype=float)

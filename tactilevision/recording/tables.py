@@ -19,7 +19,7 @@ from tactilevision.recording.layout import Columns
 from tactilevision.recording.names import nearest
 from tactilevision.records import Floats
 
-_ROWS_AT_ONCE = 4096
+_ROWS_AT_ONCE = 4096  # rows read at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Table:
         return RecordingError(what, where=f"{self.path}, line {self.lines[row]}", value=value, remedy=remedy)
 
     def optional(self, name: str) -> Floats:
-        """A column of numbers, NaN throughout where the table has none."""
+        """A column (N,) of numbers, NaN throughout where the table has none."""
         return self.numbers.get(name, np.full(len(self.lines), np.nan))
 
 

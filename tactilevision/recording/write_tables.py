@@ -21,10 +21,12 @@ import numpy.typing as npt
 from tactilevision.files import write_text
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress, StageSeries
+from tactilevision.recording.point_columns import point_columns
 from tactilevision.records import CertifiedPoint, Curve, Floats, ForceSeries, Press
 
 _Columns = Mapping[str, Sequence[Any] | npt.NDArray[Any]]
 _NOTHING: _Columns = MappingProxyType({})
+_JOINED = ("details", "edge_profile", "extra")  # fields that are written as columns of their own
 
 
 def write_table(path: Path | str, columns: _Columns) -> None:
@@ -62,13 +64,15 @@ def write_stage(folder: Path | str, stage: StageSeries, *, extra: _Columns = _NO
 
 def write_presses(folder: Path | str, presses: Sequence[Press]) -> None:
     """Write presses.csv."""
-    write_table(Path(folder) / layout.PRESSES, _record_columns(presses, layout.PRESS_COLUMNS.required))
+    further = [press.extra for press in presses]
+    write_table(Path(folder) / layout.PRESSES, _record_columns(presses, further, layout.PRESS_COLUMNS.required))
 
 
 def write_points(folder: Path | str, points: Sequence[CertifiedPoint]) -> None:
     """Write points.csv; `accepted` and `reason` are always there, lest a rejected one be taken for good."""
     always = (*layout.POINT_COLUMNS.required, "accepted", "reason")
-    write_table(Path(folder) / layout.POINTS, _record_columns(points, always, CertifiedPoint))
+    further = [point_columns(point) for point in points]
+    write_table(Path(folder) / layout.POINTS, _record_columns(points, further, always, CertifiedPoint))
 
 
 def write_curves(folder: Path | str, curves: Sequence[Curve]) -> None:
@@ -105,13 +109,16 @@ def write_balls(folder: Path | str, balls: Sequence[BallPress]) -> None:
 
 
 def _record_columns(
-    records: Sequence[Press] | Sequence[CertifiedPoint], always: Sequence[str], kind: type = Press
+    records: Sequence[Press] | Sequence[CertifiedPoint],
+    further: Sequence[Mapping[str, Any]],
+    always: Sequence[str],
+    kind: type = Press,
 ) -> _Columns:
-    """Columns of the records' fields in their order, then of what they keep in `extra`."""
-    names = [field.name for field in fields(kind) if field.name != "extra"]
+    """Columns of the records' plain fields in their order, then of their `further` cells."""
+    names = [field.name for field in fields(kind) if field.name not in _JOINED]
     columns: dict[str, list[Any]] = {name: [getattr(record, name) for record in records] for name in names}
-    for name in dict.fromkeys(name for record in records for name in record.extra):
-        columns[name] = [record.extra.get(name, "") for record in records]
+    for name in dict.fromkeys(name for cells in further for name in cells):
+        columns[name] = [cells.get(name, "") for cells in further]
     return _without_empty(columns, always)
 
 

@@ -12,8 +12,9 @@ Colours are in the order red, green, blue.
 
 from __future__ import annotations
 
+from tactilevision.records.certified import REASONS, CertificationDetails, CertifiedPoint, EdgeDrop, EdgeProfile
 from tactilevision.records.maps import Footprint, Frame, HeightMap, ShearMap, SlopeMap, TractionMap
-from tactilevision.records.measured import REASONS, CertifiedPoint, Curve, ForceSeries, Material
+from tactilevision.records.measured import Curve, ForceSeries, Material
 from tactilevision.records.numbers import Bools, Bytes, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
@@ -21,8 +22,11 @@ __all__ = [
     "REASONS",
     "Bools",
     "Bytes",
+    "CertificationDetails",
     "CertifiedPoint",
     "Curve",
+    "EdgeDrop",
+    "EdgeProfile",
     "Estimate",
     "Floats",
     "Footprint",

@@ -1,4 +1,4 @@
-"""Forces, depths and what they make: series, points, curves, the material."""
+"""Forces, depths and what they make: series, curves, the material."""
 
 from __future__ import annotations
 
@@ -25,46 +25,6 @@ class ForceSeries:
     std_N: tuple[float, float, float]
     torque_Nm: Floats | None = None
     temperature_C: Floats | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CertifiedPoint:
-    """Depth and force of one press at the moment that certifies them.
-
-    `accepted` is False with a `reason` (one of REASONS) where the press cannot be trusted; its numbers, as
-    far as they exist, are kept. `depth_uncorrected_mm` takes the depth for the machined height;
-    `depth_mm` accounts for the gel that rises to meet the bevel. `extra` keeps further columns of points.csv.
-    """
-
-    press: str
-    indenter: str
-    depth_mm: float
-    fz_N: float
-    depth_std_mm: float = float("nan")
-    fz_std_N: float = float("nan")
-    fx_N: float = float("nan")
-    fy_N: float = float("nan")
-    time_s: float = float("nan")
-    depth_uncorrected_mm: float = float("nan")
-    rest_s: float = float("nan")
-    speed_mm_s: float = float("nan")
-    x_mm: float = float("nan")
-    y_mm: float = float("nan")
-    accepted: bool = True
-    reason: str = ""
-    extra: Mapping[str, Any] = field(default_factory=dict)
-
-
-REASONS = (
-    "tangential",
-    "tilt",
-    "footprint",
-    "bevel_not_touched",
-    "dropped_frames",
-    "saturated",
-    "short_rest",
-    "border",
-)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,11 +20,10 @@ from scipy.spatial import KDTree
 
 from tactilevision.records import Bools, Bytes, Floats
 
-REACH = 0.4
-MAX_ITERATIONS = 12
-NEIGHBOURS = 6
+REACH = 0.4  # of the markers' spacing: beyond a half a neighbour is as near
+MAX_ITERATIONS = 12  # rounds of matching, at most
+NEIGHBOURS = 6  # markers round each one that tell how it moves
 ROUND_ABOUT = 2.0  # spacings over which markers say how far off the motion between them is
-MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)

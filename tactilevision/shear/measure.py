@@ -15,7 +15,7 @@ from tactilevision.records import Bytes, Floats, Pair, ShearMap
 from tactilevision.shear.markers import MarkerMotion, find_markers, follow_markers, hull, spread_motion
 from tactilevision.shear.texture import MIN_KNOWN, Texture, follow_texture, read_texture
 
-STEP_PX = 4
+STEP_PX = 4  # px: grid on which motion is spread; markers lie much farther apart
 LOST = "markers lost"
 NOTHING_TO_FOLLOW = "the gel shows neither markers nor texture to follow"
 

@@ -23,11 +23,11 @@ import numpy.typing as npt
 
 from tactilevision.records import Bools, Bytes, Floats
 
-GRAIN_PX = 2.0
-CONTRAST_PX = 12.0
-ROUND_TRIP_PX = 1.0
+GRAIN_PX = 2.0  # px: size of the texture's grains
+CONTRAST_PX = 12.0  # px over which contrast and noise are measured
+ROUND_TRIP_PX = 1.0  # px: flow there and back that ends farther off is lost
 MIN_KNOWN = 0.5  # share of the view
-TEXTURE_OVER_NOISE = 1.5
+TEXTURE_OVER_NOISE = 1.5  # times the noise: weaker texture cannot be followed
 CORRELATION_PX = 8.0  # the flow's own patch
 Singles = npt.NDArray[np.float32]
 

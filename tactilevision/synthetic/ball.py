@@ -20,7 +20,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, lookup
 from tactilevision.synthetic.layer import FAR, fade, layer_surface
 
-_TERMS = 5
+_TERMS = 5  # odd powers of a, see above
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +44,11 @@ class BallPress:
         return (Area(self.centre_mm, (half, half)),)
 
     def depth_mm(self, grid: Grid) -> Singles:
+        """Depth (H, W) mm on the grid."""
         return lookup(grid.distance(self.centre_mm), *self.section())
 
     def section(self) -> tuple[Floats, Floats]:
-        """Distances from the axis and the depth there."""
+        """Distances (N,) mm from the axis and the depth (N,) mm there."""
         press, outside, depth = _surface(
             self.radius_mm, self.contact_radius_mm, self.thickness_mm, self.poisson_ratio
         )
@@ -56,6 +57,7 @@ class BallPress:
         return np.concatenate([inside, outside]), np.concatenate([cap, depth])
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
+        """Sideways shift (H, W) mm of the ink in x and in y."""
         return Flat().shift_mm(grid)
 
 

@@ -29,7 +29,7 @@ class Bevel:
     half_width_mm: float
 
     def along(self, x: Floats | Singles, y: Floats | Singles) -> tuple[Floats, Floats]:
-        """Distances from the axis towards the bevel, and along its edge."""
+        """Distances from the axis towards the bevel, and along its edge; mm, any shape (as x and y)."""
         ex, ey = _SIDES[self.side]
         return np.asarray(ex * x + ey * y), np.asarray(-ey * x + ex * y)
 
@@ -42,7 +42,7 @@ class Bevel:
         return Area((centre_mm[0] + ex * middle, centre_mm[1] + ey * middle), half)
 
     def depth_mm(self, s: Floats, face_mm: float) -> Floats:
-        """Depth of the bevel's plane where the face stands at `face_mm`; only meant for s >= distance_mm."""
+        """Depth (any shape, mm) of the bevel's plane with the face at `face_mm`; meant for s >= distance_mm."""
         slope = np.tan(np.deg2rad(self.angle_deg))
         return np.asarray(face_mm - self.height_mm - (s - self.distance_mm) * slope)
 
@@ -67,7 +67,7 @@ class Bevel:
 def bevel_dent(
     free: Singles, bevel: Bevel, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
 ) -> Singles:
-    """What the bevel adds to the depth of the free surface.
+    """What the bevel adds (H, W) mm to the depth of the free surface (H, W) mm.
 
     A pixel that the bevel's edge crosses is as deep as the edge: else contact would begin only where the plane has
     fallen off to the next pixel's centre, microns too late.

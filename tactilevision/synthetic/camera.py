@@ -18,8 +18,8 @@ from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
 from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
-_FINER = 3
-_STEPS = 16383
+_FINER = 3  # grid points for each pixel at steep places
+_STEPS = 16383  # levels of the response's table: 14 bits, finer than any grey level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +28,8 @@ class Camera:
 
     `ink` (H, W) is the ink's brightness on the resting gel; `stray` (H, W, 3) light that reaches the chip
     without the gel; `vignette` (H, W); `to_raw` (x, y): where in the rectified frame each raw pixel looks, or
-    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels, `sight`
-    is how steep the gel looks to the light.
+    None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels;
+    `slope_response` is how steep the gel looks to the light.
     """
 
     grid: Grid
@@ -44,7 +44,7 @@ class Camera:
     full_well: float
     read_noise: float
     drift: tuple[Floats, float]
-    sight: SlopeResponse = SOUND
+    slope_response: SlopeResponse = SOUND
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
@@ -81,7 +81,7 @@ class Camera:
         return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
 
     def _reflected(self, surface: Surface, grid: Grid, time_s: float) -> Singles:
-        slopes = self.sight.shown(_slopes(surface, grid), time_s)
+        slopes = self.slope_response.shown(_slopes(surface, grid), time_s)
         return reflect(_shines(self.lights, grid, self.grid), self._gains(time_s), slopes, self.finish)
 
     def _draw_finely(self, light: Singles, surface: Surface, area: Area, time_s: float) -> None:

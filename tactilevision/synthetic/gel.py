@@ -74,11 +74,11 @@ class Surface(Protocol):
         ...
 
     def depth_mm(self, grid: Grid) -> Singles:
-        """Depth (H, W)."""
+        """Depth (H, W) mm on the grid."""
         ...
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
-        """How far the ink seen at each place has been carried in x and y, (H, W) each."""
+        """How far the ink seen at each place has been carried in x and y, (H, W) mm each."""
         ...
 
 
@@ -89,9 +89,11 @@ class Flat:
     steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
+        """Depth (H, W) mm on the grid."""
         return np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
+        """Sideways shift (H, W) mm of the ink in x and in y."""
         return self.depth_mm(grid), self.depth_mm(grid)
 
 
@@ -104,6 +106,7 @@ class Prescribed:
     steep: tuple[Area, ...] = ()
 
     def depth_mm(self, grid: Grid) -> Singles:
+        """Depth (H, W) mm on the grid."""
         from scipy.ndimage import map_coordinates
 
         step_x, step_y = self.map_grid.spacing_mm
@@ -113,6 +116,7 @@ class Prescribed:
         return np.asarray(map_coordinates(self.depth_map_mm, places, order=1, mode="nearest"), dtype=np.float32)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
+        """Sideways shift (H, W) mm of the ink in x and in y."""
         still = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
         return still, still.copy()
 

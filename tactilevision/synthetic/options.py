@@ -74,7 +74,7 @@ class RigOptions:
 class SimulationOptions:
     """A whole recording: `presses` good ones with each indenter and one press for each of `faults`.
 
-    `sight` is what happened to the light since the reference pictures (its `end_s` is the recording's own).
+    `slope_response` is what happened to the light since the reference pictures; its `end_s` is the recording's.
     `frames`: the pictures' format, or "none" for a recording of curves only, or "points" for certified points
     only. `flats` and `balls` are the reference pictures; `state_balls` writes the balls' places into ball.csv.
     """
@@ -83,7 +83,7 @@ class SimulationOptions:
     date: str = "2026-11-21"
     gel: GelOptions = field(default_factory=GelOptions)
     camera: CameraOptions = field(default_factory=CameraOptions)
-    sight: SlopeResponse = SOUND
+    slope_response: SlopeResponse = SOUND
     indenters: IndenterOptions = field(default_factory=IndenterOptions)
     rig: RigOptions = field(default_factory=RigOptions)
     presses: int = 3

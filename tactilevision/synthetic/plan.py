@@ -13,7 +13,7 @@ from tactilevision.synthetic.profile import PunchProfile, punch_profile
 from tactilevision.synthetic.punch import PunchPress
 from tactilevision.synthetic.rig import GelLaw, Motion, Protocol, bevel_force_N, move
 
-_RECOVERY = 0.05, 1.0  # share of the force that a gel lacks right after a press, and its time constant in s
+_RECOVERY = (0.05, 1.0)  # share of the force that a gel lacks right after a press, and its time constant in s
 
 
 @dataclass(frozen=True, slots=True)

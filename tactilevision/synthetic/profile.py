@@ -8,7 +8,7 @@ Assumptions: quasi-static; unloading goes back along the loading curve; the rim 
 the pad's centre, and over the last thickness before it the surface is faded out. Deeper than the last depth solved
 (DEEPEST thicknesses, or where the surface folds at the punch's edge) shape and P/w go on along the straight line
 through the last two depths: .2 % of the force and .003 of the depth off at w/h = .2 where the last is .125.
-Source: mechanics/punch_fem, checked against other programs in docs/punch_fem.md.
+Source: mechanics/punch_fem, checked against other programs in docs/evidence/punch_fem.md.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ import numpy as np
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Floats, Material, Pair
 
-FRICTION, EDGE_RADIUS_MM, PAD_RADIUS_MM = 0.3, 0.05, 15.0
-DEEPEST = 0.22
+FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face
+EDGE_RADIUS_MM = 0.05  # mm, rounding of a machined edge
+PAD_RADIUS_MM = 15.0  # mm, radius of a round pad
+DEEPEST = 0.22  # w/h of the deepest simulated press
 _DEPTHS = (0.004, 0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, DEEPEST)  # thicknesses
 _LINE = np.linspace(0.05, 0.2, 16)  # thicknesses over which c and beta are read, as the published punches span
 _FINER = 5  # places for each node of the surface
@@ -49,12 +51,12 @@ class PunchProfile:
         return depth_mm * self._at(self.shift, depth_mm)
 
     def seen(self, depth_mm: float) -> tuple[Floats, Floats]:
-        """Places r + u_r that the camera sees, never falling, and the depth there (mm)."""
+        """Places r + u_r (R,) mm that the camera sees, never falling, and the depth (R,) mm there."""
         places = np.maximum.accumulate(self.radius_mm + self.carried(depth_mm))
         return places, depth_mm * self._at(self.depth, depth_mm)
 
     def depth_at(self, place_mm: Floats | float, depth_mm: float) -> Floats:
-        """Depth (mm) of the surface at places (mm from the axis) as the camera sees them."""
+        """Depth (any shape, mm) of the surface at places (mm from the axis) as the camera sees them."""
         places, depths = self.seen(depth_mm)
         return np.asarray(np.interp(place_mm, places, depths, right=0.0), dtype=np.float64)
 

@@ -38,6 +38,7 @@ class PunchPress:
         return (wall,) if self.bevel is None else (wall, self.bevel.area(self.centre_mm, (0.5, 1.0), 0.5))
 
     def depth_mm(self, grid: Grid) -> Singles:
+        """Depth (H, W) mm on the grid."""
         depth = self._free(grid)
         if self.bevel is not None and self.face_mm > 0.5 * self.bevel.height_mm:
             part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3.0), 2.5))
@@ -49,6 +50,7 @@ class PunchPress:
         return depth
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
+        """Sideways shift (H, W) mm of the ink in x and in y."""
         x, y = grid.places(self.centre_mm)
         r = np.maximum(grid.distance(self.centre_mm), np.float32(1e-6))
         face = max(self.face_mm, 0.0)

@@ -14,7 +14,7 @@ _AVERAGED = 16  # frames in one reference picture: the gel stands still, so one 
 
 
 def picture_still(camera: Camera, surface: BallPress | Flat, rng: np.random.Generator) -> Bytes:
-    """A reference picture: the mean of several frames, raw geometry, uint8."""
+    """A reference picture: the mean of several frames, raw geometry, (H, W, 3) uint8."""
     return camera.expose(camera.ideal(surface), rng, averaged=_AVERAGED)
 
 

@@ -15,7 +15,7 @@ from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.bevel import Bevel
 from tactilevision.synthetic.profile import PunchProfile
 
-QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)
+QUANTUM_N = (1 / 160, 1 / 160, 1 / 80)  # N, steps of the readings fx, fy, fz
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,7 @@ class Motion:
     phase: tuple[str, ...]
 
     def at(self, time_s: Floats | float) -> Floats:
+        """Depth (mm) of the face at times (T,) s."""
         return np.asarray(np.interp(time_s, self.time_s, self.face_mm), dtype=np.float64)
 
     def loading_time_s(self, depth_mm: float) -> float:
@@ -62,7 +63,7 @@ class Motion:
         return float(np.interp(0.0, -self.face_mm[turn:], self.time_s[turn:]))
 
     def phase_at(self, time_s: Floats) -> list[str]:
-        """Free, load, hold or unload at each time."""
+        """Free, load, hold or unload at each of the times (T,) s."""
         spans = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.phase) - 1)
         words = [self.phase[i] for i in spans]
         return ["free" if face <= 0 else word for face, word in zip(self.at(time_s), words, strict=True)]
@@ -98,11 +99,11 @@ class GelLaw:
     relaxing: Pair = (0.0, 1.0)
 
     def force_N(self, profile: PunchProfile, depth_mm: Floats | float) -> Floats:
-        """Force of the punch of `profile`, before the gel relaxes."""
+        """Force (T,) N of the punch of `profile` at depths (T,) mm, before the gel relaxes."""
         return self.youngs_modulus_MPa * profile.force_per_modulus(depth_mm)
 
     def relaxed(self, force_N: Floats, interval_s: float) -> Floats:
-        """The force after the branch has forgotten part of its past, for evenly spaced readings."""
+        """Force (T,) N after the branch has forgotten part of its past, for evenly spaced readings (T,)."""
         from scipy.signal import lfilter
 
         share, constant = self.relaxing
@@ -114,7 +115,7 @@ class GelLaw:
 
 
 def bevel_force_N(bevel: Bevel, profile: PunchProfile, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
-    """Force on the bevel at each depth of the face."""
+    """Force (T,) N on the bevel at depths (T,) mm of the face."""
     along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
     away = np.hypot(bevel.distance_mm, along)
     deepest = float(np.max(depths_mm, initial=0.0))

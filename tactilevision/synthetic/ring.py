@@ -34,6 +34,7 @@ class RingPress:
         return (Area(self.centre_mm, (half, half)),)
 
     def depth_mm(self, grid: Grid) -> Singles:
+        """Depth (H, W) mm on the grid."""
         beside = punch_profile(self.poisson_ratio, self.outer_mm, self.thickness_mm)
         places, depths = beside.seen(self.face_mm)
         recovery = 1 - np.exp(-self.inner_mm / self.thickness_mm)
@@ -43,4 +44,5 @@ class RingPress:
         return lookup(grid.distance(self.centre_mm), all_places, all_depths, rounding_mm=self.rounding_mm)
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
+        """Sideways shift (H, W) mm of the ink in x and in y."""
         return Flat().shift_mm(grid)

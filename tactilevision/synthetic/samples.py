@@ -13,11 +13,13 @@ from tactilevision.synthetic.options import GelOptions, IndenterOptions, RigOpti
 from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
 
-GELSLIM3_SEED = 20261121
+GELSLIM3_SEED = 20261121  # seed of the sample recording
 
 # Five lines through P/w = 5.2662 w/h + 3.4943, h = 3 mm; not the paper's readings, which were not printed.
 _PAPER_DEPTHS_MM = (0.15, 0.3, 0.4, 0.5, 0.6)
-_PAPER_SLOPE_N_MM, _PAPER_INTERCEPT_N_MM, _PAPER_THICKNESS_MM = 5.2662, 3.4943, 3.0
+_PAPER_SLOPE_N_MM = 5.2662  # N/mm, growth of P/w with w/h
+_PAPER_INTERCEPT_N_MM = 3.4943  # N/mm, P/w at w = 0
+_PAPER_THICKNESS_MM = 3.0  # mm, the paper's gel
 
 
 def gelslim3_options() -> SimulationOptions:

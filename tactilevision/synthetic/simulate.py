@@ -71,7 +71,7 @@ def _clear(folder: Path) -> None:
 
 
 def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
-    """For each press the times of the frames that are kept, on the camera's clock."""
+    """For each press the times (N,) s of the frames that are kept, on the camera's clock."""
     rng = stream(scenario.seed, 2)
     rig = scenario.options.rig
     kept = []
@@ -111,7 +111,10 @@ def _pictured(record: Recording, scenario: Scenario, progress: Progress) -> Reco
     options, folder = scenario.options, record.path
     camera = build_camera(options.camera, stream(scenario.seed, 3))
     worn = replace(
-        camera, sight=replace(options.sight, end_s=scenario.presses[-1].end_s if scenario.presses else 1.0)
+        camera,
+        slope_response=replace(
+            options.slope_response, end_s=scenario.presses[-1].end_s if scenario.presses else 1.0
+        ),
     )
     rng = stream(scenario.seed, 4)
     plan, balls = frame_times(scenario), _balls(scenario)

@@ -29,16 +29,16 @@ def truth_of(scenario: Scenario) -> dict[str, Any]:
         "presses_accepted": [p.label for p in scenario.presses if not p.fault],
         "presses_rejected": [{"press": p.label, "reason": p.fault} for p in scenario.presses if p.fault],
         "press": [_press(scenario, p) for p in scenario.presses],
-        **_hidden(scenario.options.sight),
+        **_hidden(scenario.options.slope_response),
     }
 
 
-def _hidden(sight: SlopeResponse) -> dict[str, Any]:
+def _hidden(slope_response: SlopeResponse) -> dict[str, Any]:
     """What the light suffered since the reference pictures; nothing where it did not."""
     amounts = {
-        "photometric_gain": (sight.gain, "1"),
-        "photometric_drift": (sight.drift, "1"),
-        "slope_saturation": (0.0 if math.isinf(sight.steepest) else sight.steepest, "mm/mm"),
+        "photometric_gain": (slope_response.gain, "1"),
+        "photometric_drift": (slope_response.drift, "1"),
+        "slope_saturation": (0.0 if math.isinf(slope_response.steepest) else slope_response.steepest, "mm/mm"),
     }
     tables = {
         key: {"amount": amount, "unit": unit, "catalogued": True}

@@ -6,7 +6,7 @@ Under a ball of radius R the gel is the ball, so that the depth of the contact's
 
 is known but for how well its radius a is. Found and true are compared there alone: what lies beside the contact,
 and where the untouched gel is, have no part in it. Beside the error stands the deviation that the law which never
-saw the ball states of it (`photometric/left_out.py`).
+saw the ball states of it (photometric/ball/cross_validation.py).
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import inside_ball
-from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Pair, SlopeMap
+from tactilevision.robust import mad_std
 
-MIDDLE, RIM = 0.12, (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
-MOST = 24  # balls; more tell no more
-BANDS = 3
+MIDDLE = 0.12  # of the contact radius: what counts as the contact's middle
+RIM = (0.84, 0.96)  # of the contact radius: blur mixes what lies beyond
+MAX_BALLS = 24  # balls; more tell no more
+BANDS = 3  # of contacts in the table of errors: few balls fill no more
 GAIN_SAMPLES = 500  # of each ball
 
 
@@ -62,7 +64,7 @@ def held_out_depth(
     `held_out_balls` has each dent with its contact radius. `seen_gain` is `seen_gain_std`.
     """
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
-    for picture, ball, (law, gain) in _apart(calibration, pictures):
+    for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
         if id(law) not in methods:
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
@@ -74,7 +76,7 @@ def held_out_depth(
     ratio = np.array([ball.found_mm / ball.true_mm for ball in balls])
     return {
         "held_out_depth_ratio": float(np.median(ratio)),
-        "held_out_depth_ratio_std": 1.4826 * float(np.median(np.abs(ratio - np.median(ratio)))),
+        "held_out_depth_ratio_std": mad_std(ratio),
         "held_out_depth_rms_mm": float(np.sqrt(np.mean([(ball.found_mm - ball.true_mm) ** 2 for ball in balls]))),
         **told("held_out_balls", balls),
     }
@@ -123,7 +125,7 @@ def seen_gain_std(
             seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
             found = method.law.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
-    return 1.4826 * float(np.median(np.abs(np.array(gains) - 1.0)))
+    return mad_std(np.array(gains), centre=1.0)
 
 
 def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -> Pair:
@@ -137,10 +139,10 @@ def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -
     return float(depth[middle].mean() - depth[rim].mean()), float(cap[middle].mean() - cap[rim].mean())
 
 
-def _apart(
+def _held_out_laws(
     calibration: Calibration, pictures: Sequence[BallPicture]
 ) -> list[tuple[BallPicture, Ball, tuple[ColourLaw, float]]]:
-    """At most MOST balls that were found, evenly chosen, each with its law and that one's deviation there."""
+    """At most MAX_BALLS balls that were found, evenly chosen, each with its law and that one's deviation there."""
     rows = zip(pictures, calibration.balls, calibration.unseen, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
-    return kept[:: max(1, -(-len(kept) // MOST))]
+    return kept[:: max(1, -(-len(kept) // MAX_BALLS))]

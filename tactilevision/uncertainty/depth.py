@@ -1,26 +1,15 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = max(noise^2 + waves^2, untouched^2) + zero^2 + drift^2 + max(gain^2 depth^2, spread <gain^2 depth^2>)
-            + wall^2
+    std^2 = max(scale, leakage) + free gel + zero plane + illumination + steep edges + steep slope
 
-noise: the slopes' own noise carried through the integration, measured on a few drawn noise fields (it depends on
-the place alone, so it is done once); waves: how far untouched gel was from flat in the calibration's pictures,
-as errors of the light's colour over wide areas make it; untouched: how far, place by place, single frames of the
-free gel were from flat. Their noise is alike over many pixels (blur, compression), and drawn noise is not:
-integrated, slow waves of it come to several times as much, most of all in dark corners. zero: the zero plane's;
-drift: what is not known of the light's (`drift_error.py`);
-gain: how far the depth scale of balls scatters that are in the calibration, which no map escapes, and, place by
-place, what other balls would have made of it (`photometric/jackknife.py`); < > over a thickness of gel, as errors
-of slope spread to the gel beside, where they have nothing to fall off with: how far, leaving out balls shows
-(`spread.py`). Neither is set by hand; both stand in the method's card.
-wall: how far the step of a restored wall may be off (`walls.py`), and where slopes steeper than any ball showed
-belong to no round face, as much again as such a slope drops over the wall's width; all behind it stands on that.
-Assumes these to be independent. Blur of contacts only a few pixels wide is not in it.
+The terms, their equations and limits stand in their own files (`tactilevision.uncertainty`); here they are summed.
+Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,72 +17,107 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.integration.circular_edges import window_of
-from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import PunchEdge
-from tactilevision.integration.zero_plane import USUAL_THICKNESS_MM, ZeroPlane
+from tactilevision.integration.zero_plane import ZeroPlane
 from tactilevision.photometric.illumination.drift import Drift
-from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.records import Pair, SlopeMap
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.records import HeightMap, Pair, SlopeMap
+from tactilevision.uncertainty.depth_scale import place_gain_std, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
+from tactilevision.uncertainty.leakage import leaked_variance
+from tactilevision.uncertainty.slope_noise import noise_variance
+from tactilevision.uncertainty.steep_edge import add_edge_variance
+from tactilevision.uncertainty.steep_slope import STEEP_SHARE, add_steep_variance, hidden_step_mm
+from tactilevision.uncertainty.untouched_gel import free_variance
+from tactilevision.uncertainty.zero_plane import zero_variance
 
 Picture = npt.NDArray[np.float32]
-DRAWS = 6
-STEEP = 0.95  # of the steepest slope that was calibrated
-MIN_STEEP = 12  # pixels; fewer are noise
-GRID_MM = 0.18  # on which it is worked out, about; it is smooth but for walls, where a pixel does not matter
-COARSE = 4  # points of the grid on which depth nearby is looked up, to a thickness of gel
-ROOM = 16  # px: grid on which the depth of untouched gel is kept
-MEDIAN_TO_STD = 1.4826
+Array = npt.NDArray[np.floating[Any]]
+GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation varies, but for edges
+TERMS = (
+    "depth scale",
+    "leakage",
+    "slope noise",
+    "untouched gel",
+    "zero plane",
+    "illumination",
+    "steep edge",
+    "steep slope",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MapEvidence:
+    """What one height map's deviation rests on, beside its depth.
+
+    `slopes` (H, W) may be left out where edges were restored, and where none is too steep (`too_steep`); `edges`
+    are those that were restored; `drift` is None where the light was not followed.
+    """
+
+    zero: ZeroPlane
+    slopes: SlopeMap | None = None
+    edges: Sequence[PunchEdge] = ()
+    drift: Drift | None = None
 
 
 class DepthError:
-    """Standard deviation of the depths that one method gives; what depends on the place alone is made once."""
+    """Standard deviation of the depths that one method gives; what depends on the place alone is made once.
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+    `free_mm2`, `gain_square` (h, w) of the grid: variance of free gel in mm², and of the depth scale, relative.
+    """
+
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         self.method, self.mm_per_px = method, mm_per_px
-        gain = place_gain_std(method.card, method.relative_error)
-        self.spread = float(method.card.get("spread", 1.0))
-        self.steep = STEEP * float(method.card.get("steepest_slope", np.inf))
-        waves_mm = float(method.card.get("untouched_depth_rms_mm", 0.0))
-        noise = method.noise * np.float32(method.card.get("frame_noise", 1.0))
-        self.variance = _noise_variance(noise, mm_per_px) + np.float32(waves_mm**2)
-        untouched = np.array(method.card.get("untouched_std_mm", [[0.0]]), np.float32)
-        shape = self.variance.shape
-        untouched = cv2.resize(untouched, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR)
+        card = method.card
+        self.leakage = 1.0 if card.leakage_std is None else card.leakage_std
+        self.steepest = STEEP_SHARE * (np.inf if card.steepest_slope is None else card.steepest_slope)
         every = self.every = max(2, round(GRID_MM / max(mm_per_px)))
-        self.variance = np.maximum(self.variance, untouched**2)[::every, ::every].copy()
-        size = (self.variance.shape[1], self.variance.shape[0])
-        self.gain_square = cv2.resize(np.asarray(gain**2, np.float32), size, interpolation=cv2.INTER_LINEAR)
+        noise = noise_variance(
+            method.noise * np.float32(1.0 if card.frame_noise is None else card.frame_noise), mm_per_px
+        )
+        waves_mm = card.untouched_depth_rms_mm or 0.0
+        free = free_variance(noise, waves_mm, np.array(card.untouched_std_mm or [[0.0]], np.float32))
+        self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
+        size = (self.free_mm2.shape[1], self.free_mm2.shape[0])
+        gain = np.asarray(place_gain_std(card, method.relative_error) ** 2, np.float32)
+        self.gain_square: Picture = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR))
 
-    def std_mm(
-        self,
-        depth: npt.NDArray[np.floating[Any]],
-        zero: ZeroPlane,
-        *,
-        slopes: SlopeMap | None = None,
-        walls: Sequence[PunchEdge] = (),
-        drift: Drift | None = None,
-    ) -> Picture:
-        """Standard deviation (H, W) of `depth` (H, W), mm; `walls` are those that were restored.
-
-        `slopes` may be left out where walls were restored, and where none is too steep (`too_steep`).
-        """
-        few = np.array(depth[:: self.every, :: self.every], np.float32)
-        total = self._nearby(few)
-        cv2.addWeighted(total, 1.0, self.variance, 1.0, zero.std_mm**2, dst=total)
-        if drift is not None and drift.covariance is not None:
-            light = self.drift.variance(drift.covariance, zero)
-            total += cv2.resize(light, total.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        for restored in walls:
-            step = (self.every * self.mm_per_px[0], self.every * self.mm_per_px[1])
-            window, x, y = window_of(few.shape, restored.centre_mm, step, restored.radius_mm)
-            total[window] += np.float32(restored.std_mm**2) * (x * x + y * y < restored.radius_mm**2)
-        wall = 0.0 if walls or slopes is None else self.wall_mm(few, slopes)
-        if wall > 0:
-            total += np.float32(wall**2) * (few > 0.5 * few.max())
+    def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
+        """Standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
+        few = self._on_grid(depth_mm)
+        scale = scale_variance(few, self.gain_square)
+        total = np.asarray(cv2.max(self._leaked(scale), scale, dst=scale))
+        cv2.addWeighted(total, 1.0, self.free_mm2, 1.0, zero_variance(evidence.zero), dst=total)
+        light = self._light(evidence, total.shape)
+        if light is not None:
+            total += light
+        add_edge_variance(total, evidence.edges, self._step_mm)
+        add_steep_variance(total, few, self._hidden_mm(few, evidence))
         cv2.sqrt(total, dst=total)
-        return np.asarray(cv2.resize(total, depth.shape[::-1], interpolation=cv2.INTER_LINEAR))
+        return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    def terms_mm(self, depth_mm: Array, evidence: MapEvidence) -> dict[str, Picture]:
+        """Deviation (h, w) mm that each of TERMS adds to `depth_mm` (H, W); their squares sum to std_mm's.
+
+        On the grid of every `every`th pixel. Where two terms stand for the larger of both, the second is what it
+        adds to the first. Not for every frame: it takes as long as the sum again.
+        """
+        few = self._on_grid(depth_mm)
+        scale = scale_variance(few, self.gain_square)
+        light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
+        add_edge_variance(edges, evidence.edges, self._step_mm)
+        add_steep_variance(steep, few, self._hidden_mm(few, evidence))
+        variances = (
+            scale,
+            np.maximum(self._leaked(scale) - scale, 0.0),
+            self.noise_mm2,
+            self.free_mm2 - self.noise_mm2,
+            np.full_like(few, zero_variance(evidence.zero)),
+            np.zeros_like(few) if light is None else light,
+            edges,
+            steep,
+        )
+        return {name: np.sqrt(variance) for name, variance in zip(TERMS, variances, strict=True)}
 
     @cached_property
     def drift(self) -> DriftError:
@@ -101,69 +125,37 @@ class DepthError:
         return DriftError(self.method, self.mm_per_px)
 
     def too_steep(self, steepest: float) -> bool:
-        """Whether a picture whose greatest |slope| is `steepest` may hide depth behind its walls."""
-        return steepest > self.steep
+        """Whether a picture whose greatest |slope| is `steepest` may hide depth behind steep slopes."""
+        return steepest > self.steepest
 
-    def _nearby(self, few: Picture) -> Picture:
-        """The gain's part of the variance (h, w): of the depth there, or of depths nearby where that is more."""
-        every = max(1, round(USUAL_THICKNESS_MM / (COARSE * self.every * max(self.mm_per_px))))
-        square = cv2.multiply(few, few)
-        square *= self.gain_square
-        coarse = square[::every, ::every]
-        spread = [USUAL_THICKNESS_MM / (every * self.every * step) for step in self.mm_per_px]
-        coarse = cv2.GaussianBlur(coarse, (0, 0), spread[0], sigmaY=spread[1])
-        coarse *= np.float32(self.spread)
-        wide = cv2.resize(coarse, few.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        return np.asarray(cv2.max(wide, square, dst=square))
+    @property
+    def _step_mm(self) -> Pair:
+        return self.every * self.mm_per_px[0], self.every * self.mm_per_px[1]
 
-    def wall_mm(self, few: Picture, slopes: SlopeMap) -> float:
-        """What may be missing of the depth behind walls steeper than the calibration knows; a wall is long."""
-        p, q = slopes.dz_dx[:: self.every, :: self.every], slopes.dz_dy[:: self.every, :: self.every]
-        steep = self.every**2 * np.count_nonzero((np.abs(p) > self.steep) | (np.abs(q) > self.steep))
-        if steep < MIN_STEEP:
+    def _on_grid(self, depth_mm: Array) -> Picture:
+        return np.array(depth_mm[:: self.every, :: self.every], np.float32)
+
+    def _leaked(self, scale_mm2: Picture) -> Picture:
+        return leaked_variance(scale_mm2, self.leakage, every=self.every, mm_per_px=self.mm_per_px)
+
+    def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:
+        if evidence.drift is None or evidence.drift.covariance is None:
+            return None
+        blocks = self.drift.variance(evidence.drift.covariance, evidence.zero)
+        return np.asarray(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    def _hidden_mm(self, few: Picture, evidence: MapEvidence) -> float:
+        if evidence.edges or evidence.slopes is None:
             return 0.0
-        area = max(float(self.every**2) * np.count_nonzero(few > 0.5 * few.max()), 1.0)
-        width_px = steep / np.sqrt(4.0 * np.pi * area)
-        return float(self.steep * width_px * np.sqrt(self.mm_per_px[0] * self.mm_per_px[1]))
+        return hidden_step_mm(
+            few, evidence.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
+        )
 
 
-def place_gain_std(card: Mapping[str, Any], relative_error: float) -> npt.NDArray[np.float64]:
-    """Relative deviation (h, w) of the depth scale over the picture, as a method's card tells it."""
-    return np.hypot(gain_std(card, relative_error), np.array(card.get("place_gain_std", [[0.0]]), np.float64))
-
-
-def gain_std(card: Mapping[str, Any], relative_error: float) -> float:
-    """Relative deviation of the depth scale from ball to ball, which no map escapes; of slopes where not told.
-
-    A card that does not say what other balls would have changed has it mixed with balls held out.
-    """
-    held_out = float(card.get("held_out_gain_std", relative_error))
-    if "seen_gain_std" not in card:
-        return held_out
-    seen = float(card["seen_gain_std"])
-    return seen if "place_gain_std" in card else float(np.sqrt(seen * (held_out + seen)))
-
-
-def untouched_std_mm(depths: Sequence[npt.NDArray[np.floating[Any]]]) -> npt.NDArray[np.float64]:
-    """Standard deviation (h, w) in mm of the depth that N >= 2 frames of the free gel show, in blocks of ROOM px.
-
-    The median over the frames, as in one or the other something may have touched; N/(N - 1) of the variance, as
-    the mean of the same frames' slopes was taken off; smooth over neighbouring blocks, as few frames are rough.
-    """
-    height, width = depths[0].shape
-    spread = MEDIAN_TO_STD * np.median(np.abs(np.stack(depths)), axis=0)
-    size = (max(2, width // ROOM), max(2, height // ROOM))
-    blocks = cv2.resize(np.asarray(spread, np.float32), size, interpolation=cv2.INTER_AREA)
-    smooth = cv2.GaussianBlur(blocks, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(smooth * np.sqrt(len(depths) / (len(depths) - 1)), np.float64)
-
-
-def _noise_variance(noise: Picture, mm_per_px: Pair) -> Picture:
-    rng = np.random.default_rng(0)  # a fixed draw: the certificate of a method does not change between runs
-    total = np.zeros(noise.shape, np.float32)
-    for _ in range(DRAWS):
-        fields = rng.standard_normal((2, *noise.shape), dtype=np.float32) * noise
-        surface = integrate(SlopeMap(fields[0], fields[1]), mm_per_px)
-        total += (surface - np.median(surface)) ** 2
-    spread = max(noise.shape) / 12.0
-    return np.asarray(cv2.GaussianBlur(total / DRAWS, (0, 0), spread), np.float32)
+def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[str, float]:
+    """Rms in mm of each of the `terms` (h, w) mm of a `height` map where it is over half as deep as anywhere."""
+    depth = np.asarray(height.depth_mm, np.float32)
+    size = next(iter(terms.values())).shape[::-1] if terms else (1, 1)
+    few = np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST))
+    deep = few > 0.5 * few.max()
+    return {name: float(np.sqrt(np.mean(np.square(term[deep])))) for name, term in terms.items()}

@@ -1,12 +1,13 @@
-"""What is not known of the light's drift, as depth.
+"""The term of the light's drift: what is not known of it, as depth.
 
-A wrong coefficient g_k of the drift (`photometric/drift.py`) changes the colours of the whole picture, and with
-them the surface, smoothly: by D_k(x, y) each. The zero plane takes off what of it is a plane on the untouched gel,
+A wrong coefficient g_k of the drift (photometric/illumination/drift.py) changes the colours of the whole picture.
+With them it changes the surface, smoothly: by D_k(x, y) each. The zero plane takes off what of it is a plane on
+the untouched gel,
 
     variance(x, y) = D' C D'        D'_k = D_k - plane of D_k      C: covariance of the coefficients
 
 so that little is left beside small contacts, and much under those that leave little gel to tell drift from slopes.
-D_k is worked out once, for colours of flat gel.
+Vanishes where nothing has drifted, and where D_k is a plane. D_k is worked out once, for colours of flat gel.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ import numpy.typing as npt
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.zero_plane import ZeroPlane, plane_terms
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
-from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records import Floats, Pair, SlopeMap
 
-STEP = 0.01  # of a coefficient, small enough for laws to be straight over it
+STEP = 0.01  # of a coefficient: laws are straight over it to a hundredth
 
 
 class DriftError:
     """How depths of one method answer to its drift's coefficients; made once, on the drift's own blocks."""
 
-    def __init__(self, method: CalibratedMethod, mm_per_px: Pair) -> None:
+    def __init__(self, method: ReferencedMethod, mm_per_px: Pair) -> None:
         tracker, shape = method.change.tracker, method.reference.shape
         self.blocks = (tracker.size[1], tracker.size[0])
         self.terms = plane_terms(shape, self.blocks)

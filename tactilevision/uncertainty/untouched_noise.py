@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import HeightMap
-from tactilevision.robust import median
+from tactilevision.robust import frame_mad_std, median
 from tactilevision.uncertainty.depth import DepthError
 
 Array = npt.NDArray[np.floating[Any]]
@@ -35,16 +35,16 @@ def untouched_std(height: HeightMap, error: DepthError | None, every: int = 1) -
         return None if height.std_mm is None else height.std_mm[::every, ::every]
     depth, std = (np.asarray(many[::every, ::every], np.float32) for many in (height.depth_mm, height.std_mm))
     size = (depth.shape[1], depth.shape[0])
-    gain_square, least = (cv2.resize(many, size) for many in (error.gain_square, error.variance))
+    gain_square, least = (cv2.resize(many, size) for many in (error.gain_square, error.free_mm2))
     square = cv2.max(std * std - gain_square * depth * depth, least)
-    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(roughness_mm(height) ** 2)))
+    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(map_noise_mm(height) ** 2)))
 
 
-def roughness_mm(height: HeightMap) -> float:
+def map_noise_mm(height: HeightMap) -> float:
     """Standard deviation of a map's shallower half about its median, out of the median distance; 0 of nothing."""
     step = max(1, int(np.sqrt(height.depth_mm.size / SAMPLED)))
     depth = height.depth_mm[::step, ::step][height.valid[::step, ::step]]
     if not depth.size:
         return 0.0
     shallow = depth[depth <= median(depth)]
-    return 1.4826 * float(median(np.abs(shallow - median(shallow))))
+    return frame_mad_std(shallow)

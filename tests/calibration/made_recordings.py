@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Truth:
     poisson_std: float = 0.002
     states_noise: bool = True
     states_poisson: bool = True
-    extra: Mapping[str, float] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
     def stiffness(self, radius_mm: float, thickness_mm: float = 3.0) -> float:
         """c of a sliding punch times 1 + sticking."""
@@ -90,7 +91,7 @@ def draw(truth: Truth, rng: np.random.Generator) -> Measured:
                         force,
                         std,
                         truth.force_std_N if truth.states_noise else np.nan,
-                        extra=truth.extra,
+                        **truth.extra,
                     )
                 )
     sensor = Sensor("custom", 427, 320, (0.0634, 0.0634), gel)

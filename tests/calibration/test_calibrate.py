@@ -172,7 +172,8 @@ class Sticking(Truth):
         return super().stiffness(radius_mm, thickness_mm) * (1 + surplus)
 
 
-def test_several_radii_that_fix_nu_leave_E_room_for_friction() -> None:
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+def test_several_radii_that_fix_nu_leave_E_room_for_friction(seed: int) -> None:
     truth = Sticking(
         radii_mm=(1.5, 2.5, 3.5),
         states_poisson=False,
@@ -182,12 +183,11 @@ def test_several_radii_that_fix_nu_leave_E_room_for_friction() -> None:
         thickness_std_mm=0.0,
         poisson_ratio=0.474,
     )
-    for seed in range(4):
-        result = calibrate(draw(truth, np.random.default_rng(seed)))
-        assert result.poisson_ratio_source == "radii"
-        for found, true in ((result.poisson_ratio, 0.474), (result.youngs_modulus, 0.2)):
-            low, high = found.interval95 or (0, 0)
-            assert low <= true <= high
+    result = calibrate(draw(truth, np.random.default_rng(seed)))
+    assert result.poisson_ratio_source == "radii"
+    for found, true in ((result.poisson_ratio, 0.474), (result.youngs_modulus, 0.2)):
+        low, high = found.interval95 or (0, 0)
+        assert low <= true <= high
 
 
 def edged(edge_mm: float | None, *, true_mm: float = 0.1) -> Measured:

@@ -101,7 +101,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     ("fails", "fault"),
     [
         ("refit_with", ConvergenceError("no minimum")),
-        ("refit_with", RuntimeError("broken")),
+        pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         ("adopt", ConvergenceError("no minimum")),
         ("_skill", ZeroDivisionError()),
         ("separation", ConvergenceError("no minimum")),
@@ -121,7 +121,7 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
         return whole(fitted, what, *rest)
 
     monkeypatch.setattr(searching, fails, failing)
-    data = presses(12)
+    data = presses(8)
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.015)), np.random.default_rng(3))
     found = diagnose(shifted, np.random.default_rng(0))
     assert asked

@@ -12,7 +12,7 @@ from benchmarks import five_points
 from benchmarks.five_points import CASES, Case, blocks, published, read, solve_case, solved
 from tactilevision.recording import read_recording
 
-PAGE = (Path(__file__).parents[2] / "docs" / "five_points.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "evidence" / "five_points.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["reproduced", "depth_zero", "other_gels", "equal_depth", "left_open"])

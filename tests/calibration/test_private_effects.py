@@ -21,8 +21,8 @@ from tactilevision.errors import InputError, OutputError
     [
         ("raise RuntimeError('my own fault')", "my own fault"),
         ("raise SystemExit(7)", "SystemExit: 7"),
-        ("return replace(state, force_N=state.force_N * 1j)", "real"),
-        ("return replace(state, force_N=state.force_N * np.nan)", "finite"),
+        pytest.param("return replace(state, force_N=state.force_N * 1j)", "real", marks=pytest.mark.slow),
+        pytest.param("return replace(state, force_N=state.force_N * np.nan)", "finite", marks=pytest.mark.slow),
         ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
     ],
 )

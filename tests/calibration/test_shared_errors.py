@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +13,20 @@ from calibration.fit.tolerances import HEIGHTS
 from calibration.inputs.observations import Measured
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
+from tactilevision.records import CertificationDetails
 
 TOUCH_MM, RISE = 0.002, 0.006
 
 
 def shifted(measured: Measured, offset_mm: float, *, states: bool) -> Measured:
     """The same presses with every depth read too small by one offset."""
-    said = {"touch_shared_std_mm": TOUCH_MM, "rise_ratio": 0.1, "rise_ratio_std": RISE * 1.1} if states else {}
-    points = [replace(p, depth_mm=p.depth_mm - offset_mm, extra=said) for p in measured.points]
+    stated: dict[str, Any] = {
+        "contact_shared_std_mm": TOUCH_MM,
+        "pile_up_ratio": 0.1,
+        "pile_up_ratio_std": RISE * 1.1,
+    }
+    details = replace(CertificationDetails(), **stated) if states else CertificationDetails()
+    points = [replace(p, depth_mm=p.depth_mm - offset_mm, details=details) for p in measured.points]
     return replace(measured, points=tuple(points))
 
 
@@ -62,8 +69,8 @@ def test_on_a_ruler_the_scale_alone_is_open() -> None:
     measured = draw(Truth(), np.random.default_rng(4))
     found = {}
     for scale in (0.002, 0.02):
-        said = {"ruler_std": scale, "rise_ratio": 0.1, "rise_ratio_std": 0.0}
-        points = [replace(p, depth_std_mm=scale * p.depth_mm, extra=said) for p in measured.points]
+        details = CertificationDetails(travel_scale_std=scale, pile_up_ratio=0.1, pile_up_ratio_std=0.0)
+        points = [replace(p, depth_std_mm=scale * p.depth_mm, details=details) for p in measured.points]
         found[scale] = calibrate(replace(measured, points=tuple(points)))
         assert HEIGHTS not in found[scale].fitted.model.keys
     tight, wide = (float(one.c.std or 0.0) / float(one.c.value or 1.0) for one in found.values())

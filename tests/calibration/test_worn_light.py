@@ -20,12 +20,12 @@ from tactilevision.synthetic.simulate import simulate
 from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
 
 
-def options(sight: SlopeResponse) -> SimulationOptions:
+def options(slope_response: SlopeResponse) -> SimulationOptions:
     """Twelve presses of four depths before a small camera."""
     return SimulationOptions(
         gel=GelOptions(youngs_modulus_MPa=0.21, poisson_ratio=0.479, friction=0.25, prior=0.48, prior_std=0.005),
         camera=CameraOptions(width_px=240, height_px=180, mm_per_px=(0.1125, 0.1125), distortion_px=0.0),
-        sight=sight,
+        slope_response=slope_response,
         indenters=IndenterOptions(heights_mm=(0.2, 0.3, 0.4, 0.5)),
         rig=RigOptions(protocol=Protocol(rest_s=2.0, hold_s=0.5, free_s=0.6), frames_per_press=22),
         presses=3,
@@ -39,7 +39,7 @@ def options(sight: SlopeResponse) -> SimulationOptions:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("key", "sight", "amount"),
+    ("key", "slope_response", "amount"),
     [
         ("", SOUND, 0.0),
         ("photometric_gain", SlopeResponse(gain=-0.2), -0.2),
@@ -50,9 +50,9 @@ def options(sight: SlopeResponse) -> SimulationOptions:
     ids=["sound", "gain", "drift", "ceiling", "low ceiling"],
 )
 def test_what_the_light_lost_is_named_from_whole_frames(
-    key: str, sight: SlopeResponse, amount: float, tmp_path: Path
+    key: str, slope_response: SlopeResponse, amount: float, tmp_path: Path
 ) -> None:
-    recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(sight)))
+    recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(slope_response)))
     points = certify(recording, build_reconstructor(recording)).points
     found = diagnose(observe_points(Measured(recording, points)), np.random.default_rng(0))
     assert [effect.key for effect in found.effects] == [key] * bool(key)

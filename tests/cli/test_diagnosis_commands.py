@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_train_command import shortened
 
 from tactilevision.cli import main
 
@@ -80,8 +81,7 @@ def test_a_template_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sample = ROOT / "sample_frames" / "gelslim3"
-    assert run(monkeypatch, "train", sample, "--out", tmp_path / "light.npz") == 0
+    assert run(monkeypatch, "train", shortened(tmp_path, 8), "--out", tmp_path / "light.npz") == 0
     card = json.loads((tmp_path / "light.json").read_text())
     assert card["method"] == "polynomial"
     assert len(card["sha256"]) == 64

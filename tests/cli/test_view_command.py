@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.exports.tiff import write_tiff
+from tactilevision.records import HeightMap
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 
@@ -28,15 +31,25 @@ def test_a_frame_is_drawn_compared_exported_and_filmed(tmp_path: Path, monkeypat
         "00294:00297",
         "--export",
         "vtk",
+        "--terms",
         "--export",
         "tiff",
     )
     assert run(monkeypatch, SAMPLE, "--out", out, *wanted) == 0
     names = {path.name for path in out.iterdir()}
-    drawn = {f"00296_{what}.png" for what in ("depth", "surface", "normals", "frame", "minus_00290")}
+    drawn = {f"00296_{what}.png" for what in ("depth", "surface", "normals", "frame", "terms", "minus_00290")}
     assert drawn | {"00296.vtk", "00296.tiff"} <= names
     assert any(name.startswith("film_00294-00297") for name in names)
     assert run(monkeypatch, out / "00296.tiff", "--minus", out / "00296.tiff", "--out", tmp_path / "two") == 0
+
+
+def test_a_depth_tiff_has_no_terms_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    depth = HeightMap(np.full((20, 30), 0.1, np.float32), np.ones((20, 30), np.bool_), (0.1, 0.1), name="a")
+    write_tiff(tmp_path / "a.tiff", depth)
+    assert run(monkeypatch, tmp_path / "a.tiff", "--out", tmp_path, "--terms") == 2
+    assert "calibrated on balls" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

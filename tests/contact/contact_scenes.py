@@ -45,9 +45,9 @@ class Scene:
             radius_mm=self.radius_mm,
             height_mm=self.height_mm,
             height_std_mm=0.002,
-            bevel=self.side,
+            bevel=self.side,  # type: ignore[arg-type]
             bevel_distance_mm=self.bevel_distance_mm,
-        )  # type: ignore[arg-type]
+        )
 
 
 def grid(scene: Scene) -> tuple[Floats, Floats]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from contact_scenes import Scene, height_map
 
-from tactilevision.contact.circle import fit_circle
 from tactilevision.contact.footprint import find_footprint, relief_mm
+from tactilevision.integration.circle import fit_circle
 from tactilevision.records import HeightMap
 
 SCENES: list[dict[str, Any]] = [

@@ -13,6 +13,7 @@ import pytest
 from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
 from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
+from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Frame
@@ -20,13 +21,15 @@ from tactilevision.records import Frame
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, ball, ball_pictures, flat, picture
 
+FITS = {**PHOTOMETRIC, "network": NetworkFitter(steps=150)}  # trained briefly
+
 
 @lru_cache
 def calibrated(name: str, marks: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=marks)
-    method = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC[name]).method
+    method = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=FITS[name]).method
     return subtract_background(method, [flat(rng) for _ in range(8)])
 
 

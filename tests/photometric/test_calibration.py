@@ -110,7 +110,7 @@ def test_a_method_survives_the_disk(name: str, tmp_path: Path) -> None:
     again = load_method(path)
     frame = flat(np.random.default_rng(6))
     assert np.array_equal(method.slopes(frame).dz_dx, again.slopes(frame).dz_dx)
-    assert again.card["held_out_direction_error_deg"] == pytest.approx(calibrated(name).direction_error_deg)
+    assert again.card.held_out_direction_error_deg == pytest.approx(calibrated(name).direction_error_deg)
     path.write_bytes(path.read_bytes()[:-1] + b"x")
     with pytest.raises(InputError, match="does not match its card"):
         load_method(path)
@@ -144,7 +144,8 @@ def test_a_contact_in_the_only_reference_is_warned_of() -> None:
     ]
     found = calibrate_from_balls(make_reference([touched]), shots, SCALE, fit=PHOTOMETRIC["polynomial"])
     assert any("contact in the reference" in warning for warning in found.warnings)
-    place = found.method.card["contact_in_reference_px"]
+    place = found.method.card.contact_in_reference_px
+    assert place is not None
     assert np.hypot(*np.subtract(place, in_px((-5.0, 3.0)))) < 1.4 / MM_PER_PX
     assert not any("contact in the reference" in warning for warning in calibrated("polynomial").warnings)
 

@@ -48,9 +48,9 @@ def test_depth_moves_as_a_wrong_coefficient_moves_it(
 ) -> None:
     """Lean and stray light of one channel put wrong by hand; the robust plane moves a little on its own."""
     made, rgb = reader(), flat(np.random.default_rng(1), gain=1.03)
-    assert isinstance(made.method, CalibratedMethod)
+    assert made.referenced is not None
     assert made.error is not None
-    before, tracker = made.rectified_map(rgb).depth_mm.copy(), made.method.change.tracker
+    before, tracker = made.rectified_map(rgb).depth_mm.copy(), made.referenced.change.tracker
     assert made.zero is not None
     covariance = np.zeros((18, 18))
     covariance[6 * channel + number, 6 * channel + number] = size**2
@@ -77,15 +77,15 @@ def test_depth_moves_as_a_wrong_coefficient_moves_it(
 
 def test_it_grows_with_the_contact_and_is_none_where_nothing_drifted() -> None:
     made = reader()
-    assert isinstance(made.method, CalibratedMethod)
+    assert made.referenced is not None
     assert made.error is not None
     middle = []
     for contact_mm in (1.0, 2.0, 3.5):
         made.rectified_map(pressed(contact_mm, 1.05))
-        drift = made.method.change.tracker.measure(pressed(contact_mm, 1.05))
+        drift = made.referenced.change.tracker.measure(pressed(contact_mm, 1.05))
         assert drift.covariance is not None
         assert made.zero is not None
         said = np.sqrt(made.error.drift.variance(drift.covariance, made.zero))
         middle.append(float(said[said.shape[0] // 2, said.shape[1] // 2]))
     assert middle[0] < middle[1] < middle[2]
-    assert made.method.change.tracker.measure(flat(np.random.default_rng(3))).covariance is None
+    assert made.referenced.change.tracker.measure(flat(np.random.default_rng(3))).covariance is None

@@ -17,8 +17,8 @@ from tactilevision.photometric.ball.cross_validation import (
 )
 from tactilevision.photometric.ball.jackknife import DIRECTIONS, PLACES, STEEP, gain_map, jackknife_std
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.method import ColourLaw
 from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
 BALLS, EACH, STEEPEST, NOISE = 12, 60, 0.6, 0.01

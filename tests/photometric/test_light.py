@@ -13,6 +13,7 @@ from lamp_room import SHAPE, flat
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference, save_method
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import Network
@@ -43,7 +44,7 @@ def reference(rgb: Bytes) -> Reference:
 def test_noise_of_single_pixels_hides_no_other_light() -> None:
     """A method's error a pixel is mostly noise, its scale far better known."""
     method = CalibratedMethod(
-        Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card={"held_out_gain_std": 0.05}
+        Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card=MethodCard(held_out_gain_std=0.05)
     )
     likeness = ReferenceMatch(method)
     assert "another light" in likeness.made_in(light_of(reference(OWN)))[0]
@@ -61,7 +62,9 @@ def recording(folder: Path, rgb: Bytes) -> Recording:
 
 def saved(folder: Path) -> Path:
     law = Network(MODEL.read_bytes(), 0.9, MODEL)
-    return save_method(CalibratedMethod(law, reference(OWN), 0.15, card={"sensor": "gelslim3"}), folder / "own")
+    return save_method(
+        CalibratedMethod(law, reference(OWN), 0.15, card=MethodCard(sensor="gelslim3")), folder / "own"
+    )
 
 
 def test_exposure_and_white_balance_are_no_change_of_light() -> None:

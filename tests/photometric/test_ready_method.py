@@ -13,7 +13,7 @@ import pytest
 from lamp_room import flat
 
 from tactilevision.errors import InputError
-from tactilevision.photometric import load_network, make_reference
+from tactilevision.photometric import PHOTOMETRIC, load_network, make_reference
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.training.random_samples import draw_samples
 from tactilevision.reconstruct import build_reconstructor
@@ -40,12 +40,12 @@ def shipped() -> Path:
 def test_it_fits_its_card() -> None:
     method = load_network(shipped(), make_reference([flat(np.random.default_rng(0))]))
     assert isinstance(method.law, Network)
-    assert method.card["licence"] == "MIT"
-    assert method.card["versions"]["kornia"]
+    assert method.card.other["licence"] == "MIT"
+    assert method.card.other["versions"]["kornia"]
     unseen, still = draw_samples(32, 77)
     found = method.law.at(unseen.change, unseen.place)
     off = np.degrees(np.abs(np.angle((found @ [1, 1j]) * (unseen.slopes @ [1, -1j]))))
-    assert np.median(off) == pytest.approx(method.card["held_out_direction_error_deg"], rel=0.2)
+    assert np.median(off) == pytest.approx(method.card.held_out_direction_error_deg, rel=0.2)
     rest = method.law.at(still.change, still.place)
     assert np.median(np.hypot(*rest.T)) < 0.03
 
@@ -62,7 +62,7 @@ def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: 
         build_reconstructor(recording(tmp_path, "digit"))
     with pytest.raises(InputError, match=f"{here}/reference/flat: no picture of the untouched gel"):
         build_reconstructor(recording(tmp_path, "gelslim3", flats=0))
-    with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, either, lookup"):
+    with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, auto, lookup"):
         build_reconstructor(recording(tmp_path, "gelslim3"), "polynomal")
 
 
@@ -110,3 +110,10 @@ def test_a_truncated_network_with_a_card_to_match_is_still_told(tmp_path: Path, 
     path.with_suffix(".json").write_text(json.dumps(card))
     with pytest.raises(InputError, match=r"cannot be read|does not"):
         load_network(path, make_reference([flat(np.random.default_rng(0))]))
+
+
+def test_auto_keeps_its_older_name() -> None:
+    assert PHOTOMETRIC["either"] is PHOTOMETRIC["auto"]
+    assert "either" in PHOTOMETRIC
+    assert "either" not in list(PHOTOMETRIC)
+    assert "neither" not in PHOTOMETRIC

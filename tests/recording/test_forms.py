@@ -11,7 +11,8 @@ import pytest
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import RecordingError
-from tactilevision.recording import iter_frames, read_folder, read_recording, require, write_image
+from tactilevision.recording import iter_frames, read_folder, read_recording, require, write_image, write_points
+from tactilevision.records import EdgeDrop, EdgeProfile
 
 POINTS_ONLY = """\
 format = 1
@@ -273,3 +274,25 @@ def test_faults_of_a_bare_folder_are_named(folder: Path, tmp_path: Path) -> None
     (tmp_path / "bare.toml").write_text("format = 1\n")
     with pytest.raises(RecordingError, match=r"the table \[sensor\] is missing"):
         read_folder(folder / "frames", sensor=tmp_path / "bare.toml")
+
+
+def test_details_of_a_point_are_read_from_their_columns(tmp_path: Path) -> None:
+    header = (
+        "indenter,press,fz_N,depth_mm,rise_ratio,ruler_std,force_dwell,findings,fall_270_0.40_0.53_mm,ball_slope"
+    )
+    text = (
+        header
+        + ",slope_gain_std,lubricated,who\nA1,a,1.0,0.2,0.1,,1,,0.011,0.6,0.02,1,Ada\nA1,b,2.0,0.4,,,,,,,,,\n"
+    )
+    recording = read_recording(tables_only(tmp_path / "points", "points.csv", text))
+    first, second = recording.points
+    details, profile = first.details, first.edge_profile
+    assert (details.pile_up_ratio, details.force_dwell, details.findings) == (0.1, True, "")
+    assert np.isnan(details.travel_scale_std)
+    assert profile == EdgeProfile((EdgeDrop(270.0, 0.4, 0.53, 0.011),), 0.02, 0.6)
+    assert (first.lubricated, first.extra) == (1.0, {"who": "Ada"})
+    assert second.edge_profile is None
+    write_points(tmp_path / "points", recording.points)
+    again = read_recording(tmp_path / "points").points[0]
+    assert (again.edge_profile, again.details.pile_up_ratio, again.extra) == (profile, 0.1, first.extra)
+    assert "fall_270_0.40_0.53_mm" in (tmp_path / "points" / "points.csv").read_text()

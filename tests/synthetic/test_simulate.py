@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared_scenes import scenes, shared
 
 from tactilevision.errors import InputError, OutputError
 from tactilevision.recording import BadFrame, Recording, iter_frames, read_frame, read_recording
@@ -40,8 +41,13 @@ SMALL = SimulationOptions(
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate(tmp_path_factory.mktemp("simulated") / "run", seed=5, options=SMALL)
+def folder() -> Path:
+    return simulated()
+
+
+@shared
+def simulated() -> Path:
+    return simulate(scenes() / "simulated", seed=5, options=SMALL)
 
 
 @pytest.fixture(scope="module")

@@ -15,20 +15,22 @@ import numpy as np
 from tactilevision.certificate.clock.joint_fit import ClockProblem, fit_clock, memory, number_of
 from tactilevision.records import Estimate, Floats, ForceSeries
 
-_MEMORIES_S = (0.2, 1.0, 5.0)
-_NEAR_S, _STEP_S = 2.0, 0.01
-_WIDE = 20000  # offsets tried at most where the clocks have different origins
-_AROUND_S = 0.6
-_JUMP_S, _ELSEWHERE = 0.15, 9.0  # s, and times the mean square: what no press of one clock does
-_COVERED = 0.3  # of the frames must have force readings
-_SMOOTH_S = 0.045
-_SURE = 10.0  # by which the likelihood must favour a relaxing gel beyond the criterion of Schwarz
-_AGREE = 2.0  # standard deviations of that by what presses say of it one by one
-_CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known yet
+_MEMORIES_S = (0.2, 1.0, 5.0)  # s, time constants of a relaxing gel that are fitted along; benchmarks.certificate
+_NEAR_S = 2.0  # s, offsets searched first: clocks that were set together; benchmarks.certificate
+_STEP_S = 0.01  # s, step of the search: finer than a frame's interval; benchmarks.certificate
+_MAX_OFFSETS = 20000  # offsets tried at most where the clocks have different origins
+_AROUND_S = 0.6  # s about the correlation's offset in which parabolas are fitted; benchmarks.certificate
+_MIN_JUMP_S = 0.15  # s, smaller jumps are no jumps of a clock; tests.certificate.test_clock_alignment
+_MISFIT_RATIO = 9.0  # of mean squares, which no press of one clock reaches; tests.certificate.test_clock_alignment
+_COVERED = 0.3  # share of the frames that must have force readings; benchmarks.certificate
+_SMOOTH_S = 0.045  # s, mean of the force: rounds corners only where no frame would tell; benchmarks.certificate
+_MIN_GAIN = 10.0  # of log likelihood, for a relaxing gel beyond the criterion of Schwarz; benchmarks.certificate
+_AGREEMENT_SIGMA = 2.0  # stds of that gain by what presses say of it one by one; benchmarks.certificate
+_CLEAR = 0.75  # of the deepest: below it the bevel has hardly touched, where that is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class PressDepths:
     """Depths (N,) of one press at times (N,) on the camera's clock.
 
     `kind` names presses that share their reading of depth: those of one punch radius. `touch_N` is the normal
@@ -42,7 +44,7 @@ class Seen:
     touch_N: float = float("nan")
     stiffness: float = 1.0
 
-    def clear(self) -> Seen:
+    def clear(self) -> PressDepths:
         """Where the touch is not known: the frames that hardly feel the bevel."""
         keep = np.isfinite(self.depth_mm)
         if np.isnan(self.touch_N) and keep.any():
@@ -50,7 +52,7 @@ class Seen:
         return replace(self, time_s=self.time_s[keep], depth_mm=self.depth_mm[keep])
 
 
-def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, float]:
+def correlation_offset(presses: Sequence[PressDepths], forces: ForceSeries) -> tuple[float, float]:
     """Offset at which depth times stiffness and normal force correlate best, to about a frame, and that
     correlation.
 
@@ -66,7 +68,7 @@ def coarse_offset(presses: Sequence[Seen], forces: ForceSeries) -> tuple[float, 
     if score > 0.9 and abs(best) < 0.95 * _NEAR_S:
         return best, score
     first, last = forces.time_s[0] - time.max(), forces.time_s[-1] - time.min()
-    step = max(2 * _STEP_S, (last - first) / _WIDE)
+    step = max(2 * _STEP_S, (last - first) / _MAX_OFFSETS)
     thin = slice(None, None, max(1, time.size // 400))
     wide, _ = _best_correlation(np.arange(first, last, step), time[thin], depth[thin], forces.time_s, smooth)
     around = wide + np.arange(-3 * step, 3 * step + 1e-9, _STEP_S)
@@ -92,17 +94,17 @@ def _best_correlation(
     return best, sure
 
 
-def near_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> float:
+def parabola_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, start_s: float) -> float:
     """A better start: the offset at which each press' depth is best a parabola of the force, to some 10 ms."""
     grid = start_s + np.arange(-_AROUND_S, _AROUND_S + 1e-9, _STEP_S)
     force, total = _smooth(forces), np.zeros(grid.size)
     for clear in (seen.clear() for seen in presses):
         if _ramps(clear):
-            total += clear.time_s.size * np.log(_beside_parabola(clear, grid, forces.time_s, force) + 1e-8)
+            total += clear.time_s.size * np.log(_parabola_misfit(clear, grid, forces.time_s, force) + 1e-8)
     return float(grid[int(total.argmin())])
 
 
-def jumps(presses: Mapping[str, Seen], forces: ForceSeries, offset_s: float) -> dict[str, float]:
+def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, offset_s: float) -> dict[str, float]:
     """By how much the clocks of single presses are off `offset_s` (s), of those that fit far better elsewhere.
 
     One clock was set anew between them and the others, or readings were lost and the rest moved up.
@@ -112,17 +114,17 @@ def jumps(presses: Mapping[str, Seen], forces: ForceSeries, offset_s: float) -> 
     for name, clear in ((name, seen.clear()) for name, seen in presses.items()):
         if not _ramps(clear):
             continue
-        square = _beside_parabola(clear, grid, forces.time_s, force)
+        square = _parabola_misfit(clear, grid, forces.time_s, force)
         away = float(grid[int(square.argmin())]) - offset_s
-        if abs(away) > _JUMP_S and square[0] > _ELSEWHERE * square.min() + 1e-8:
+        if abs(away) > _MIN_JUMP_S and square[0] > _MISFIT_RATIO * square.min() + 1e-8:
             found[name] = away
     return found
 
 
-def said_of_jumps(strays: Mapping[str, float]) -> Iterator[str]:
+def clock_jump_warnings(clock_outliers: Mapping[str, float]) -> Iterator[str]:
     """A warning that names the presses whose force comes too late or too early."""
-    if strays:
-        named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in strays.items())
+    if clock_outliers:
+        named = ", ".join(f"{name} ({away:+.2f} s)" for name, away in clock_outliers.items())
         yield (
             "forces.csv: depth and force of some presses go together only at another offset of the clocks than "
             f"those of the others: {named}. Was a clock set anew, or were readings lost? Give these a recording "
@@ -130,11 +132,11 @@ def said_of_jumps(strays: Mapping[str, float]) -> Iterator[str]:
         )
 
 
-def _ramps(clear: Seen) -> bool:
+def _ramps(clear: PressDepths) -> bool:
     return clear.time_s.size >= 6 and bool(np.ptp(clear.depth_mm) > 0)
 
 
-def _beside_parabola(seen: Seen, offsets: Floats, force_time: Floats, force: Floats) -> Floats:
+def _parabola_misfit(seen: PressDepths, offsets: Floats, force_time: Floats, force: Floats) -> Floats:
     """Mean square (offsets,) in mm² of the depth beside the best parabola of the force at each offset."""
     moved = np.interp(seen.time_s[None, :] + offsets[:, None], force_time, force)
     basis = np.stack([np.ones_like(moved), moved, moved**2], axis=-1)
@@ -144,7 +146,7 @@ def _beside_parabola(seen: Seen, offsets: Floats, force_time: Floats, force: Flo
     return np.asarray(np.maximum((seen.depth_mm**2).sum() - fitted, 0) / seen.time_s.size)
 
 
-def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: float) -> Estimate:
+def estimate_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, start_s: float) -> Estimate:
     """Offset near `start_s` with its standard deviation.
 
     A gel that relaxes within a few frames looks like a clock that is late: it is believed where the presses agree
@@ -156,15 +158,15 @@ def estimate_offset(presses: Sequence[Seen], forces: ForceSeries, *, start_s: fl
         return Estimate(None, None, None, "s", why="too few frames show the ramps of the presses")
     plain = fit_clock(_problem(clear, forces, ()), start_s)
     fading = fit_clock(_problem(clear, forces, _MEMORIES_S), plain.offset_s)
-    needed = len(_MEMORIES_S) * np.log(sum(seen.time_s.size for seen in clear)) + _SURE
+    needed = len(_MEMORIES_S) * np.log(sum(seen.time_s.size for seen in clear)) + _MIN_GAIN
     gain = plain.misfit - fading.misfit
     scatter = float(np.std(gain, ddof=1)) * np.sqrt(gain.size) if gain.size > 1 else 0.0
-    best = fading if gain.sum() - _AGREE * scatter > needed else plain
+    best = fading if gain.sum() - _AGREEMENT_SIGMA * scatter > needed else plain
     std = max(best.std_s, 1e-4)
     return Estimate(best.offset_s, std, (best.offset_s - 1.96 * std, best.offset_s + 1.96 * std), "s")
 
 
-def _problem(presses: Sequence[Seen], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
+def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequence[float]) -> ClockProblem:
     smooth, slow = _smooth(forces), _smooth(forces, min(_MEMORIES_S))
     zero = float(np.median(smooth[smooth <= np.quantile(smooth, 0.3)]))
     time = np.concatenate([seen.time_s for seen in presses])

@@ -19,14 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
+from tactilevision.records.contact_thresholds import CONTACT
 
-POWERS = 4
-GAIN_STD = 0.1
-SHIFT_STD = 0.01  # of the largest depth: how far a zero plane may move when a contact comes into view
-BEVEL_STD = 0.3  # of the force beyond the touch
-MEMORY_STD = 0.5  # of the force, for gels that relax by a half
-CONTACT = 0.03  # of the largest force: where the contact is there
-_JOLT, _JOLT_S = 12.0, 0.1  # times the usual rate: releases are several times faster than loading
+POWERS = 4  # terms of the depth's polynomial in the force; benchmarks.certificate
+GAIN_STD = 0.1  # of 1, one sigma of a press' gain; benchmarks.certificate
+SHIFT_STD = 0.01  # of the largest depth, one sigma of the zero plane's shift at contact; benchmarks.certificate
+BEVEL_STD = 0.3  # of the force beyond the contact event, one sigma of the bevel's part; benchmarks.certificate
+MEMORY_STD = 0.5  # of the force, one sigma of each memory: gels that relax by a half; benchmarks.certificate
+_JOLT = 12.0  # times the median rate: releases are several times faster than loading; benchmarks.certificate
+_JOLT_S = 0.1  # s about a jolt in which frames do not count; tests.certificate.test_clock_alignment
 Ints = npt.NDArray[np.int_]
 
 
@@ -58,7 +59,7 @@ class ClockProblem:
         return tuple(slice(int(a), int(b)) for a, b in pairwise(np.cumsum((0, *sizes))))
 
     def prior(self, start_s: float) -> tuple[Floats, Floats]:
-        """Start, and what is known beforehand of each parameter: its std, inf where nothing is."""
+        """Start (K,), and the std (K,) that is known beforehand of each parameter, inf where nothing is."""
         offset, shapes, _, gains, shift, parts, memories = self.blocks()
         start, std = np.zeros(memories.stop), np.full(memories.stop, np.inf)
         start[offset], start[gains] = start_s, 1.0
@@ -75,11 +76,11 @@ class ClockProblem:
         force = now[0] - parts[0] * beyond - parts[1] * beyond**2 + memories @ now[1:]
         powers = force[:, None] ** np.arange(1, POWERS + 1)
         curve = (powers * shapes.reshape(-1, POWERS)[self.kind]).sum(axis=1)
-        contact = shift[0] * np.clip(force / CONTACT, 0, 1)
+        contact = shift[0] * np.clip(force / CONTACT.reading_share, 0, 1)
         value = zeros[self.press] + gains[self.press] * (curve + contact)
         return np.asarray(value, dtype=np.float64)
 
-    def calm(self, offset_s: float) -> Bools:
+    def steady(self, offset_s: float) -> Bools:
         """Frames (N,) about which the force changes as in a press: a jolt would pin the clocks to itself."""
         from scipy.ndimage import maximum_filter1d
 
@@ -87,9 +88,9 @@ class ClockProblem:
         rate = np.abs(np.gradient(self.series[0], interval))
         fastest = maximum_filter1d(rate, 2 * max(round(_JOLT_S / interval), 1) + 1)
         here = np.interp(self.time_s + offset_s, self.force_time_s, fastest)
-        loaded = np.interp(self.time_s + offset_s, self.force_time_s, self.series[0]) > CONTACT
-        usual = float(np.median(here[loaded])) if loaded.any() else np.inf
-        return np.asarray(here <= _JOLT * usual)
+        loaded = np.interp(self.time_s + offset_s, self.force_time_s, self.series[0]) > CONTACT.reading_share
+        median_rate = float(np.median(here[loaded])) if loaded.any() else np.inf
+        return np.asarray(here <= _JOLT * median_rate)
 
     def jacobian(self, parameters: Floats, value: Floats) -> Floats:
         """Derivatives (N, parameters) by differences; the offset's over a few force readings, past their noise."""
@@ -125,7 +126,7 @@ def fit_clock(problem: ClockProblem, start_s: float) -> ClockFit:
         residual = problem.depth_mm - value
         if turn > 2:
             weights, noise = _weights(problem, residual)
-            weights = weights * problem.calm(float(parameters[0]))
+            weights = weights * problem.steady(float(parameters[0]))
         jacobian = problem.jacobian(parameters, value)
         held = (noise / std) ** 2
         normal = (jacobian * weights[:, None]).T @ jacobian + np.diag(held + 1e-12)
@@ -156,7 +157,7 @@ def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
 
 
 def memory(time_s: Floats, force: Floats, fade_s: float) -> Floats:
-    """Integral of exp(-(t - s)/T) dP(s) at evenly spaced times."""
+    """Integral (T,) of exp(-(t - s)/T) dP(s) at evenly spaced times (T,) s, in the unit of `force` (T,)."""
     from scipy.signal import lfilter
 
     keep = float(np.exp(-np.median(np.diff(time_s)) / fade_s))
@@ -164,6 +165,6 @@ def memory(time_s: Floats, force: Floats, fade_s: float) -> Floats:
 
 
 def number_of(names: Sequence[float], counts: Sequence[int]) -> Ints:
-    """Numbers of the names in order, each repeated for its frames."""
+    """Numbers (N,) of the names in order, each repeated for its frames."""
     order = sorted(set(names))
     return np.repeat([order.index(name) for name in names], counts)

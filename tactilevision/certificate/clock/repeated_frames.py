@@ -15,32 +15,32 @@ import numpy as np
 from tactilevision.recording import BadFrame
 from tactilevision.records import Estimate, Floats, Frame
 
-_THIN = 3  # pixels apart that are compared
-_MOSTLY = 0.5  # of the picture
-_ENOUGH = 12  # pairs of frames: a coder's whole group of pictures
+_THIN = 3  # pixels from one that is compared to the next
+_MOSTLY = 0.5  # share of the picture that is copied, where the clock is no longer trusted; test_repeated_frames
+_MIN_PAIRS = 12  # pairs of frames: a coder's whole group of pictures
 
 
-def noting(frames: Iterable[Frame | BadFrame], alike: list[float]) -> Iterator[Frame | BadFrame]:
+def note_repeats(frames: Iterable[Frame | BadFrame], repeats: list[float]) -> Iterator[Frame | BadFrame]:
     """The frames as they come; `alike` grows by the share of pixels that each has from the one before."""
     before = None
     for frame in frames:
         if not isinstance(frame, BadFrame):
             now = frame.rgb[::_THIN, ::_THIN]
             if before is not None:
-                alike.append(float((now == before).all(axis=-1).mean()))
+                repeats.append(float((now == before).all(axis=-1).mean()))
             before = now
         yield frame
 
 
-def copied(alike: Sequence[float]) -> float:
-    """The share of the picture that a usual frame copies; 0 where too few frames tell."""
-    if len(alike) < _ENOUGH:
+def repeated_share(repeats: Sequence[float]) -> float:
+    """The share of the picture that the median frame copies; 0 where too few frames tell."""
+    if len(repeats) < _MIN_PAIRS:
         return 0.0
-    anew, usual = float(np.quantile(alike, 0.03)), float(np.median(alike))
-    return (usual - anew) / (1 - anew) if anew < 1 else 0.0
+    anew, typical_share = float(np.quantile(repeats, 0.03)), float(np.median(repeats))
+    return (typical_share - anew) / (1 - anew) if anew < 1 else 0.0
 
 
-def allow_for_copies(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
+def allow_for_repeats(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
     """The clocks' offset with a frame's interval more of uncertainty where most of each picture is a copy, and a
     warning that says so.
     """

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Floats, Pair
+from tactilevision.robust import mad_std
 
-GENTLE_MM = 0.4  # up to which walls leave the depth of a face alone
-MIN_COUNT = 3
-APART = 0.06  # of 1: on five lights medians over gentle faces lie within .02 of it, single faces within .08
-SURE = 3.0  # deviations of the median
+GENTLE_MM = 0.4  # mm, up to which walls leave the depth of a face alone
+MIN_COUNT = 3  # gentle faces from which a median is taken; tests.certificate.test_depth_scale
+MAX_OFF = 0.06  # of 1: on five lights medians over gentle faces lie within .02, single ones within .08
+DETECTION_SIGMA = 3.0  # stds of the median; tests.certificate.test_depth_scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class DepthScale:
     scatter: float
 
     def scale(self, seen_mm: Floats | float) -> Floats:
+        """True over seen depth at seen depths of any shape, mm."""
         held = np.clip(np.asarray(seen_mm, dtype=np.float64), *self.limits_mm)
         return np.asarray(np.polynomial.polynomial.polyval(held, self.coefficients), dtype=np.float64)
 
@@ -59,8 +61,8 @@ def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     if len(ratios) < MIN_COUNT:
         return ""
     off = float(np.median(ratios))
-    scatter = 1.4826 * float(np.median(np.abs(ratios - off))) / np.sqrt(len(ratios))
-    if abs(off - 1.0) < max(APART, SURE * scatter):
+    scatter = mad_std(ratios, centre=off) / np.sqrt(len(ratios))
+    if abs(off - 1.0) < max(MAX_OFF, DETECTION_SIGMA * scatter):
         return ""
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))

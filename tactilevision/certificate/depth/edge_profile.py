@@ -12,33 +12,40 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactilevision.certificate.certificate import ContactEvent
+from tactilevision.certificate.depth.slope_gain import ball_slope, ring_gain_std
+from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.certificate.touch.press_track import GRID_MM, PressTrack
 from tactilevision.contact.bevel import SIDES
-from tactilevision.records import Floats
+from tactilevision.records import EdgeDrop, EdgeProfile, Floats
 
-RINGS = 4
-NEAREST_MM, NEAREST_PX = 0.4, 4.0  # beside the edge: nearer is the wall, its ink and the blur
-NEAREST, FARTHEST = 0.16, 0.5  # beside the edge, of the radius
-BEFORE_BEVEL_MM = 0.5
-NEAR, FREE = 0.15, 0.05  # of the touch's depth
-MIN_TURNS = 2.0  # the outer edge over the inner one: fewer leave no rings to part
+RINGS = 4  # between the nearest and the farthest distance
+NEAREST_MM = 0.4  # mm beside the edge: nearer is the wall, its ink and the blur
+NEAREST_PX = 4.0  # pixels beside the edge: nearer is the wall, its ink and the blur
+NEAREST = 0.16  # of the radius, beside the edge, where the first ring begins
+FARTHEST = 0.5  # of the radius, beside the edge, where the last ring ends
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+NEAR = 0.15  # of the event's depth: frames this near to it are read
+FREE = 0.05  # of the event's depth: shallower frames show the free gel
+MIN_RATIO = 2.0  # outer over inner edge: fewer leave no rings to part
 
 
-def edge_profile(track: PressTrack, touch: ContactEvent, *, bevel_distance_mm: float | None) -> dict[str, float]:
-    """Columns fall_AZIMUTH_FROM_TO_mm, azimuth in degrees (0 right, 90 down), places beside the edge in mm."""
+def edge_profile(
+    track: PressTrack, touch: ContactEvent, *, bevel_distance_mm: float | None, method: object = None
+) -> EdgeProfile | None:
+    """Drops by quarter and ring, with what the photometric `method` states of slopes; None where none is seen."""
     edges, levels = ring_edges(track), _levels(track, touch)
     if edges is None or levels is None:
-        return {}
+        return None
     radius = track.indenter.radius_mm
     at_edges = [np.interp(radius + edges, track.r_mm, level) for level in levels]
-    found = {}
+    drops = []
     for azimuth, towards, level in zip(_azimuths(track.side), (True, False, False, False), at_edges, strict=True):
         for k in range(RINGS):
             fall, reach = level[k] - level[k + 1], radius + edges[k + 1] + BEFORE_BEVEL_MM
             if np.isfinite(fall) and not (towards and bevel_distance_mm is not None and reach > bevel_distance_mm):
-                found[f"fall_{azimuth}_{edges[k]:.2f}_{edges[k + 1]:.2f}_mm"] = float(fall)
-    return found
+                place = (round(float(edges[k]), 2), round(float(edges[k + 1]), 2))
+                drops.append(EdgeDrop(float(azimuth), *place, float(fall)))
+    return EdgeProfile(tuple(drops), ring_gain_std(method), ball_slope(method)) if drops else None
 
 
 def ring_edges(track: PressTrack) -> Floats | None:
@@ -46,7 +53,7 @@ def ring_edges(track: PressTrack) -> Floats | None:
     radius = track.indenter.radius_mm
     pixel = max(*track.face_map.mm_per_px, GRID_MM)
     first, last = max(NEAREST_MM, NEAREST_PX * pixel, NEAREST * radius), FARTHEST * radius
-    if last < MIN_TURNS * first or track.r_mm.size < 2 or track.r_mm[-1] < radius + last:
+    if last < MIN_RATIO * first or track.r_mm.size < 2 or track.r_mm[-1] < radius + last:
         return None
     return np.asarray(np.geomspace(first, last, RINGS + 1))
 

@@ -1,9 +1,9 @@
-"""Faces of presses that a certificate knows: the depth that the map hides in their walls, put back.
+"""Correction of face depth: what the map hides of a face in its walls, put back from certified presses.
 
-A deep face is read through walls too steep to be read, so its depth comes out short, alike at the same depth. The
-certified presses tell by how much: read at their events by the same reconstructor they give a gauge, true over
-seen (press/gauge.py), and the faces of all frames of these presses are moved by it as rigid discs. The gel beside
-them, and the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
+A deep face is read through walls too steep to be read. Its depth comes out short, alike at the same depth. The
+certified presses tell by how much: read at their events by the same reconstructor they give a depth scale
+(depth_scale.py). The faces of all frames of these presses are moved by it as rigid discs. The gel beside them, and
+the deviation that the map states, stay as they are. Lengths in mm, times on the camera's clock.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
 
 POINTS = "points.csv"
-MIN_COUNT = 3  # certified faces that make a gauge
+MIN_COUNT = 3  # certified faces that make a depth scale; tests.certificate.test_face_depth
 
 
 class _Maps(Protocol):
@@ -41,12 +41,12 @@ class Certified:
 
 @dataclass(frozen=True, slots=True)
 class FaceDepthCorrection:
-    """`gauge` of the faces in `spans` (first and last time of a press, its indenter); without them, nothing.
+    """`depth_scale` of the faces in `spans` (first and last time of a press, its indenter); None: nothing.
 
     `doubt` is a sentence where they contradict the picture's scale.
     """
 
-    gauge: DepthScale | None = None
+    depth_scale: DepthScale | None = None
     spans: tuple[tuple[float, float, Indenter], ...] = ()
     doubt: str = ""
 
@@ -55,14 +55,14 @@ class FaceDepthCorrection:
         inside = (indenter for first, last, indenter in self.spans if first <= height.time_s <= last)
         indenter = next(inside, None)
         face = None if indenter is None else find_footprint(height, indenter)
-        if self.gauge is None or face is None or not face.depth_mm > 0:
+        if self.depth_scale is None or face is None or not face.depth_mm > 0:
             return height
-        lacking = (float(self.gauge.scale(face.depth_mm)) - 1.0) * face.depth_mm
+        lacking = (float(self.depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
         disc = _disc(height, face)
         return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
 
 
-UNHELD = FaceDepthCorrection()  # nothing is certified: every map is the picture's own
+NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the picture's own
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
@@ -86,7 +86,7 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
 def face_depth_correction(
     recording: Recording, maps: _Maps, certified: Sequence[Certified]
 ) -> FaceDepthCorrection:
-    """The anchor of a recording's own certified presses; UNHELD where fewer than FEWEST of them show a face.
+    """Correction by a recording's own certified presses; NO_CORRECTION where fewer than MIN_COUNT show a face.
 
     Presses of another recording, told by label and time, are passed over.
     """
@@ -101,11 +101,11 @@ def face_depth_correction(
         if seen > 0:
             pairs.append((seen, one.depth_mm))
             spans.append((press.start_s, press.end_s, indenter))
-    gauge = find_depth_scale(pairs) if len(pairs) >= MIN_COUNT else None
-    if gauge is None:
-        return UNHELD
+    depth_scale = find_depth_scale(pairs) if len(pairs) >= MIN_COUNT else None
+    if depth_scale is None:
+        return NO_CORRECTION
     return FaceDepthCorrection(
-        gauge, tuple(spans), scale_warning(pairs, [ball.ball_radius_mm for ball in recording.balls])
+        depth_scale, tuple(spans), scale_warning(pairs, [ball.ball_radius_mm for ball in recording.balls])
     )
 
 

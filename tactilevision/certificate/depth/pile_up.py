@@ -2,14 +2,15 @@
 
     touch:  w + u_z(r_bevel, w) = H        rho = u_z / w  (positive out of the gel)      w = H / (1 + rho)
 
-Seen: rho is the slope of the rise against the depth of the face over the frames before the touch, the rise
-from the height map, the depth from the force, in the scale that the bevels certify. A slope is free of the
-zero plane. The rise is the mean over a ring, since without tilt it is the same all round; the scatter of its
-quarters is part of the uncertainty, and so is what the height map's scale is off by on the faces (the gauge), and
-what the map itself says that it may be off by at the ring.
-Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio. The
-two are checked against each other and combined by their variances. Where the bevel's place is neither given
-nor seen, w = H is kept with what that may be wrong. Source: docs/physics, "The bevel touches early".
+Seen: rho is the slope of the rise against the depth of the face over the frames before the touch. The rise comes
+from the height map, the depth from the force, in the scale that the bevels certify. A slope is free of the zero
+plane. Without tilt the rise is the same all round, so the mean over a ring is taken. Its uncertainty holds the
+scatter of the ring's quarters, the error of the map's depth scale on the faces, and the map's own error at the
+ring. Computed: the profile beside a flat punch on a bonded layer, for what is known of the gel's Poisson ratio.
+
+The two are checked against each other and combined by their variances. Where the bevel's place is neither given
+nor seen, w = H is kept with what that may be wrong. Source:
+docs/explanation/physics.md, "The bevel touches early".
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from tactilevision.mechanics.tables.profile import profile_model
 from tactilevision.mechanics.touch import touch_depth
 from tactilevision.records import Bools, Floats, Gel, Indenter
 
-_HALF_RING_MM = 0.3
-_SOFT_GEL = (0.45, 0.4999)  # silicones and the like, where nothing is said of the gel
-_SINKS, _SUNK = 1.4, 1.5  # of the radius, within which the gel sinks in; of the height, the depth at touch there
+_HALF_RING_MM = 0.3  # mm, half the width of the ring in which the rise is read; benchmarks.certificate
+_SOFT_GEL = (0.45, 0.4999)  # Poisson's ratio of silicones and the like, where nothing is said of the gel
+_SINKS = 1.4  # of the radius, within which the gel sinks in
+_SUNK = 1.5  # of the height, the depth at touch where the gel sinks in
 _STATED_STD = 0.01  # of a Poisson's ratio stated without one
 _UNKNOWN = (0.0, 0.13)  # the rise over the depth anywhere beyond 1.3 radii, for any such gel
 
@@ -97,8 +99,10 @@ def map_error(track: PressTrack, depth_mm: Floats, *, distance_mm: float) -> flo
 def seen_ratio(
     found: Sequence[tuple[Floats, Floats]], *, scale_std: float, map_std: float = 0.0
 ) -> tuple[float, float] | None:
-    """One rho and its std from many presses; `scale_std` is the relative uncertainty of the height map's
-    scale, `map_std` what its rise may be off by over the depth.
+    """One rho and its std from ratios (4,) and stds (4,) of many presses.
+
+    `scale_std` is the relative uncertainty of the height map's scale, `map_std` what its rise may be off by over
+    the depth.
     """
     if not found:
         return None
@@ -138,12 +142,12 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     return touch.rise_over_depth, touch.rise_over_depth_std
 
 
-def blur_place(rise: PileUp, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp:
+def blur_place(pile_up: PileUp, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp:
     """The rise with what it may be off by where the bevel's place was found, to about its window."""
     near, far = (computed_ratio(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
     if near is None or far is None:
-        return rise
-    return replace(rise, std=float(np.hypot(rise.std, 0.5 * (near[0] - far[0]))))
+        return pile_up
+    return replace(pile_up, std=float(np.hypot(pile_up.std, 0.5 * (near[0] - far[0]))))
 
 
 def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | None) -> PileUp:
@@ -159,16 +163,17 @@ def combine(seen: tuple[float, float] | None, computed: tuple[float, float] | No
 
 def depth_std(
     depth_mm: float,
-    rise: PileUp,
+    pile_up: PileUp,
     *,
     height_std_mm: float,
-    ruler_std: float | None = None,
-    lean_std_mm: float = 0.0,
+    scale_std: float | None = None,
+    tilt_std_mm: float = 0.0,
 ) -> float:
-    """Of a certified depth: by the machined height, the rise and the face's lean; on a ruler, its scale (relative)
-    in the place of height and lean.
+    """Std (mm) of a certified depth from machined height, pile-up and tilt.
+
+    On a travel scale `scale_std`, its relative std, takes the place of height and tilt.
     """
-    of_rise = depth_mm * rise.std / (1 + rise.ratio)
-    if ruler_std is not None:
-        return float(np.hypot(of_rise, depth_mm * ruler_std))
-    return float(np.linalg.norm([height_std_mm / (1 + rise.ratio), of_rise, lean_std_mm]))
+    from_pile_up = depth_mm * pile_up.std / (1 + pile_up.ratio)
+    if scale_std is not None:
+        return float(np.hypot(from_pile_up, depth_mm * scale_std))
+    return float(np.linalg.norm([height_std_mm / (1 + pile_up.ratio), from_pile_up, tilt_std_mm]))

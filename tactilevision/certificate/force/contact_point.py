@@ -17,12 +17,13 @@ from tactilevision.certificate.force.phases import noise_of
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.records import Floats
 
-_SHORTEST = 0.3  # of the ramp: below it the curvature is no longer to be told from the start
-_SHORTER = 1.3
-_STEPS = 8
-_LEVEL_S = 0.1  # of readings for a mean level or a rate: as long as a pause must be to be told from noise
-_FEWEST, _TURNS = 4, 6
-_SIGMAS = 4.0  # of chi-square: the noise it is held against is itself known to some per cent only
+_MIN_PART = 0.3  # of the ramp: below it curvature and start cannot be told apart; test_travel_scale
+_SHORTENING = 1.3  # factor by which the fitted part of the ramp shrinks; test_travel_scale
+_STEPS = 8  # Gauss-Newton steps; test_travel_scale
+_LEVEL_S = 0.1  # s of readings for a level or a rate: as long as a pause must be to be told from noise
+_MIN_COUNT = 4  # readings of the ramp's end from which a rate is taken; test_travel_scale
+_MAX_ITERATIONS = 6  # of the meeting of ramp and level; test_travel_scale
+_MAX_SIGMA = 4.0  # of chi-square: the noise it is held against is itself known to some per cent; test_travel_scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,12 +55,12 @@ def contact_point(window: ForceWindow, touch_s: float) -> ContactPoint | None:
     if not length > 0 or any(rough < stop < touch_s - 0.05 * length for stop in stops):
         return None
     part = 1.0
-    while part >= _SHORTEST:
+    while part >= _MIN_PART:
         here = (time >= rough - 0.5 * length) & (time <= rough + part * length) & np.isfinite(force)
         found = _fit(time[here], force[here], (rough, length), std_N) if here.sum() >= 16 else None
         if found is not None:
             return found
-        part /= _SHORTER
+        part /= _SHORTENING
     return None
 
 
@@ -76,7 +77,7 @@ def _fit(time: Floats, force: Floats, ramp_s: tuple[float, float], std_N: float)
         answer = answer + np.linalg.lstsq(jacobian, residual, rcond=None)[0]
     dof = max(force.size - 3, 1)
     reduced = float((residual**2).sum()) / dof / std_N**2
-    if not np.isfinite(reduced) or reduced > 1 + _SIGMAS * np.sqrt(2 / dof) or not answer[1] > 0:
+    if not np.isfinite(reduced) or reduced > 1 + _MAX_SIGMA * np.sqrt(2 / dof) or not answer[1] > 0:
         return None
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * std_N**2 * max(reduced, 1.0)
     return ContactPoint(float(answer[0]), float(np.sqrt(covariance[0, 0])), answer[1:], covariance)
@@ -117,10 +118,10 @@ def top_s(window: ForceWindow) -> float:
     ramp = np.arange(max(hold - count, window.phases.onset), hold + 1)
     ramp = ramp[np.isfinite(force[ramp])]
     end = float(time[hold])
-    if ramp.size < _FEWEST:
+    if ramp.size < _MIN_COUNT:
         return end
     rate, there = np.polyfit(time[ramp] - time[hold], force[ramp], 1)
-    for _ in range(_TURNS):  # the level begins where the ramp ends
+    for _ in range(_MAX_ITERATIONS):  # the level begins where the ramp ends
         first = int(np.searchsorted(time, end))
         level = float(window.smooth_N[first : min(first + count, window.phases.release + 1)].mean())
         if not rate > 0:

@@ -17,7 +17,7 @@ import numpy as np
 
 from tactilevision.records import Bools, Floats, Pair
 
-READINGS = 200
+READINGS = 200  # of a dwell's mean at most: 1 s at 200 Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class EventForce:
 
 
 def force_in_dwell(time_s: Floats, force_N: Floats, dwell_s: Pair, *, event_s: float) -> EventForce | None:
-    """Mean of up to READINGS readings inside the dwell, those nearest to the event."""
+    """Mean of up to READINGS readings (T, 3) N at times (T,) s inside the dwell, those nearest to the event."""
     inside = np.flatnonzero((time_s >= dwell_s[0]) & (time_s <= dwell_s[1]) & np.isfinite(force_N).all(axis=1))
     if inside.size < 5:
         return None
@@ -128,7 +128,7 @@ def _fitting(count: int) -> float:
 
 
 def spread_of(x: Floats, y: Floats, degree: int) -> float:
-    """Rms residual of a polynomial fit, per degree of freedom."""
+    """Rms residual of a polynomial fit through (N,) points, per degree of freedom, in the unit of y."""
     design = np.vander(x, degree + 1, increasing=True)
     answer, *_ = np.linalg.lstsq(design, y, rcond=None)
     return float(np.sqrt(((y - design @ answer) ** 2).sum() / max(y.size - degree - 1, 1)))

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.records import Bools, Floats
-
-CLEAR, FAINT = 5.0, 0.03  # contact stands out by so many times the noise, and by this share of the top
+from tactilevision.records.contact_thresholds import CONTACT, reading_limit
+from tactilevision.robust import second_difference_std
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Phases:
     noise: float
 
     def names(self, count: int) -> npt.NDArray[np.str_]:
-        """The phase of each of `count` readings."""
+        """The phase (N,) of each of `count` readings."""
         place = np.arange(count)
         names = np.full(count, "free", dtype="<U6")
         names[(place >= self.onset) & (place < self.hold)] = "load"
@@ -44,9 +44,9 @@ def find_phases(reading: Floats) -> Phases | None:
     noise = noise_of(reading)
     known = np.where(np.isfinite(reading), reading, -np.inf)
     top = float(np.median(np.sort(known)[-max(3, known.size // 20) :])) if known.size >= 5 else 0.0
-    if not top > 10 * noise or top <= 0:
+    if not top > CONTACT.reading_top_sigma * noise or top <= 0:
         return None
-    contact = known > max(CLEAR * noise, FAINT * top)
+    contact = known > reading_limit(noise, top)
     firm = contact & np.r_[contact[1:], contact[-1]]  # twice running: one wild reading is no contact
     if not firm.any():
         return None
@@ -77,8 +77,11 @@ def _main_run(contact: Bools, reading: Floats) -> Bools:
 
 
 def noise_of(reading: Floats) -> float:
-    """Noise of one reading, from second differences: a ramp does not count, nor do its few corners."""
+    """Noise of one reading of (N,), in its unit.
+
+    From second differences: a ramp does not count, nor do its few corners.
+    """
     known = reading[np.isfinite(reading)]
     if known.size < 5:
         return 0.0
-    return float(1.4826 * np.median(np.abs(np.diff(known, 2))) / np.sqrt(6.0))
+    return second_difference_std(known)

@@ -14,8 +14,8 @@ import numpy as np
 
 from tactilevision.records import Bools, Floats, ForceSeries, Pair
 
-_FEW = 5
-_LONGEST_S = 2.0  # nearest to the press: the zero wanders over longer times
+_MIN_COUNT = 5  # readings of the free gel for a zero; tests.certificate.test_force_readings
+_LONGEST_S = 2.0  # s nearest to the press: the zero wanders over longer times
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def find_tare(forces: ForceSeries, contact_s: Pair, *, free_s: Pair) -> Tare:
     return Tare(first, first_s, last, last_s, np.asarray(std))
 
 
-def levelled(forces: ForceSeries, tares: Iterable[Tare]) -> ForceSeries:
+def subtract_tares(forces: ForceSeries, tares: Iterable[Tare]) -> ForceSeries:
     """The readings less the zeros that these tares found, linear in time between them; as they are without any.
 
     A zero that drifts by a few millinewtons while a press lasts makes its unloading look milliseconds late.
@@ -91,10 +91,10 @@ def levelled(forces: ForceSeries, tares: Iterable[Tare]) -> ForceSeries:
 def _mean(forces: ForceSeries, where: Bools) -> tuple[Floats | None, float, Floats | None]:
     readings = forces.force_N[where]
     readings = readings[np.isfinite(readings).all(axis=1)]
-    if len(readings) >= _FEW:  # the end of a jolt is no part of the zero
+    if len(readings) >= _MIN_COUNT:  # the end of a jolt is no part of the zero
         apart = np.abs(readings - np.median(readings, axis=0))
         readings = readings[(apart <= 6 * np.asarray(forces.std_N) + 3 * np.median(apart, axis=0)).all(axis=1)]
-    if len(readings) < _FEW:
+    if len(readings) < _MIN_COUNT:
         return None, float("nan"), None
     spread = np.maximum(readings.std(axis=0), 0.3 * np.asarray(forces.std_N))
     return readings.mean(axis=0), float(forces.time_s[where].mean()), spread / np.sqrt(len(readings))

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactilevision.certificate.force.phases import CLEAR, FAINT, Phases, find_phases, noise_of
+from tactilevision.certificate.force.phases import Phases, find_phases, noise_of
 from tactilevision.certificate.force.tare import Tare, find_tare
 from tactilevision.records import Bools, Floats, ForceSeries, Pair, Press
+from tactilevision.records.contact_thresholds import CONTACT, reading_limit
 
-_RATE_S = 0.1
-_STILL = 0.2  # of the usual rate: slower than that is a pause, in which a gel may relax
-_DWELL_S = 0.15  # shorter pauses hold too few readings for a mean
+_RATE_S = 0.1  # s over which the rate of loading is read: 20 readings at 200 Hz
+_STILL = 0.2  # of the median rate: slower is a pause, in which a gel may relax; test_force_readings
+_DWELL_S = 0.15  # s, shorter pauses hold too few readings for a mean
 _SMOOTH = 9  # readings: 45 ms at 200 Hz, a tenth of the shortest ramp worth certifying
 _GAP = 3 * _SMOOTH  # readings beside contact that are not taken for free
 
@@ -24,7 +25,7 @@ _GAP = 3 * _SMOOTH  # readings beside contact that are not taken for free
 class ForceWindow:
     """`time_s` (T,), tared `force_N` (T, 3), smoothed normal force `smooth_N` (T,), phases (None: no contact).
 
-    `ramp_N_s` is the usual rate of loading, `dwells` the (first, last) readings between which the rig stands
+    `ramp_N_s` is the median rate of loading, `dwells` the (first, last) readings between which the rig stands
     still, on the way in and at the top. `drive_N` (T,) is the smoothed force with what it relaxes by in the
     dwells put back: it stands still where the depth does.
     """
@@ -51,7 +52,7 @@ def force_window(forces: ForceSeries, press: Press, *, free_s: Pair, offset_s: f
         return None
     time, raw = forces.time_s[inside], forces.force_N[inside]
     rough = _smooth(raw[:, 2])
-    rough = rough - _floor(time, rough)
+    rough = rough - _free_level(time, rough)
     contact = find_phases(rough)
     free = forces.force_N.copy()
     if contact is not None:
@@ -76,9 +77,9 @@ def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[t
     rate[half:-half] = (force[2 * half :] - force[: -2 * half]) / (2 * half * interval)
     load = rate[phases.onset : max(phases.hold, phases.onset + 2)]
     growing = load[load > 0.25 * load.max()] if load.size else load
-    usual = max(float(np.median(growing)) if growing.size else 0.0, 1e-9)
+    median_rate = max(float(np.median(growing)) if growing.size else 0.0, 1e-9)
     still = np.zeros(force.size, dtype=bool)
-    still[phases.onset : phases.release + 1] = rate[phases.onset : phases.release + 1] < _STILL * usual
+    still[phases.onset : phases.release + 1] = rate[phases.onset : phases.release + 1] < _STILL * median_rate
     edges = np.flatnonzero(np.diff(np.r_[0, still.astype(np.int8), 0]))
     # a mean rate over a window falls below the limit some time after the corner that it looks across
     lag = round((0.5 - _STILL) * _RATE_S / interval)
@@ -86,7 +87,7 @@ def _dwells(time: Floats, force: Floats, phases: Phases) -> tuple[float, tuple[t
         (max(int(a) - lag, phases.onset), min(int(b) - 1 + lag, phases.release))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
-    return usual, tuple(run for run in runs if (run[1] - run[0]) * interval >= _DWELL_S)
+    return median_rate, tuple(run for run in runs if (run[1] - run[0]) * interval >= _DWELL_S)
 
 
 def _undrained(force: Floats, dwells: tuple[tuple[int, int], ...]) -> Floats:
@@ -97,7 +98,7 @@ def _undrained(force: Floats, dwells: tuple[tuple[int, int], ...]) -> Floats:
     return drive
 
 
-def _floor(time: Floats, force: Floats) -> Floats:
+def _free_level(time: Floats, force: Floats) -> Floats:
     """Level of the free gel (N,): a line through the medians of the lowest fifths before and after the top.
 
     One level would let a zero that drifts by more than the noise make free readings look like contact. A side
@@ -109,7 +110,7 @@ def _floor(time: Floats, force: Floats) -> Floats:
         low = force[side] <= np.nanquantile(force[side], 0.2)
         level = float(np.median(force[side][low]))
         ends.append((float(np.std(force[side][low])) / max(float(force[top]) - level, 1e-9), level, side, low))
-    ends = [end for end in ends if end[0] <= FAINT] or [min(ends, key=lambda end: end[1])]
+    ends = [end for end in ends if end[0] <= CONTACT.reading_share] or [min(ends, key=lambda end: end[1])]
     when = [float(np.median(time[side][low])) for _, _, side, low in ends]
     return np.interp(time, when, [level for _, level, _, _ in ends])
 
@@ -117,7 +118,7 @@ def _floor(time: Floats, force: Floats) -> Floats:
 def _touching(force: Floats, noise: float, contact: Phases) -> Bools:
     """Readings (N,) near one that stands out of the zero, beyond what `noise` of a smoothed one lets expect."""
     top = float(np.median(force[contact.hold : contact.release + 1]))
-    out = (force > max(CLEAR * noise, FAINT * top)).astype(float)
+    out = (force > reading_limit(noise, top)).astype(float)
     return np.asarray(np.convolve(out, np.ones(2 * _GAP + 1), mode="same") > 0.5)
 
 

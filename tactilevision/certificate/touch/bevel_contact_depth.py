@@ -18,20 +18,22 @@ from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel import EDGE_MM, height_signal, picture_signal
 from tactilevision.contact.bevel_onset import Growth, Onset, find_onset
 from tactilevision.records import Bools, Floats, Indenter, Pair
+from tactilevision.robust import MAD_TO_STD, mad_std
 
-SURE = 25.0  # fall of chi-square that counts as a touch: five sigma
+DETECTION_CHI2 = 25.0  # fall of chi-square that counts as a contact event: five sigma
 # An edge drags gel along from the first: a wedge on a bonded layer (plane strain, 5 to 20 degrees) begins with .6
 # to .3 of its final growth; a camera or a compression that swallows the faintest dents shows less of it.
+# Share of the growth at first, without unit.
 _SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)
-# of fill_mm: blur and the gel beside the edge smear it by what is not known beforehand
+# of fill_mm: lengths over which blur and gel smear the growth, not known beforehand
 _FILLS = (0.25, 0.5, 1.0, 2.0)
-SHAPE = 0.1  # of fill_mm: what the family of shapes itself leaves open
-_TYPICAL = 0.4
-_ENOUGH = 400.0  # a gain beyond which a press says no more of the bevel's place
-_ANGLE_DEG = 10.0  # of a bevel of which nothing is said
-# of the amplitude, by which presses of one bevel differ (gain, sideways place), one sigma: at least, at most
-_LIKE = (0.03, 0.15)
-_TELLING = 4  # presses from which their amplitudes' scatter can be told
+SHAPE_STD = 0.1  # of fill_mm: what the family of shapes leaves open; benchmarks.certificate
+_TYPICAL = 0.4  # share of the growth at first, for a first search
+_MAX_GAIN = 400.0  # of chi-square: beyond it a press says no more of the bevel's place
+_ANGLE_DEG = 10.0  # degrees, of a bevel of which nothing is said
+# of the amplitude, by which presses of one bevel differ, one sigma: at least, at most
+_AMPLITUDE_STD = (0.03, 0.15)
+_MIN_COUNT = 4  # presses from which their amplitudes' scatter can be told; benchmarks.certificate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,7 @@ class PressSignal:
     use: Bools
 
     def signal(self, distance_mm: float) -> Floats | None:
+        """Bevel signal (N,) mm of the height map, the edge at `distance_mm`; None where it is out of view."""
         track = self.track
         radius = track.footprint.radius_mm if track.footprint else track.indenter.radius_mm
         return height_signal(track.strips, track.s_mm, distance_mm=distance_mm, radius_mm=radius)
@@ -58,6 +61,7 @@ class DepthOfForce:
     b_per_mm: float
 
     def depth(self, force_N: Floats) -> Floats:
+        """Depth (mm) at forces (N) of any shape."""
         force = np.asarray(force_N, dtype=np.float64)
         if self.b_per_mm == 0:
             return force / self.c_N_per_mm
@@ -65,6 +69,7 @@ class DepthOfForce:
         return np.asarray((root - 1) / (2 * self.b_per_mm), dtype=np.float64)
 
     def force(self, depth_mm: Floats | float) -> Floats:
+        """Force (N) at depths (mm) of any shape."""
         w = np.asarray(depth_mm, dtype=np.float64)
         return np.asarray(self.c_N_per_mm * w * (1 + self.b_per_mm * w), dtype=np.float64)
 
@@ -82,7 +87,7 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
     for _ in range(5):
         slope, start = (float(v) for v in np.polyfit(depth[keep], stiffness[keep], 1))
         residual = np.abs(stiffness - start - slope * depth)
-        keep = residual <= max(3 * 1.4826 * float(np.median(residual)), 1e-9)
+        keep = residual <= max(3 * MAD_TO_STD * float(np.median(residual)), 1e-9)
         if keep.sum() < 3:
             break
     return DepthOfForce(start, max(slope / start, 0.0)) if start > 0 else None
@@ -90,13 +95,13 @@ def depth_of_force(anchors: Sequence[Pair]) -> DepthOfForce | None:
 
 def find_bevel_contacts(signals: Sequence[PressSignal], distance_mm: float) -> list[Onset | None]:
     """The onset of each press; None where its bevel is out of view or its signal never rises."""
-    traces = [case.signal(distance_mm) for case in signals]
+    traces = [press_signal.signal(distance_mm) for press_signal in signals]
     known = [
-        (case.drive[case.use], trace[case.use])
-        for case, trace in zip(signals, traces, strict=True)
+        (press_signal.drive[press_signal.use], trace[press_signal.use])
+        for press_signal, trace in zip(signals, traces, strict=True)
         if trace is not None
     ]
-    found = iter(_together(known, max(fill_mm(case.track.indenter) for case in signals)))
+    found = iter(_joint_onsets(known, max(fill_mm(press_signal.track.indenter) for press_signal in signals)))
     return [None if trace is None else next(found) for trace in traces]
 
 
@@ -106,18 +111,18 @@ def fill_mm(indenter: Indenter) -> float:
     return EDGE_MM * float(np.tan(np.radians(np.clip(angle, 1.0, 60.0))))
 
 
-def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
+def _joint_onsets(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onset | None]:
     """Onsets of many signals (x, y) of one shape: the mean over shares k and lengths L, by their likelihood."""
     first = [find_onset(x, y, growth=Growth(_TYPICAL, fill)) for x, y in traces]
-    sure = [onset for onset in first if onset is not None and onset.gain > SURE]
+    sure = [onset for onset in first if onset is not None and onset.gain > DETECTION_CHI2]
     if not sure:
         return first
     noise = float(np.median([onset.noise for onset in sure]))
     trials, misfit = [], []
     for growth in (Growth(float(share), part * fill) for part in _FILLS for share in _SHARES):
         free = [find_onset(x, y, growth=growth, noise=noise) for x, y in traces]
-        seen = [o for o in free if o is not None and o.gain > SURE]
-        alike = _alike(seen)
+        seen = [o for o in free if o is not None and o.gain > DETECTION_CHI2]
+        alike = _shared_amplitude(seen)
         trial = [find_onset(x, y, growth=growth, amplitude=alike, noise=noise) for x, y in traces]
         trials.append(trial)
         misfit.append(float(np.sum([o.chi2 for o in trial if o is not None])) if alike else np.inf)
@@ -125,23 +130,23 @@ def _together(traces: Sequence[tuple[Floats, Floats]], fill: float) -> list[Onse
     scale = max(float(np.min(misfit)) / max(count - 4 * len(traces), 1), 1.0)
     weights = np.exp(-0.5 * (np.array(misfit) - np.min(misfit)) / scale)
     return [
-        _mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE * fill)
+        _mixture([trial[k] for trial in trials], weights, scale=scale, shape_mm=SHAPE_STD * fill)
         for k in range(len(traces))
     ]
 
 
-def _alike(onsets: Sequence[Onset]) -> Pair | None:
+def _shared_amplitude(onsets: Sequence[Onset]) -> Pair | None:
     """Mean amplitude, and how far those of the presses lie apart beyond their own errors; None without any."""
     if not onsets:
         return None
     amplitude = np.array([onset.amplitude for onset in onsets])
     own = np.array([onset.amplitude_std for onset in onsets])
     middle = float(np.median(amplitude))
-    if len(onsets) < _TELLING:
-        return middle, _LIKE[1] * middle
-    apart = 1.4826 * float(np.median(np.abs(amplitude - middle)))
+    if len(onsets) < _MIN_COUNT:
+        return middle, _AMPLITUDE_STD[1] * middle
+    apart = mad_std(amplitude, centre=middle)
     beyond = float(np.sqrt(max(apart**2 - float(np.median(own**2)), 0.0)))
-    return middle, float(np.clip(beyond, _LIKE[0] * middle, _LIKE[1] * middle))
+    return middle, float(np.clip(beyond, _AMPLITUDE_STD[0] * middle, _AMPLITUDE_STD[1] * middle))
 
 
 def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, shape_mm: float) -> Onset | None:
@@ -168,24 +173,24 @@ def _mixture(onsets: Sequence[Onset | None], weights: Floats, *, scale: float, s
 
 def find_distance(signals: Sequence[PressSignal]) -> float | None:
     """Where the bevel's edge lies, from where a touch shows most surely; None where none does."""
-    near = max(case.track.indenter.radius_mm for case in signals) + 0.8
-    far = max(float(case.track.s_mm[-1]) for case in signals)
-    coarse = _most_sure(signals, np.arange(near, far, 2 * EDGE_MM))
-    return None if coarse is None else _most_sure(signals, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
+    near = max(press_signal.track.indenter.radius_mm for press_signal in signals) + 0.8
+    far = max(float(press_signal.track.s_mm[-1]) for press_signal in signals)
+    coarse = _surest_place(signals, np.arange(near, far, 2 * EDGE_MM))
+    return None if coarse is None else _surest_place(signals, coarse + np.linspace(-2 * EDGE_MM, 2 * EDGE_MM, 7))
 
 
-def _most_sure(signals: Sequence[PressSignal], places: Floats) -> float | None:
+def _surest_place(signals: Sequence[PressSignal], places: Floats) -> float | None:
     totals = np.zeros(places.size)
     for k, place in enumerate(places):
-        for case in signals:
-            trace = case.signal(float(place))
+        for press_signal in signals:
+            trace = press_signal.signal(float(place))
             if trace is None:
                 continue
-            drive, trace = case.drive[case.use], trace[case.use]
-            growth = Growth(_TYPICAL, fill_mm(case.track.indenter))
+            drive, trace = press_signal.drive[press_signal.use], trace[press_signal.use]
+            growth = Growth(_TYPICAL, fill_mm(press_signal.track.indenter))
             onset = find_onset(drive, trace, growth=growth, noise=max(noise_of(trace), 1e-6))
-            totals[k] += 0.0 if onset is None else min(onset.gain, _ENOUGH) / len(signals)
-    if not places.size or totals.max() < SURE:
+            totals[k] += 0.0 if onset is None else min(onset.gain, _MAX_GAIN) / len(signals)
+    if not places.size or totals.max() < DETECTION_CHI2:
         return None
     best = int(totals.argmax())
     around = slice(max(best - 1, 0), best + 2)
@@ -198,17 +203,17 @@ def find_in_pictures(
     """The same touches from the change of the pictures' colours; None where they do not show there."""
     known: list[int] = []
     traces = []
-    for k, (case, onset) in enumerate(zip(signals, onsets, strict=True)):
-        if onset is None or onset.gain <= SURE:
+    for k, (press_signal, onset) in enumerate(zip(signals, onsets, strict=True)):
+        if onset is None or onset.gain <= DETECTION_CHI2:
             continue
-        colours, drive = case.track.colours[case.use], case.drive[case.use]
-        trace = picture_signal(colours, case.track.s_mm, drive, distance_mm=distance_mm, onset=onset)
+        colours, drive = press_signal.track.colours[press_signal.use], press_signal.drive[press_signal.use]
+        trace = picture_signal(colours, press_signal.track.s_mm, drive, distance_mm=distance_mm, onset=onset)
         if trace is not None:
             known.append(k)
             traces.append((drive, trace))
     found: list[Onset | None] = [None] * len(signals)
     if traces:
-        fill = max(fill_mm(case.track.indenter) for case in signals)
-        for k, onset in zip(known, _together(traces, fill), strict=True):
+        fill = max(fill_mm(press_signal.track.indenter) for press_signal in signals)
+        for k, onset in zip(known, _joint_onsets(traces, fill), strict=True):
             found[k] = onset
     return found

@@ -15,7 +15,7 @@ from tactilevision.certificate.force.contact_point import contact_point, moving_
 from tactilevision.certificate.force.phases import find_phases
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.certificate.touch.bevel_contact_depth import (
-    SURE,
+    DETECTION_CHI2,
     DepthOfForce,
     PressSignal,
     depth_of_force,
@@ -28,18 +28,18 @@ from tactilevision.certificate.touch.press_track import PressTrack
 from tactilevision.contact.bevel_onset import Onset
 from tactilevision.records import Bools, Floats
 
-_TURNS = 3
-_UNEVEN = 0.02  # of the depth: a ramp that keeps one pace no better does not tell how it goes on
-_RISE = 0.09  # of the depth, for the first anchors: a common factor of all, which the search does not feel
+_MAX_ITERATIONS = 3  # of search and law, which know each other; benchmarks.certificate
+_MAX_UNEVEN = 0.02  # of the depth: a ramp less even does not tell how it goes on; benchmarks.certificate
+_PILE_UP = 0.09  # of the depth, for the first anchors: a common factor, to which the search is blind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Touched:
+class BevelContact:
     """What the search found for one press: the case, the onset (in driving depth) in the more certain channel, the
     bevel's place, the law.
     """
 
-    case: PressSignal
+    press_signal: PressSignal
     onset: Onset | None
     channel: str
     distance_mm: float | None
@@ -56,13 +56,13 @@ class _Frames:
     use: Bools
 
 
-def find_all(
+def search_bevel_contacts(
     tracks: Mapping[str, PressTrack | None],
     windows: Mapping[str, ForceWindow | None],
     offset_s: float,
     *,
-    before: Mapping[str, Touched] | None = None,
-) -> dict[str, Touched]:
+    before: Mapping[str, BevelContact] | None = None,
+) -> dict[str, BevelContact]:
     """The touches of all presses that can be searched; `before` spares a search for the place of the bevel."""
     groups: dict[tuple[object, ...], dict[str, _Frames]] = {}
     for name, track in tracks.items():
@@ -72,7 +72,7 @@ def find_all(
         indenter = track.indenter
         key = (indenter.bevel, indenter.bevel_distance_mm, indenter.radius_mm)
         groups.setdefault(key, {})[name] = _frames(track, window, offset_s)
-    found: dict[str, Touched] = {}
+    found: dict[str, BevelContact] = {}
     for group in groups.values():
         place = next((before[name].distance_mm for name in group if name in before), None) if before else None
         found |= _search(group, place)
@@ -90,45 +90,44 @@ def _frames(track: PressTrack, window: ForceWindow, offset_s: float) -> _Frames:
     return _Frames(track, window, time, force, np.asarray((time <= release) & np.isfinite(force)))
 
 
-def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, Touched]:
+def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, BevelContact]:
     law = _first_law(group)
     indenter = next(iter(group.values())).track.indenter
     distance = indenter.bevel_distance_mm
     if distance is None:
-        distance = place_mm or find_distance([_case(frames, law) for frames in group.values()])
-    signals = {name: _case(frames, law) for name, frames in group.items()}
-    onsets: dict[str, Onset | None] = dict.fromkeys(group)
+        distance = place_mm or find_distance([_press_signal(frames, law) for frames in group.values()])
+    signals = {name: _press_signal(frames, law) for name, frames in group.items()}
+    if distance is None:
+        return {
+            name: BevelContact(press_signal, None, "height map", None, False, law)
+            for name, press_signal in signals.items()
+        }
     levels: dict[str, float] = {}
-    for _ in range(_TURNS if distance is not None else 0):
-        assert distance is not None
-        signals = {name: _case(frames, law, levels.get(name)) for name, frames in group.items()}
+    for _ in range(_MAX_ITERATIONS):
+        signals = {name: _press_signal(frames, law, levels.get(name)) for name, frames in group.items()}
         onsets = dict(zip(group, find_bevel_contacts(list(signals.values()), distance), strict=True))
         anchors = [
-            (case.track.indenter.height_mm / (1 + _RISE), float(law.force(onset.at)))
-            for case, onset in zip(signals.values(), onsets.values(), strict=True)
-            if onset is not None and onset.gain > SURE and case.track.indenter.height_mm
+            (press_signal.track.indenter.height_mm / (1 + _PILE_UP), float(law.force(onset.at)))
+            for press_signal, onset in zip(signals.values(), onsets.values(), strict=True)
+            if onset is not None and onset.gain > DETECTION_CHI2 and press_signal.track.indenter.height_mm
         ]
         levels = {
             name: float(law.force(onset.at))
             for name, onset in onsets.items()
-            if onset is not None and onset.gain > SURE
+            if onset is not None and onset.gain > DETECTION_CHI2
         }
         used, law = law, depth_of_force(anchors) or law
-    if distance is None:
-        used = law
     given = indenter.bevel_distance_mm is not None
     names = dict.fromkeys(group, "height map")
-    if distance is not None:
-        for name, seen in zip(
-            group, find_in_pictures(list(signals.values()), list(onsets.values()), distance), strict=True
-        ):
-            onset = onsets[name]
-            if seen is not None and onset is not None and seen.gain > SURE:
-                onsets[name], names[name] = _both(onset, seen)
-    return {name: Touched(signals[name], onsets[name], names[name], distance, given, used) for name in group}
+    pictures = find_in_pictures(list(signals.values()), list(onsets.values()), distance)
+    for name, seen in zip(group, pictures, strict=True):
+        onset = onsets[name]
+        if seen is not None and onset is not None and seen.gain > DETECTION_CHI2:
+            onsets[name], names[name] = _combine_channels(onset, seen)
+    return {name: BevelContact(signals[name], onsets[name], names[name], distance, given, used) for name in group}
 
 
-def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
+def _combine_channels(height: Onset, picture: Onset) -> tuple[Onset, str]:
     """One onset from both channels by their variances; where they contradict each other, the surer one."""
     if abs(height.at - picture.at) > 3 * np.hypot(height.std, picture.std):
         sure, name = (height, "height map") if height.gain >= picture.gain else (picture, "picture")
@@ -147,7 +146,7 @@ def _both(height: Onset, picture: Onset) -> tuple[Onset, str]:
     ), "height map and picture"
 
 
-def _case(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:
+def _press_signal(frames: _Frames, law: DepthOfForce, level_N: float | None = None) -> PressSignal:
     """A press as driven by its force; beyond the force of a touch that is known already, by its ramp's pace."""
     depth = law.depth(frames.force_N) if level_N is None else _at_pace(frames, law, level_N)
     return PressSignal(frames.track, depth, frames.use)
@@ -168,7 +167,7 @@ def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
     pace = touch_mm / (crossed.time_s - begun.time_s)
     way = (window.time_s > begun.time_s) & (window.time_s < crossed.time_s)
     uneven = law.depth(window.drive_N[way]) - pace * (window.time_s[way] - begun.time_s)
-    if float(np.median(np.abs(uneven))) > _UNEVEN * touch_mm:
+    if float(np.median(np.abs(uneven))) > _MAX_UNEVEN * touch_mm:
         return depth
     beyond = touch_mm + pace * moving_s(window, crossed.time_s, frames.time_s)
     return np.where(frames.time_s > crossed.time_s, beyond, depth)

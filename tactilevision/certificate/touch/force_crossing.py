@@ -14,7 +14,7 @@ from tactilevision.certificate.force.event_force import EventForce, force_in_dwe
 from tactilevision.certificate.force.window import ForceWindow
 from tactilevision.records import ForceSeries, Pair
 
-_NEAR_S = 0.1
+_NEAR_S = 0.1  # s about the crossing over which the force is a line
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ class IndenterTravel:
         )
 
 
-def begin_of(window: ForceWindow, touch_s: float) -> ContactPoint | None:
+def first_contact(window: ForceWindow, touch_s: float) -> ContactPoint | None:
     """First contact, looked for up to the rig's first stop, or to the touch at `touch_s`; None: not to be told."""
     if window.phases is None:
         return None
@@ -62,7 +62,7 @@ def indenter_travel(
     inside = window.time_s[(window.time_s > begun.time_s) & (window.time_s < end)]
     times = np.concatenate([[begun.time_s], inside, [max(end, begun.time_s)]])
     if stage is not None and stage.time_s[0] <= times[0] and times[-1] <= stage.time_s[-1]:
-        if _hurries(stage, times[0], times[-1]):
+        if _still_approaching(stage, times[0], times[-1]):
             return None
         place = np.interp(times, stage.time_s, stage.z_mm)
         travel = np.maximum.accumulate(place - place[0])
@@ -79,7 +79,7 @@ def indenter_travel(
     )
 
 
-def _hurries(stage: StageSeries, begun_s: float, end_s: float) -> bool:
+def _still_approaching(stage: StageSeries, begun_s: float, end_s: float) -> bool:
     """Whether the stage moves further between two readings about first contact than ever on the way in.
 
     Its place at first contact, the zero of the travel, lies then anywhere between those readings.

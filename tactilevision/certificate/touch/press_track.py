@@ -20,13 +20,15 @@ from tactilevision.contact.edge import sample
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.recording.model import BadFrame
 from tactilevision.records import Bools, Floats, Footprint, Frame, HeightMap, Indenter, Pair, Press, Sensor
+from tactilevision.robust import second_difference_std
 from tactilevision.sensors import rectify
 
-GRID_MM = 0.1
-_WALL_MM = 0.15  # a depth that stands well out of the noise and whose walls a picture still shows
-_SAME = 0.1  # of the radius, within which the shallow circle is the deep one
-Coarse = npt.NDArray[np.float32]
-Half = npt.NDArray[np.float16]
+GRID_MM = 0.1  # mm, grid of the maps that are kept
+_WALL_MM = 0.15  # mm, a depth that stands well out of the noise and whose walls a picture still shows
+DEEP = 0.6  # of the deepest reading, beyond which a face's tilt is read
+_MAX_RADIUS_CHANGE = 0.1  # of the radius, within which the shallow circle is the deep one
+CoarseMap = npt.NDArray[np.float32]
+HalfPicture = npt.NDArray[np.float16]
 
 
 class Reconstructs(Protocol):
@@ -85,7 +87,7 @@ class _Place:
     basis: Floats
     inverse: Floats
 
-    def _face(self, depth: Coarse) -> Floats:
+    def _face(self, depth: CoarseMap) -> Floats:
         """Plane through the face: depth at the centre, d/dx, d/dy."""
         here = depth[self.face].astype(np.float64)
         known = np.isfinite(here)
@@ -95,7 +97,7 @@ class _Place:
             return np.full(3, np.nan)
         return np.asarray(np.linalg.lstsq(self.basis[known], here[known], rcond=None)[0], dtype=np.float64)
 
-    def read(self, depth: Coarse, picture: Half) -> tuple[Floats, Floats, Floats, Floats]:
+    def read(self, depth: CoarseMap, picture: HalfPicture) -> tuple[Floats, Floats, Floats, Floats]:
         """Face (3,), strip of depth (S,), of colours (S, 3), rings (4, R)."""
         reach = float(self.s_mm[-1])
 
@@ -116,7 +118,7 @@ class _TrackRecorder:
 
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    maps: list[tuple[Coarse, Half]] = field(default_factory=list)
+    maps: list[tuple[CoarseMap, HalfPicture]] = field(default_factory=list)
     readings: list[tuple[Floats, Floats, Floats, Floats]] = field(default_factory=list)
     missing: list[BadFrame] = field(default_factory=list)
     top: float = -np.inf
@@ -187,7 +189,7 @@ def _scale(height: HeightMap) -> Pair:
     return columns / (shape[1] * height.mm_per_px[0]), rows / (shape[0] * height.mm_per_px[1])
 
 
-def _shrink(field_: npt.NDArray[Any], mm_per_px: Pair) -> Coarse:
+def _shrink(field_: npt.NDArray[Any], mm_per_px: Pair) -> CoarseMap:
     rows, columns = field_.shape[:2]
     size = (max(round(columns * mm_per_px[0] / GRID_MM), 8), max(round(rows * mm_per_px[1] / GRID_MM), 8))
     small = cv2.resize(field_.astype(np.float32), size, interpolation=cv2.INTER_AREA)
@@ -220,7 +222,7 @@ def _footprint(tape: _TrackRecorder, face_map: HeightMap, indenter: Indenter) ->
     if deep is None or tape.wall_map is None or tape.wall_map is face_map:
         return deep
     shallow = find_footprint(tape.wall_map, indenter)
-    if shallow is None or abs(shallow.radius_mm - deep.radius_mm) > _SAME * deep.radius_mm:
+    if shallow is None or abs(shallow.radius_mm - deep.radius_mm) > _MAX_RADIUS_CHANGE * deep.radius_mm:
         return deep
     return replace(
         deep,
@@ -264,6 +266,12 @@ def _measure(
     )
 
 
+def face_tilt(track: PressTrack) -> Floats:
+    """Tilt (2,) rad of the face while it is deep, the median over those frames."""
+    deep = track.depth_mm > DEEP * np.nanmax(track.depth_mm)
+    return np.asarray(np.nanmedian(track.tilts[deep], axis=0), dtype=np.float64)
+
+
 def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm: float) -> tuple[Bools, Floats]:
     """Pixels (H, W) of the face, and 1, x, y (K, 3) there in mm from its centre."""
     x = ((np.arange(shape[1]) - centre_px[0]) / scale[0])[None, :]
@@ -273,7 +281,7 @@ def _face_basis(shape: tuple[int, int], centre_px: Pair, scale: Pair, radius_mm:
     return face, np.c_[np.ones_like(x), x, y]
 
 
-def _rings(depth: Coarse, centre_px: Pair, scale: Pair, r: Floats, side: str) -> Floats:
+def _rings(depth: CoarseMap, centre_px: Pair, scale: Pair, r: Floats, side: str) -> Floats:
     """Mean depth (4, R) over quarters of rings: towards the bevel, away from it, and the two across; NaN
     unseen.
     """
@@ -298,6 +306,6 @@ def _zero(level: Floats) -> float:
     if known.size == 0:
         return 0.0
     low = float(np.quantile(known, 0.05))
-    noise = 1.4826 * float(np.median(np.abs(np.diff(known, 2)))) / np.sqrt(6) if known.size > 4 else 0.0
+    noise = second_difference_std(known) if known.size > 4 else 0.0
     free = known[known < low + max(5 * noise, 0.02 * float(np.ptp(known)))]
     return float(np.median(free)) if free.size >= 3 else 0.0

@@ -20,13 +20,13 @@ import numpy as np
 from tactilevision.certificate.force.contact_point import ContactPoint
 from tactilevision.records import Floats
 
-_LEAST = 3  # presses from which a law is called common
-_WIDEST = 0.05  # scatter of gains beyond which presses have little to tell each other
-_SIGMAS = 4.0  # of chi-square beyond which laws differ in more than their gains
+_MIN_COUNT = 3  # presses from which a law is called common; tests.certificate.test_shared_contact_law
+_MAX_SCATTER = 0.05  # of gains: beyond it presses have little to tell each other; test_shared_contact_law
+_MAX_SIGMA = 4.0  # of chi-square beyond which laws differ in more than gains; test_shared_contact_law
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Common:
+class _SharedLaw:
     """B (2,) in N/mm and N/mm², its covariance, tau, and whether presses differ by no more than it says."""
 
     law: Floats
@@ -42,11 +42,11 @@ def shared_contact_law(
     own = {name: _by_travel(one, pace_mm_s[name]) for name, one in found.items()}
     laws = np.array([law for law, _ in own.values()]).reshape(-1, 2)
     spreads = np.array([spread for _, spread in own.values()]).reshape(-1, 3, 3)
-    common = _common(laws, spreads[:, 1:, 1:]) if len(found) >= _LEAST else None
+    common = _shared_law(laws, spreads[:, 1:, 1:]) if len(found) >= _MIN_COUNT else None
     if common is None or not common.fits:
         return dict(found)
     return {
-        name: _shrunk(found[name], law, spread, common, pace_mm_s[name]) for name, (law, spread) in own.items()
+        name: _shrink(found[name], law, spread, common, pace_mm_s[name]) for name, (law, spread) in own.items()
     }
 
 
@@ -56,21 +56,21 @@ def _by_travel(one: ContactPoint, pace: float) -> tuple[Floats, Floats]:
     return one.law * scale[1:], one.covariance * np.outer(scale, scale)
 
 
-def _common(laws: Floats, spreads: Floats) -> _Common:
+def _shared_law(laws: Floats, spreads: Floats) -> _SharedLaw:
     from scipy.optimize import brentq
 
     dof = 2 * (len(laws) - 1)
     alike, square = _at_scatter(laws, spreads, 0.0)
     if square <= dof:
         return alike
-    apart, square = _at_scatter(laws, spreads, _WIDEST)
+    apart, square = _at_scatter(laws, spreads, _MAX_SCATTER)
     if square > dof:
-        return replace(apart, fits=square <= dof + _SIGMAS * np.sqrt(2 * dof))
-    scatter = brentq(lambda tau: _at_scatter(laws, spreads, tau)[1] - dof, 0.0, _WIDEST, xtol=1e-5)
+        return replace(apart, fits=square <= dof + _MAX_SIGMA * np.sqrt(2 * dof))
+    scatter = brentq(lambda tau: _at_scatter(laws, spreads, tau)[1] - dof, 0.0, _MAX_SCATTER, xtol=1e-5)
     return _at_scatter(laws, spreads, float(scatter))[0]
 
 
-def _at_scatter(laws: Floats, spreads: Floats, scatter: float) -> tuple[_Common, float]:
+def _at_scatter(laws: Floats, spreads: Floats, scatter: float) -> tuple[_SharedLaw, float]:
     """The common law for a given tau, and chi-square of the presses about it."""
     law = np.median(laws, axis=0)
     for _ in range(3):
@@ -78,10 +78,10 @@ def _at_scatter(laws: Floats, spreads: Floats, scatter: float) -> tuple[_Common,
         covariance = np.linalg.inv(weights.sum(axis=0))
         law = covariance @ np.einsum("kij,kj->i", weights, laws)
     apart = laws - law
-    return _Common(law, covariance, scatter, True), float(np.einsum("ki,kij,kj->", apart, weights, apart))
+    return _SharedLaw(law, covariance, scatter, True), float(np.einsum("ki,kij,kj->", apart, weights, apart))
 
 
-def _shrunk(one: ContactPoint, law: Floats, spread: Floats, common: _Common, pace: float) -> ContactPoint:
+def _shrink(one: ContactPoint, law: Floats, spread: Floats, common: _SharedLaw, pace: float) -> ContactPoint:
     whole = spread[1:, 1:] + common.scatter**2 * np.outer(common.law, common.law)
     pull = np.linalg.solve(whole, spread[1:, 0])
     zero = one.time_s + float(pull @ (common.law - law)) / pace

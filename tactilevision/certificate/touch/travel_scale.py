@@ -1,20 +1,20 @@
-"""The way in as a ruler: travel since first contact against the heights at which the bevels touch.
+"""Travel of the way in as a scale of depth, fitted to the heights at which the bevels touch.
 
     z_i = alpha w_i + s P_i + b t_i + delta + e_i
 
-z_i is the travel of press i from the zero of force to the touch that was seen (by the stage, else stated speed
-times time), w_i the depth that its bevel certifies, P_i the force then; alpha is the speed's scale, 1 for a
-stage, s the give of the rig, delta what all touches were seen early or late by, e_i what each was by itself. t_i
-is what the tilt that the camera reads of its face, against the usual one, would lower the bevel by; b, between 0
-and 1 or so, how far that reading is to be believed. A rig that comes at one pace makes z a measure of depth
-whose zero is the gel's surface. delta does not grow with the depth, so heights that differ tell it apart from
-alpha: it is held by what the shape of the growing dent leaves open, s by how stiff rigs are. The force is then
-read where the ruler puts the depth, alpha w_i + s P_i, in all presses alike.
+z_i is the travel of press i (mm) from the zero of force to the contact event that was seen. It comes from the
+stage, else from stated speed times time. w_i is the depth that the bevel certifies (mm), P_i the force then (N).
+alpha is the speed's scale, 1 for a stage; s the rig's compliance (mm/N). delta is by how much all events were seen
+early or late, e_i what each was by itself. t_i is what the tilt that the camera reads would lower the bevel by,
+against the median one; b, about 0 to 1, is how far that reading is to be believed.
 
-Generalised least squares. Where touches scatter by more than they should, as under faces that lean by more than
-the camera sees, what each is off by is taken to be as much larger as makes chi-square right (Birge, Phys. Rev. 40
-(1932) 207), what all share is not. Where it is larger by far, and nothing else says that the rig came at one pace
-(or at paces in proportion to the stated ones), there is no ruler. Lengths in mm, forces in N.
+A rig that comes at one pace makes z a measure of depth whose zero is the gel's surface. delta does not grow with
+the depth, so heights that differ tell it apart from alpha. The shape of the growing dent bounds delta, the
+stiffness of rigs bounds s. The force is then read at alpha w_i + s P_i in all presses alike.
+
+Generalised least squares. Faces that tilt by more than the camera sees make events scatter by more than they
+should. What each is off by then grows until chi-square is right (Birge, Phys. Rev. 40 (1932) 207); what all share
+stays. Where it is larger by far, and nothing else says that the paces were even, there is no scale.
 """
 
 from __future__ import annotations
@@ -25,22 +25,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import mad_std
 
-GIVE_MM_PER_N = 0.005  # one sigma: rigs with their force sensors stand at 200 N/mm or so
-STAGE_STD = 0.005  # of a motion stage's scale
-_LEAST, _HEIGHTS = 3, 2  # presses, and heights among them, where the scale is not known beforehand
-_TRUST = 1.0  # one sigma of b
-_TURNS = 8  # of widening, until chi-square is what it should be
-_SPREAD = 0.25  # of the largest depth that the heights must differ by
-_OUT = 4.0  # sigmas beyond which a touch was no touch
-_CROOKED = 9.0  # chi-square per degree of freedom beyond which ramps not known to be even are no ruler
+RIG_COMPLIANCE_MM_PER_N = 0.005  # mm/N, one sigma: rigs with their F/T sensors stand at 200 N/mm or so
+STAGE_STD = 0.005  # of 1, one sigma of a motion stage's scale
+_MIN_COUNT = 3  # events, where the scale is not known beforehand; tests.certificate.test_travel_scale
+_MIN_HEIGHTS = 2  # machined heights among them; tests.certificate.test_travel_scale
+_TILT_TRUST_STD = 1.0  # of 1, one sigma of b; tests.certificate.test_travel_scale
+_MAX_ITERATIONS = 8  # of widening, until chi-square is what it should be; test_travel_scale
+_MIN_SPREAD = 0.25  # of the largest depth, that the heights must differ by; test_travel_scale
+_OUTLIER_SIGMA = 4.0  # beyond which a contact event was none; test_travel_scale
+_MAX_CHI2 = 9.0  # per degree of freedom: beyond it ramps not known to be even are no scale; test_travel_scale
 
 
 @dataclass(frozen=True, slots=True)
 class TravelPoint:
-    """One touch on the ruler: `depth_mm` certified, `travel_mm` until it was seen, its own std, what all have
-    together, the force there; `height` names what shares a machined height, `height_std_mm` of it; `lean_mm` what
-    its tilt lowers the bevel by, as read; `zero_std_mm` of the travel's zero, part of what all have together.
+    """One contact event on the travel scale: certified depth, travel until it was seen, force.
+
+    `own_std_mm` is its own std, `shared_std_mm` what all share, of which `zero_std_mm` is the travel's zero.
+    `height` names what shares a machined height, `height_std_mm` its std; `tilt_shift_mm` is what the face's tilt
+    lowers the bevel by, as read.
     """
 
     depth_mm: float
@@ -50,56 +54,56 @@ class TravelPoint:
     force_N: float
     height: str
     height_std_mm: float
-    lean_mm: float = 0.0
+    tilt_shift_mm: float = 0.0
     zero_std_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class TravelScale:
-    """alpha, s, b and their covariance (3, 3); `used` marks (N,); `late_mm` and its std: the touches' delta.
+    """alpha, s, b and their covariance (3, 3); `used` points (N,); `delay_mm` and its std: delta.
 
     `zero_std_mm`: what all depths read on it are off by alike, since its zero is.
     """
 
     alpha: float
-    give_mm_per_N: float
+    compliance_mm_per_N: float
     covariance: Floats
     used: Bools
-    late_mm: float
-    late_std_mm: float
+    delay_mm: float
+    delay_std_mm: float
     zero_std_mm: float
 
     def travel_mm(self, depth_mm: float, force_N: float) -> float:
-        """Where the ruler puts a depth."""
-        return self.alpha * depth_mm + self.give_mm_per_N * force_N
+        """Travel that belongs to a depth and a force."""
+        return self.alpha * depth_mm + self.compliance_mm_per_N * force_N
 
     def relative_std(self, stiffness_N_per_mm: float) -> float:
         """Of all its depths alike, where the force grows with this stiffness at first."""
         slope = np.array([1.0, stiffness_N_per_mm, 0.0])
-        whole = self.alpha + self.give_mm_per_N * stiffness_N_per_mm
+        whole = self.alpha + self.compliance_mm_per_N * stiffness_N_per_mm
         return float(np.sqrt(slope @ self.covariance @ slope)) / whole
 
 
 def fit_travel_scale(
-    marks: Sequence[TravelPoint], *, scale: float | None = None, even: bool = False
+    points: Sequence[TravelPoint], *, scale: float | None = None, even: bool = False
 ) -> TravelScale | None:
-    """The ruler of these touches; None where they are too few, too much alike, or do not lie on one.
+    """The travel scale of these events; None where they are too few, too much alike, or on no scale.
 
     `scale` is alpha where it is known, to STAGE_STD; `even` says that forces follow one law of the travel.
     """
-    used = np.ones(len(marks), dtype=bool)
+    used = np.ones(len(points), dtype=bool)
     while True:
-        chosen = [mark for mark, use in zip(marks, used, strict=True) if use]
-        depths = [mark.depth_mm for mark in chosen]
+        chosen = [point for point, use in zip(points, used, strict=True) if use]
+        depths = [point.depth_mm for point in chosen]
         if not chosen:
             return None
-        few = len(chosen) < _LEAST or len({mark.height for mark in chosen}) < _HEIGHTS
-        if scale is None and (few or np.ptp(depths) < _SPREAD * max(depths)):
+        few = len(chosen) < _MIN_COUNT or len({point.height for point in chosen}) < _MIN_HEIGHTS
+        if scale is None and (few or np.ptp(depths) < _MIN_SPREAD * max(depths)):
             return None
-        ruler, apart = _solve(chosen, used, scale, np.inf if even else _CROOKED)
+        found, apart = _solve(chosen, used, scale, np.inf if even else _MAX_CHI2)
         worst = int(np.abs(apart).argmax())
-        if abs(apart[worst]) < _OUT:
-            return ruler
+        if abs(apart[worst]) < _OUTLIER_SIGMA:
+            return found
         used[np.flatnonzero(used)[worst]] = False
 
 
@@ -118,53 +122,57 @@ class _Solution:
 
 
 def _solve(
-    marks: Sequence[TravelPoint], used: Bools, scale: float | None, limit: float
+    points: Sequence[TravelPoint], used: Bools, scale: float | None, limit: float
 ) -> tuple[TravelScale | None, Floats]:
-    """The ruler, and how far each touch lies from what the others say of it, in sigmas of the usual scatter."""
-    found = _least_squares(marks, scale, 1.0)
-    usual = max(1.4826 * float(np.median(np.abs(found.apart))), 1.0)
-    apart = found.apart / usual
-    if found.birge > limit and float(np.abs(apart).max()) < _OUT:
-        return None, np.zeros(len(marks))
+    """The scale, and each event's distance (N,) from what the others say, in sigmas of the median scatter."""
+    found = _least_squares(points, scale, 1.0)
+    scatter_unit = max(mad_std(found.apart, centre=0.0), 1.0)
+    apart = found.apart / scatter_unit
+    if found.birge > limit and float(np.abs(apart).max()) < _OUTLIER_SIGMA:
+        return None, np.zeros(len(points))
     scatter = 1.0
-    for _ in range(_TURNS):
+    for _ in range(_MAX_ITERATIONS):
         if found.birge <= 1:
             break
         scatter *= float(np.sqrt(found.birge))
-        found = _least_squares(marks, scale, scatter)
-    pace = _pace(marks)
-    shared = np.array([mark.shared_std_mm for mark in marks])
-    late = float(shared @ found.weighed) * float(np.median(shared)) / pace
-    late_std = _late_std(found.covariance, found.design, found.held, shared) / pace
-    zero = float(np.median([mark.zero_std_mm for mark in marks])) / pace
-    alpha, give, _ = (float(value) for value in found.answer)
+        found = _least_squares(points, scale, scatter)
+    pace = _pace(points)
+    shared = np.array([point.shared_std_mm for point in points])
+    delay = float(shared @ found.weighed) * float(np.median(shared)) / pace
+    delay_std = _delay_std(found.covariance, found.design, found.held, shared) / pace
+    zero = float(np.median([point.zero_std_mm for point in points])) / pace
+    alpha, compliance, _ = (float(value) for value in found.answer)
     return TravelScale(
-        alpha, give, found.inverse * max(found.birge, 1.0), used.copy(), late, late_std, zero
+        alpha, compliance, found.inverse * max(found.birge, 1.0), used.copy(), delay, delay_std, zero
     ), apart
 
 
-def _pace(marks: Sequence[TravelPoint]) -> float:
+def _pace(points: Sequence[TravelPoint]) -> float:
     """Travel over depth, roughly."""
-    return float(np.median([mark.travel_mm / mark.depth_mm for mark in marks]))
+    return float(np.median([point.travel_mm / point.depth_mm for point in points]))
 
 
-def _least_squares(marks: Sequence[TravelPoint], scale: float | None, scatter: float) -> _Solution:
+def _least_squares(points: Sequence[TravelPoint], scale: float | None, scatter: float) -> _Solution:
     """With what each touch and each height is off by taken `scatter` times as large as stated."""
-    depth, travel, own, shared, force, height_std, lean = np.array(
+    depth, travel, own, shared, force, height_std, tilt_shift = np.array(
         [
-            (m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.lean_mm)
-            for m in marks
+            (m.depth_mm, m.travel_mm, m.own_std_mm, m.shared_std_mm, m.force_N, m.height_std_mm, m.tilt_shift_mm)
+            for m in points
         ]
     ).T
-    alike = np.array([[a.height == b.height for a in marks] for b in marks])
-    pace = _pace(marks)
+    alike = np.array([[a.height == b.height for a in points] for b in points])
+    pace = _pace(points)
     apart = np.diag(own**2) + alike * np.outer(height_std, height_std) * pace**2
     covariance = scatter**2 * apart + np.outer(shared, shared)
     weight = np.linalg.inv(covariance)
-    design = np.column_stack([depth, force, lean])
+    design = np.column_stack([depth, force, tilt_shift])
     expected = np.array([scale or 0.0, 0.0, 0.0])
     held = np.array(
-        [0.0 if scale is None else (scale * STAGE_STD) ** -2, (pace * GIVE_MM_PER_N) ** -2, (pace * _TRUST) ** -2]
+        [
+            0.0 if scale is None else (scale * STAGE_STD) ** -2,
+            (pace * RIG_COMPLIANCE_MM_PER_N) ** -2,
+            (pace * _TILT_TRUST_STD) ** -2,
+        ]
     )
     inverse = np.linalg.inv(design.T @ weight @ design + np.diag(held))
     answer = inverse @ (design.T @ weight @ travel + held * expected)
@@ -173,10 +181,10 @@ def _least_squares(marks: Sequence[TravelPoint], scale: float | None, scatter: f
     # what each touch is off by, given all others: the covariance's inverse knows it (leave-one-out)
     weighed = weight @ residual
     return _Solution(answer, inverse, design, held, covariance, weighed, weighed / np.sqrt(np.diag(weight)),
-                     square / max(len(marks) - (scale is None), 1))  # fmt: skip
+                     square / max(len(points) - (scale is None), 1))  # fmt: skip
 
 
-def _late_std(covariance: Floats, design: Floats, held: Floats, shared: Floats) -> float:
+def _delay_std(covariance: Floats, design: Floats, held: Floats, shared: Floats) -> float:
     """Std of delta, by the joint fit of alpha, s, b and delta."""
     rest = np.linalg.inv(covariance - np.outer(shared, shared))
     whole = np.column_stack([design, np.ones(len(shared))])

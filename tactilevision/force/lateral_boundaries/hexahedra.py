@@ -19,8 +19,9 @@ from scipy import sparse
 from tactilevision.records import Floats
 
 Elements = npt.NDArray[np.intp]
+# places and weights of the three-point Gauss rule on (-1, 1)
 GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)])
-GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 9
+GAUSS_WEIGHT = np.array([5.0, 8.0, 5.0]) / 9  # of the same rule; they sum to 2
 
 
 def quadratic(xi: Floats) -> tuple[Floats, Floats]:

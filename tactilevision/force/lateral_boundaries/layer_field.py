@@ -21,8 +21,9 @@ from scipy import fft
 
 from tactilevision.records import Floats
 
-STEP_MM_OF_CELL = 0.5
+STEP_MM_OF_CELL = 0.5  # of a cell: step of the table over distance
 Waves = npt.NDArray[np.inexact[Any]]
+# components of a symmetric tensor, in Voigt's order but for the shears
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 

@@ -28,10 +28,10 @@ from tactilevision.force.nodes import NodeGrid
 from tactilevision.records import Floats, Gel
 
 Singles = npt.NDArray[np.float32]
-STATION_MM = 1.25
-LOAD_MM = 0.5
+STATION_MM = 1.25  # mm between the places at which the walls' part is worked out: it is smooth
+LOAD_MM = 0.5  # mm: size of the loads from which the table is made
 FORGETS = 3.5  # thicknesses beyond which a side is not felt
-RANK_TOLERANCE = 1e-4
+RANK_TOLERANCE = 1e-4  # of the largest singular value: shapes below it are left out
 AT_ONCE = 32  # shapes that are solved together
 MAX_ELEMENTS = 280  # squares of an element's width in the gel's face
 

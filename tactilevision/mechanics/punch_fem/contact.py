@@ -16,12 +16,11 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.punch_fem.discretisation import Surface
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 TANGENTIAL = 0.1  # stiffness of sticking over the penalty
-ROUND = (
-    0.1  # the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
-)
+# the corner between stick and slip is rounded within this part of mu q, so that the tangent is continuous
+ROUND = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +115,7 @@ def touch(
     *,
     keep: bool = False,
 ) -> ContactState:
-    """Contact forces and their exact tangent at `u`; `stiffness` is the penalty k in MPa/mm.
+    """Contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
 
     With `keep`, points that touched at the last step still do, in tension if need be: where sliding material is
     extrapolated along its tangent it leaves the round edge, and Newton's method must not let go of it at once.
@@ -127,26 +126,19 @@ def touch(
     active = (gap <= 0) | (keep & (history.gap_mm <= 0))
     k = np.where(active, stiffness, 0.0)
     pressure = -k * gap
-    moved = place - history.place_mm
-    trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
-    along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
-    trial = np.where(active, trial, 0.0)
+    trial, along = _elastic_shear(history, place, active, k, (normal, tangent, curvature))
     shear, by_trial, by_pressure = slip(punch.friction, trial, pressure)
     if history.trial_MPa is not None:
         by_trial = turned_back(by_trial, shear, trial, history.trial_MPa)
 
     # df/dy of f = q n + T t, with dq = -k n.dy, dn = c t (t.dy), dt = -c n (t.dy), d trial = along t.dy
-    slope = np.zeros((*gap.shape, 2, 2))
-    for weight, left, right in (
+    slope = _dyads(
         (-k, normal, normal),
         (pressure * curvature + along * by_trial, tangent, tangent),
         (-k * by_pressure, tangent, normal),
         (-shear * curvature, normal, tangent),
-    ):
-        slope += weight[..., None, None] * left[..., :, None] * right[..., None, :]
-    traction = pressure[..., None] * normal + shear[..., None] * tangent
-
-    force, matrix = _gathered(surface, traction, slope)
+    )
+    force, matrix = _gathered(surface, pressure[..., None] * normal + shear[..., None] * tangent, slope)
     return ContactState(
         force=force,
         stiffness=matrix,
@@ -156,6 +148,28 @@ def touch(
         history=ContactHistory(place, gap, shear),
         energy=float((surface.weight_mm2 * pressure**2).sum() / (2 * stiffness)),
     )
+
+
+def _elastic_shear(
+    history: ContactHistory, place: Floats, active: Bools, k: Floats, frame: tuple[Floats, Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Shear traction (K, Q) MPa of points that stick, and its derivative along the tangent, MPa/mm.
+
+    `place` (K, Q, 2) mm, `active` and stiffness `k` (K, Q), `frame`: normal, tangent (K, Q, 2) and curvature.
+    """
+    normal, tangent, curvature = frame
+    moved = place - history.place_mm
+    trial = history.shear_MPa - TANGENTIAL * k * np.einsum("kqi,kqi->kq", moved, tangent)
+    along = -TANGENTIAL * k * (1 - curvature * np.einsum("kqi,kqi->kq", moved, normal))
+    return np.where(active, trial, 0.0), along
+
+
+def _dyads(*terms: tuple[Floats, Floats, Floats]) -> Floats:
+    """Sum (K, Q, 2, 2) of weight times left times right over terms of shapes (K, Q), (K, Q, 2), (K, Q, 2)."""
+    total = np.zeros((*terms[0][0].shape, 2, 2))
+    for weight, left, right in terms:
+        total += weight[..., None, None] * left[..., :, None] * right[..., None, :]
+    return total
 
 
 def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:
@@ -180,7 +194,7 @@ def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floa
 
 
 def turned_back(by_trial: Floats, shear: Floats, trial: Floats, before: Floats) -> Floats:
-    """The tangent's slopes, a secant where a point slips the other way than in the iteration `before`.
+    """The tangent's slopes (K, Q), a secant where a point slips the other way than in the iteration `before`.
 
     Such a point sticks: between the two its traction has gone from -mu q to mu q. The slope at either end is 0 and
     would send Newton's method back and forth for ever, most of all at first touch, where shortening the step

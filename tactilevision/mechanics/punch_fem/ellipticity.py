@@ -16,7 +16,7 @@ from tactilevision.mechanics.punch_fem.kinematics import Deformation, outer
 from tactilevision.mechanics.punch_fem.laws import Law, bulk_modulus_MPa, shear_modulus_MPa
 from tactilevision.records import Floats, Material
 
-DIRECTIONS = 180
+DIRECTIONS = 180  # of the acoustic tensor
 
 
 def least_acoustic(law: Law, material: Material, state: Deformation) -> Floats:

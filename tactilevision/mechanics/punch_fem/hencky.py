@@ -15,7 +15,7 @@ _SHAPE[0, 0] = _SHAPE[3, 3] = _SHAPE[1, 1] = _SHAPE[2, 2] = 1.0
 _SHAPE[0, 3] = _SHAPE[3, 0] = -1.0
 _SHAPE[1, 2] = _SHAPE[2, 1] = 1.0
 
-_SERIES_BELOW = 1e-3
+_SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its series
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,14 @@ class Hencky:
     name: str = "hencky"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
         square = _arccosh_square(_excess(state))[0]
         plane, hoop = np.log(state.plane), np.log(state.F[:, 4])
         energy: Floats = shear_MPa * (plane**2 / 2 + square / 2 + hoop**2 - (plane + hoop) ** 2 / 3)
         return energy
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         j, hoop, grad_j = state.plane, state.F[:, 4], state.plane_gradient
         log_j, log_hoop = np.log(j), np.log(hoop)
         # W_d/mu = (ln j)²/6 + (2/3)(ln F_tt)² - (2/3) ln j ln F_tt + q(x)/2
@@ -62,6 +64,7 @@ class Hencky:
         return shear_MPa * stress, shear_MPa * tangent
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
+        """Volumetric measure g(J) (N,), with g' and g''."""
         return np.log(J), 1 / J, -1 / J**2
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactilevision.records import Floats
 
-IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])
+IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # deformation gradient at rest: F_rr, F_rz, F_zr, F_zz, F_tt
 
 # The in-plane determinant j = F_rr F_zz - F_rz F_zr is quadratic: its second derivative is this constant.
 PLANE_HESSIAN = np.zeros((5, 5))

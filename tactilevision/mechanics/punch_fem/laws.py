@@ -24,12 +24,16 @@ class Law(Protocol):
     @property
     def name(self) -> str: ...
 
-    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]: ...
+    def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+        ...
 
-    def energy(self, state: Deformation, shear_MPa: float) -> Floats: ...
+    def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
+        ...
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
-        """The volumetric measure g(J), with g' and g''."""
+        """Volumetric measure g(J) (N,), with g' and g''."""
         ...
 
 
@@ -44,7 +48,7 @@ def bulk_modulus_MPa(material: Material) -> float:
 
 
 def linear_volume(J: Floats) -> tuple[Floats, Floats, Floats]:
-    """g = J - 1."""
+    """g = J - 1 (N,), with g' and g''."""
     return J - 1, np.ones_like(J), np.zeros_like(J)
 
 
@@ -58,12 +62,15 @@ class NeoHooke:
     name: str = "neo-hooke"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
         return shear_MPa / 2 * (first_invariant(state) - 3)
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
         return from_first_invariant(state, lambda i: (np.full_like(i, shear_MPa / 2), np.zeros_like(i)))
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
+        """Volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
@@ -80,10 +87,13 @@ class Yeoh:
     name: str = "yeoh"
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
         x = first_invariant(state) - 3
         return shear_MPa / 2 * (x + self.c2 * x**2 + self.c3 * x**3)
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+
         def slope(i: Floats) -> tuple[Floats, Floats]:
             x = i - 3
             first = 1 + 2 * self.c2 * x + 3 * self.c3 * x**2
@@ -92,6 +102,7 @@ class Yeoh:
         return from_first_invariant(state, slope)
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
+        """Volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
@@ -111,10 +122,13 @@ class Gent:
             raise InputError("Gent's limit Jm of I1 - 3 lies above 0", where="Gent", value=self.limit)
 
     def energy(self, state: Deformation, shear_MPa: float) -> Floats:
+        """Energy of distortion per volume (N,), MPa."""
         room = 1 - (first_invariant(state) - 3) / self.limit
         return -shear_MPa / 2 * self.limit * np.log(np.where(room > 0, room, np.nan))
 
     def distortion(self, state: Deformation, shear_MPa: float) -> tuple[Floats, Floats]:
+        """Stress (N, 5) and tangent (N, 5, 5) of the distortion, MPa."""
+
         def slope(i: Floats) -> tuple[Floats, Floats]:
             room = 1 - (i - 3) / self.limit
             first = shear_MPa / 2 / np.where(room > 0, room, np.nan)
@@ -123,6 +137,7 @@ class Gent:
         return from_first_invariant(state, slope)
 
     def volume(self, J: Floats) -> tuple[Floats, Floats, Floats]:
+        """Volumetric measure g(J) (N,), with g' and g''."""
         return linear_volume(J)
 
 
@@ -135,7 +150,7 @@ def first_invariant(state: Deformation) -> Floats:
 def from_first_invariant(
     state: Deformation, slope: Callable[[Floats], tuple[Floats, Floats]]
 ) -> tuple[Floats, Floats]:
-    """Stress and tangent of an energy f(I1'); `slope` gives f' and f''."""
+    """Stress (N, 5) and tangent (N, 5, 5), MPa, of an energy f(I1'); `slope` gives f' and f''."""
     F, J, G = state.F, state.volume, state.volume_gradient
     scale = J ** (-2 / 3)
     length = np.einsum("ni,ni->n", F, F)

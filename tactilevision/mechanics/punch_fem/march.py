@@ -12,7 +12,7 @@ from tactilevision.mechanics.punch_fem.contact import RoundedPunch
 from tactilevision.mechanics.punch_fem.newton import Equations, Failure, State, at_rest, solve_step
 from tactilevision.records import Floats
 
-SMALLEST_CUT = 1 / 64
+SMALLEST_CUT = 1 / 64  # of a step, below which none is cut further
 QUICK = 5  # iterations after which a step may grow
 
 

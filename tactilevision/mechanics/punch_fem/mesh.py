@@ -39,7 +39,7 @@ class MeshSettings:
 
 
 def sizes_from(first: float, length: float, settings: MeshSettings) -> Floats:
-    """Element sizes over `length`, from about `first` growing; scaled so that they fill it exactly."""
+    """Element sizes (N,) mm over `length`, from about `first` growing; scaled so that they fill it exactly."""
     sizes, total = [first], first
     while total < length * (1 - 1e-9):
         sizes.append(min(sizes[-1] * settings.growth, settings.largest_mm))
@@ -50,7 +50,7 @@ def sizes_from(first: float, length: float, settings: MeshSettings) -> Floats:
 def graded_lines(
     radius_mm: float, thickness_mm: float, pad_radius_mm: float, settings: MeshSettings
 ) -> tuple[Floats, Floats]:
-    """The r and z coordinates of the mesh lines; one of them lies at r = radius_mm exactly."""
+    """The r (N,) and z (M,) mm of the mesh lines; one of them lies at r = radius_mm exactly."""
     fine = settings.edge_size_mm
     inner = min(settings.inside_mm, radius_mm / 2)
     outer = min(settings.outside_mm, (pad_radius_mm - radius_mm) / 2)

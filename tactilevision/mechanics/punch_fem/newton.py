@@ -47,17 +47,20 @@ class Failure:
     why: str
 
 
-MAX_ITERATIONS = 10
+MAX_ITERATIONS = 10  # of one step
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
 # Single contact points that change between stick and slip for ever keep the residual from 1e-6, not P from being
 # right.
 CHATTER_TOLERANCE = 1e-4
-VOLUME_TOLERANCE, CHATTER_VOLUME = 1e-9, 1e-6  # of each element's volume
+VOLUME_TOLERANCE = 1e-9  # of each element's volume
+CHATTER_VOLUME = 1e-6  # of each element's volume, where contact points chatter
 # A step that will converge is here by the fifth iteration; waiting longer costs more than a shorter step. But at
 # first touch stick and slip have the same extent however short the step is, and later points may change one by
 # one: there only patience helps.
-LATE, LATE_ERROR, WORST_ERROR = 5, 1e-2, 3.0
-MAX_WITH_PATIENCE = 30
+LATE = 5  # iterations, see above
+LATE_ERROR = 1e-2  # relative out-of-balance force that is too much by then
+WORST_ERROR = 3.0  # relative out-of-balance force that is too much at any time
+MAX_WITH_PATIENCE = 30  # iterations of one step, where only patience helps
 
 
 def equations(model: Model, *, by_force: bool) -> Equations:
@@ -108,8 +111,7 @@ def solve_step(
             force = target if system.by_force else reaction
             reached = None if contact is None else contact.history
             return State(u, pressure, reached, -float(u[mesh.punch]), force, iteration, error, folded)
-        du = _increment(system, solid, contact, target, jump)
-        jump = 0.0
+        du, jump = _increment(system, solid, contact, target, jump), 0.0
         if contact is not None and last.history is not None:
             history = replace(last.history, trial_MPa=contact.trial_MPa)
         u = u + du
@@ -121,7 +123,7 @@ def solve_step(
 def contact_at(
     model: Model, u: Floats, history: ContactHistory | None, *, keep: bool = False
 ) -> ContactState | None:
-    """Contact forces at `u`; None for a glued face."""
+    """Contact forces at the unknowns `u` (U,) mm; None for a glued face."""
     punch = model.problem.punch
     if not isinstance(punch, RoundedPunch) or history is None:
         return None

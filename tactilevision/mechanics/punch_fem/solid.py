@@ -33,7 +33,7 @@ class ElementSystem:
 
 
 def deform(mesh: Discretisation, u: Floats) -> Deformation:
-    """The deformation at all quadrature points (E Q) for the unknowns `u`."""
+    """The deformation at all quadrature points (E Q) for the unknowns `u` (U,) mm."""
     elements, points = mesh.weight_mm3.shape
     local = u[mesh.dofs][:, :, None]
     strain = mesh.gradient.reshape(elements, points * 5, 18) @ local
@@ -94,7 +94,7 @@ def linearise(
 
 
 def stored_energy(mesh: Discretisation, law: Law, material: Material, u: Floats, pressure: Floats) -> float:
-    """Strain energy in N mm: the integral of W_d + p g(J) - p²/(2K)."""
+    """Strain energy in N mm for unknowns `u` (U,) mm: the integral of W_d + p g(J) - p²/(2K)."""
     state = deform(mesh, u)
     p = pressure_at_points(mesh, pressure)
     density = law.energy(state, shear_modulus_MPa(material)) + p * law.volume(state.volume)[0]

@@ -15,9 +15,10 @@ import numpy as np
 from tactilevision.files import replacing
 from tactilevision.records import Floats
 
+# w/h, nodes of the tables
 DEPTHS = (0.002, 0.006, 0.0125, 0.025, 0.04, 0.055, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25)
 REACH = 3.5  # thicknesses beside the punch
-PLACES = 25
+PLACES = 25  # of the surface beside the punch
 BESIDE = tuple(
     REACH * (k / (PLACES - 1)) ** 2 for k in range(PLACES)
 )  # even in the root, which the edge is smooth in

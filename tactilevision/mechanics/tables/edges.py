@@ -20,7 +20,7 @@ from tactilevision.mechanics.tables.blocks import Block, hayes_stiffness
 from tactilevision.records import Floats
 
 SHALLOWEST = 0.055  # w/h that the sharper edge itself must reach
-FURTHEST = 2.0
+FURTHEST = 2.0  # ratio of edge radii that the correction spans
 
 
 def deepened(block: Block, blunter: Block) -> Block:

@@ -16,8 +16,10 @@ from tactilevision.mechanics.tables.punch import surface_over_depth
 from tactilevision.mechanics.tables.table import shipped_table
 from tactilevision.records import Floats
 
-EDGE_OVER_H = 1 / 60
-POISSON_RANGE, A_OVER_H_RANGE, DEEPEST = (0.3, 0.4999), (0.2, 1.5), 0.25
+EDGE_OVER_H = 1 / 60  # edge radius of the table's punch over h
+POISSON_RANGE = (0.3, 0.4999)  # Poisson's ratio of the table
+A_OVER_H_RANGE = (0.2, 1.5)  # a/h of the table
+DEEPEST = 0.25  # w/h of the table
 
 
 @dataclass(frozen=True, slots=True)

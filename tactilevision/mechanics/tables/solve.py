@@ -32,9 +32,11 @@ from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCas
 from tactilevision.records import Floats, Material
 
 LAWS: tuple[Law, ...] = (NeoHooke(), Hencky())
-COARSER, FINER = 2.0, 0.6  # edge elements of the other meshes over those of the first
-SAME_GROWTH = 0.003
-FIRST_JAM, WINDOW = 0.09, 0.1  # w/h: before it first touch bends P/w; the four depths lie no further back
+COARSER = 2.0  # edge elements of the coarser mesh over those of the first
+FINER = 0.6  # edge elements of the finer mesh over those of the first
+SAME_GROWTH = 0.003  # of P/w, within which two growths are one
+FIRST_JAM = 0.09  # w/h: before it first touch bends P/w
+WINDOW = 0.1  # w/h: the four depths lie no further back
 BRINK = 1.02  # a depth this near to where the elements break down is not kept
 HANGS = "the surface folds, and the force hangs on its mesh"
 JAMS = "gel that slides jams under the punch's edge"

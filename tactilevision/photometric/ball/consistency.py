@@ -14,6 +14,7 @@ import numpy as np
 
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.records import Floats, Pair
+from tactilevision.robust import mad_std
 
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
 SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
@@ -53,7 +54,7 @@ def radii_apart(
             continue
         scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
         apart = float(np.median(scale))
-        if abs(apart) > max(MIN_APART, SIGMAS * _scatter(scale) / np.sqrt(scale.size)):
+        if abs(apart) > max(MIN_APART, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
             return [
                 f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
                 f"slopes as of {radius / np.exp(apart):.2g} mm. One radius is wrong, and depth with it: see "
@@ -71,7 +72,7 @@ def odd_balls(
     """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     all_of = np.array(list(scale.values()))
-    usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * _scatter(all_of))
+    usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * mad_std(all_of))
     odd = sorted(
         (number for number in scale if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
         key=lambda number: -abs(scale[number] - usual),
@@ -106,7 +107,3 @@ def coverage(cover: Floats) -> list[str]:
         f"the ball presses cover {100 * cover[0]:.0f} % by {100 * cover[1]:.0f} % of the picture only; "
         "slopes elsewhere are extrapolated"
     ]
-
-
-def _scatter(values: Floats) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))

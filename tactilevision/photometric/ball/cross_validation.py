@@ -22,8 +22,9 @@ import numpy.typing as npt
 
 from tactilevision.photometric.ball.jackknife import gain_map
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
+from tactilevision.robust import mad_std
 
 FOLDS = 3
 BELIEVED = 4  # balls that what is stated is worth by itself
@@ -143,7 +144,7 @@ def gains_without(
 
 def gain_std(found: Floats, samples: Samples) -> float:
     """Scatter of the depth scale over balls: 1.48 times the median distance from 1."""
-    return 1.4826 * float(np.median(np.abs(np.array([*gains_of(found, samples).values()]) - 1.0)))
+    return mad_std(np.array([*gains_of(found, samples).values()]), centre=1.0)
 
 
 def _without(

@@ -26,8 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.method import ColourLaw
-from tactilevision.photometric.methods.inverse_shading import colours_of, fit_light
+from tactilevision.photometric.ball.shading_fit import colours_of, fit_light
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
 PLACES = (16, 12)  # across, down

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.methods.polynomial import TYPICAL
+from tactilevision.photometric.ball.samples import TYPICAL, Samples
 
 MOST = 500  # places at which A is looked at
 LEAST = 1e-6  # change of colour in deviations per unit of slope: none

@@ -12,6 +12,7 @@ from tactilevision.photometric.ball.detection import Ball, ball_slopes
 from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.records import Bools, Floats, Pair
 
+TYPICAL = 0.2  # slope below which samples weigh alike in the fits
 CONTACT = 9000  # samples under balls, over all presses
 RESTING = 4000  # samples of untouched gel
 INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere

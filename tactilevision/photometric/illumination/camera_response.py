@@ -45,10 +45,9 @@ class Response:
         return {"power": self.power, "answers": answers}
 
 
-def response_in(card: Mapping[str, Any]) -> Response:
-    """The response that a method's card tells; the usual one where it tells none."""
-    told = card.get("response")
-    if told is None:
+def response_of_card(entry: Mapping[str, Any] | None) -> Response:
+    """The response of the card's `entry` (power, answers); that of most cameras for None."""
+    if entry is None:
         return Response()
-    answers = told["answers"]
-    return Response(int(told["power"]), None if answers is None else np.array(answers, np.float64))
+    answers = entry["answers"]
+    return Response(int(entry["power"]), None if answers is None else np.array(answers, np.float64))

@@ -26,6 +26,7 @@ from tactilevision.photometric.illumination.camera_response import SOFTENING_GRE
 from tactilevision.photometric.illumination.drift_priors import OTHERS, TERMS, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats
+from tactilevision.records.contact_thresholds import colour_limit
 from tactilevision.robust import median
 
 BLOCKS = 600  # blocks over the picture, about
@@ -115,7 +116,7 @@ class DriftTracker:
             weights += 1.0
             weights *= weights
             np.divide(usable, weights, out=weights)
-            near = self._beside(usable & (squares > 16.0 * scale))
+            near = self._beside(usable & (squares > colour_limit(scale)))
             fitting = weights if near is None else weights * ~near
             if near is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
                 fitting = weights
@@ -126,13 +127,15 @@ class DriftTracker:
         if np.abs(gains[:, 0]).max() > LITTLE:
             if self.power == 2:
                 change *= 1.0 + self._bend * change
-            found, covariance = self._parted(change, fitting, gains[:, 0], usable & (squares > 16.0 * scale))
+            found, covariance = self._parted(
+                change, fitting, gains[:, 0], usable & (squares > colour_limit(scale))
+            )
             squares = self._squares(change, found)
             gains, undo = self._undoing(found)
         else:
             squares = self._squares(change, gains)
         shape = (self.size[1], self.size[0])
-        untouched = (usable & (squares < 16.0 * scale)).reshape(shape)
+        untouched = (usable & (squares < colour_limit(scale))).reshape(shape)
         misfit = float(median(self._among_usable(squares))) ** 0.5
         return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit)
 

@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 
 from tactilevision.records import Bools, Floats
-from tactilevision.robust import median
+from tactilevision.robust import MAD_TO_STD, median
 
 ANYTHING = 1e4
 # stray light and its deviation in parts of the light, lean in parts of g_0; m and its deviation, and lean once
@@ -74,7 +74,7 @@ def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
 def noise_of(change: Floats, weights: Floats) -> float:
     """How noisy blocks (3, h, w) are against their neighbours in a row; `weights` (h, w) of those that count."""
     bent = np.abs(change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2])[:, weights[:, 1:-1] > 0.5]
-    return max(QUIET, 1.4826 / np.sqrt(6.0) * float(median(bent.ravel()))) if bent.size else 1.0
+    return max(QUIET, MAD_TO_STD / np.sqrt(6.0) * float(median(bent.ravel()))) if bent.size else 1.0
 
 
 def drift_of(

@@ -19,43 +19,21 @@ no such law: balls left out decide which is used, one recording at a time (`Auto
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.method import ColourLaw
+from tactilevision.photometric.ball.shading_fit import UNEVEN, colours_of, fit_light
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
-PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
-UNEVEN, SHARES = (1e-4, 1e-3), (0.1, 0.5)
-BENT = 1e-2
-USUAL = 0.3  # slope at which the terms of all orders weigh alike
-GENTLE = 0.2
+SHARES = (0.1, 0.5)  # of the weight on the drawn law; balls held out choose
 DRAWN = 8000
 BEYOND = 1.1  # of the steepest slope seen
-FREE = 1e-7  # keeps the fit solvable where balls say nothing
 SMOOTH = 1e-6  # ridge of the polynomial through the drawn samples, which leave nothing open
-
-
-def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
-    """Powers (terms, 4) of p, q, X, Y: those of place go up to an order of their own for each i + j."""
-    return np.array(
-        [
-            (i, order - i, k, n - k)
-            for order, most in place_order.items()
-            for i in range(order + 1)
-            for n in range(most + 1)
-            for k in range(n + 1)
-        ]
-    )
-
-
-TERMS = terms_of(PLACE_ORDER)
 
 
 @dataclass(frozen=True)
@@ -94,21 +72,6 @@ class AutoMethod:
         return fit_polynomial(contact, untouched_samples, ridge=ridge)
 
 
-def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:
-    """L (terms, 3) of samples."""
-    square = np.sum(contact.slopes**2, axis=1)
-    scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
-    design = _design(contact.slopes, contact.place, terms) * scale
-    left = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
-    weights = 1.0 / (square + GENTLE**2)
-    heavy = design * (weights / weights.sum())[:, None]
-    normal = heavy.T @ design
-    normal[np.diag_indices_from(normal)] += (
-        FREE + uneven * terms[:, 2:].sum(axis=1) + BENT * (terms[:, :2].sum(axis=1) - 1)
-    )
-    return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
-
-
 def _drawn(law: Floats, contact: Samples) -> Samples:
     """Samples of the law, spread evenly over slopes and places."""
     even = _evenly(DRAWN, 4)
@@ -118,12 +81,6 @@ def _drawn(law: Floats, contact: Samples) -> Samples:
     return Samples(colours_of(law, slopes, place), place, slopes, np.zeros(DRAWN, np.int64))
 
 
-def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:
-    """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
-    square = np.sum(slopes**2, axis=1)
-    return np.asarray((1.0 + _design(slopes, place, TERMS) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)
-
-
 def _evenly(count: int, dimensions: int) -> Floats:
     """Places (count, dimensions) in the unit cube, evener than random: Roberts' sequence, x^(d+1) = x + 1."""
     root = 1.5
@@ -131,9 +88,3 @@ def _evenly(count: int, dimensions: int) -> Floats:
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = root ** -np.arange(1.0, dimensions + 1)
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
-
-
-def _design(slopes: Floats, place: Floats, terms: npt.NDArray[np.int64]) -> Floats:
-    values = np.concatenate([slopes, place], axis=1)
-    powers = values[:, :, None] ** np.arange(5)
-    return np.asarray(np.prod(powers[:, np.arange(4), terms], axis=2))

@@ -30,7 +30,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball.samples import TYPICAL, Samples
 from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
@@ -44,7 +44,6 @@ PLACE_ORDER = {1: 5, 2: 2, 3: 1}
 MOST = max(PLACE_ORDER.values())
 LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two and three have a part in
 POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
-TYPICAL = 0.2
 AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
 FAINT = 0.5  # of a combination's power: what is more noise than this is not made up for
 REACH = 1.5

@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.photometric.ball.detection import Ball, ball_slopes
-from tactilevision.photometric.ball.samples import CONTACT, INSIDE, Samples, join
+from tactilevision.photometric.ball.samples import CONTACT, INSIDE, TYPICAL, Samples, join
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import export_network, require_exporter
-from tactilevision.photometric.methods.polynomial import TYPICAL
 from tactilevision.photometric.training.single_core import one_core
 from tactilevision.records import Bools, Bytes, Floats, Pair
 

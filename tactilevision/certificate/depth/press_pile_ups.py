@@ -1,0 +1,64 @@
+"""Pile-up at the bevel's edge for every press: seen in all presses of its bevel, computed for its own depth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tactilevision.certificate.depth.pile_up import (
+    PileUp,
+    blur_place,
+    combine,
+    computed_ratio,
+    map_error,
+    press_pile_up,
+    seen_ratio,
+    unknown_pile_up,
+)
+from tactilevision.certificate.touch.bevel_contact_depth import DETECTION_CHI2
+from tactilevision.certificate.touch.contact_times import ContactTimes
+from tactilevision.contact.bevel import mean_distance_mm
+from tactilevision.records import Floats, Gel
+
+UNKNOWN_SCALE_STD = 0.25  # relative std of the map's scale where no event tells it
+
+
+def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[str, PileUp]:
+    """Pile-up of each press that was searched, by label."""
+    seen, scale_std, map_std = _seen(events)
+    pile_ups = {}
+    for name, one in events.items():
+        distance, indenter = one.bevel_contact.distance_mm, one.bevel_contact.press_signal.track.indenter
+        if distance is None or not indenter.height_mm:
+            pile_ups[name] = unknown_pile_up()
+            continue
+        beside = mean_distance_mm(distance)
+        computed = computed_ratio(gel, indenter, distance_mm=beside)
+        pile_up = combine(seen_ratio(seen.get(distance, []), scale_std=scale_std, map_std=map_std), computed)
+        given = one.bevel_contact.distance_given
+        pile_ups[name] = pile_up if given else blur_place(pile_up, gel, indenter, distance_mm=beside)
+    return pile_ups
+
+
+def _seen(
+    events: Mapping[str, ContactTimes],
+) -> tuple[dict[float, list[tuple[Floats, Floats]]], float, float]:
+    """Ratios (4,) and stds (4,) of single presses by the bevel's distance, std of the scale, error of the map."""
+    ratios: dict[float, list[tuple[Floats, Floats]]] = {}
+    scales, errors = [], []
+    for one in events.values():
+        distance, press_signal = one.bevel_contact.distance_mm, one.bevel_contact.press_signal
+        if one.touch is None or one.touch.onset.gain <= DETECTION_CHI2 or distance is None:
+            continue
+        height = press_signal.track.indenter.height_mm
+        scales += [one.touch.depth_seen_mm / height] if height else []
+        beside = mean_distance_mm(distance)
+        before = press_signal.use & (press_signal.drive < one.touch.onset.at)
+        single = press_pile_up(press_signal.track, press_signal.drive, before, distance_mm=beside)
+        if single is not None:
+            ratios.setdefault(distance, []).append(single)
+            errors.append(map_error(press_signal.track, press_signal.drive, distance_mm=beside))
+    scale_std = float(np.sqrt(np.mean((np.array(scales) - 1) ** 2))) if scales else UNKNOWN_SCALE_STD
+    known = [error for error in errors if np.isfinite(error)]
+    return ratios, scale_std, float(np.median(known)) if known else 0.0

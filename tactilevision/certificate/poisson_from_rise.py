@@ -1,0 +1,217 @@
+"""Poisson's ratio from the gel's rise beside each accepted punch, read apart from the punch's walls.
+
+A height map reaches the gel beside a punch over walls that are too steep to be read, and what is missing there
+leaks into all of it. Here the slopes alone are taken: averaged over the frames near the event and over squares of
+a quarter of a millimetre, and integrated with the face and its walls left out (their edges have no weight), so
+that the gel beside stands on its own slopes. Its level and tilt are then open, which a fit of the rise does not
+mind. What lies under the bevel, and beyond it, is left out. The depth is the certified one, carried to each frame
+by the press's curve.
+
+Known of the map: its gain from balls that were held out, and a light that drifts unevenly, which the gel's gentle
+slopes are taken for in part: it leaves a bowl, which is fitted along.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.certificate.certificate import Certificate
+from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
+from tactilevision.certificate.depth.slope_gain import ring_gain_std
+from tactilevision.contact.bevel import SIDES
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.integration.poisson import weighted
+from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
+from tactilevision.mechanics.surface_view import SurfaceView
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording, read_frame
+from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
+
+SQUARE_MM = 0.25  # mm, side of the squares that slopes are averaged over; benchmarks.nu_from_frames
+FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
+NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
+WALL_MM = 0.5  # mm beyond the edge: steep profile, ink and blur; benchmarks.nu_from_frames
+BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
+SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_from_frames
+CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
+GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
+BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
+STATED_STD = 0.005  # of a Poisson's ratio stated without one
+
+Picture = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slopes:
+    """Mean slopes (h, w) over frames and squares, the share of readable pixels, and the frames' mean depth."""
+
+    dz_dx: Floats
+    dz_dy: Floats
+    share: Floats
+    depth_mm: float
+
+
+def fit_nu(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> SurfaceFit | None:
+    """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
+    gel = recording.sensor.gel
+    views = surfaces_beside_punch(recording, reconstructor, certificate) if gel is not None else []
+    if gel is None or not views:
+        return None
+    settings = SurfaceFitSettings(
+        guard_mm=GUARD * gel.thickness_mm,
+        gain_std=ring_gain_std(reconstructor.method),
+        bowl_std_per_mm=BOWL_STD_PER_MM,
+    )
+    try:
+        return fit_poisson_ratio(
+            views, thickness_mm=gel.thickness_mm, thickness_std_mm=gel.thickness_std_mm, settings=settings
+        )
+    except InputError:  # no view that the profiles reach
+        return None
+
+
+def with_nu(
+    recording: Recording, reconstructor: Reconstructor, certificate: Certificate
+) -> tuple[Certificate, Estimate | None]:
+    """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel."""
+    found, gel = fit_nu(recording, reconstructor, certificate), recording.sensor.gel
+    if found is None or gel is None:
+        return certificate, None
+    if found.left_out:
+        left_out = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
+        certificate = replace(certificate, warnings=(*certificate.warnings, left_out))
+    stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
+    if (found.poisson_ratio.std or math.inf) > stated:
+        return certificate, found.poisson_ratio
+    return with_pile_up(certificate, recording, found.poisson_ratio), found.poisson_ratio
+
+
+def with_pile_up(certificate: Certificate, recording: Recording, poisson_ratio: Estimate) -> Certificate:
+    """The certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
+
+    The rise that the frames show stays part of it. As it is where nu has no value or the bevel's place is unknown.
+    """
+    gel, old = recording.sensor.gel, certificate.pile_up
+    if gel is None or old is None or poisson_ratio.value is None or certificate.bevel_distance_mm is None:
+        return certificate
+    known = replace(gel, poisson_ratio=poisson_ratio.value, poisson_ratio_std=poisson_ratio.std)
+    points, scales = [], {}
+    for point in certificate.points:
+        indenter = recording.indenters[point.indenter]
+        distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
+        computed = computed_ratio(known, indenter, distance_mm=distance)
+        if computed is None:
+            points.append(point)
+            continue
+        pile_up = combine(old.seen, computed)
+        if indenter.bevel_distance_mm is None:
+            pile_up = blur_place(pile_up, known, indenter, distance_mm=distance)
+        depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)
+        scale_std, tilt_std = point.details.travel_scale_std, point.details.tilt_std_mm
+        std = depth_std(
+            depth,
+            pile_up,
+            height_std_mm=indenter.height_std_mm,
+            tilt_std_mm=tilt_std if np.isfinite(tilt_std) else 0.0,
+            scale_std=scale_std if np.isfinite(scale_std) else None,
+        )
+        scales[point.press] = depth / point.depth_mm
+        details = replace(point.details, pile_up_ratio=pile_up.ratio, pile_up_ratio_std=pile_up.std)
+        points.append(replace(point, depth_mm=depth, depth_std_mm=std, details=details))
+    curves = [replace(c, depth_mm=c.depth_mm * scales.get(c.press, 1.0)) for c in certificate.curves]
+    return replace(certificate, points=tuple(points), curves=tuple(curves))
+
+
+def surfaces_beside_punch(
+    recording: Recording, reconstructor: Reconstructor, certificate: Certificate
+) -> list[SurfaceView]:
+    """One view for each accepted press of a flat cylinder that left a curve and a footprint.
+
+    Reads FRAMES frames of each; a press whose frames cannot be read again is left out. Depth is in the scale of
+    the map's slopes, its level open.
+    """
+    curves = {curve.press: curve for curve in certificate.curves}
+    views = []
+    for point in certificate.points:
+        evidence, indenter = certificate.evidence.get(point.press), recording.indenters.get(point.indenter)
+        if not point.accepted or evidence is None or evidence.footprint is None or point.press not in curves:
+            continue
+        if indenter is None or indenter.shape != "flat_cylinder":
+            continue
+        rows = _frames(recording, curves[point.press], point)
+        slopes = _mean_slopes(recording, reconstructor, rows)
+        if slopes is not None:
+            distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
+            placed = replace(indenter, bevel_distance_mm=distance)
+            views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))
+    return views
+
+
+def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
+    """Number and depth (mm) of the frames nearest to the event in time, of about its depth."""
+    near = np.abs(curve.depth_mm / point.depth_mm - 1) < NEAR
+    order = np.argsort(np.where(near, np.abs(curve.time_s - point.time_s), np.inf), kind="stable")
+    chosen = order[: min(FRAMES, int(near.sum()))]
+    times = recording.frame_times_s
+    return [(int(np.argmin(np.abs(times - curve.time_s[k]))), float(curve.depth_mm[k])) for k in np.sort(chosen)]
+
+
+def _mean_slopes(
+    recording: Recording, reconstructor: Reconstructor, rows: Sequence[tuple[int, float]]
+) -> _Slopes | None:
+    total, depths = None, []
+    for row, depth in rows:
+        try:
+            slopes = reconstructor.slope_map(read_frame(recording, row))
+        except TactilevisionError:  # a torn frame; the certificate names it
+            continue
+        readable = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)
+        if slopes.valid is not None:
+            readable &= slopes.valid
+        parts = [np.where(readable, slopes.dz_dx, 0), np.where(readable, slopes.dz_dy, 0), readable]
+        coarse = np.stack([_shrink(np.asarray(p, np.float32), recording.sensor.mm_per_px) for p in parts])
+        total = coarse if total is None else total + coarse
+        depths.append(depth)
+    if total is None:
+        return None
+    share = total[2].astype(np.float64)
+    safe = np.maximum(share, 1e-6)
+    return _Slopes(total[0] / safe, total[1] / safe, share / len(depths), float(np.mean(depths)))
+
+
+def _shrink(picture: Picture, mm_per_px: Pair) -> Picture:
+    rows, columns = picture.shape
+    size = (max(round(columns * mm_per_px[0] / SQUARE_MM), 2), max(round(rows * mm_per_px[1] / SQUARE_MM), 2))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _view(
+    slopes: _Slopes, face: Footprint, point: CertifiedPoint, indenter: Indenter, mm_per_px: Pair
+) -> SurfaceView:
+    (rows, columns), (height, width) = slopes.share.shape, face.mask.shape
+    scale = (mm_per_px[0] * width / columns, mm_per_px[1] * height / rows)
+    x = (np.arange(columns) - (columns - 1) / 2)[None, :] * scale[0] - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2)[:, None] * scale[1] - face.centre_mm[1]
+    beside = (np.hypot(x, y) > indenter.radius_mm + WALL_MM) & (slopes.share > SOUND)
+    depth = weighted(slopes.dz_dx, slopes.dz_dy, beside.astype(np.float64), mm_per_px=scale)
+    if indenter.bevel is not None:
+        along = SIDES[indenter.bevel]
+        start = indenter.bevel_distance_mm or indenter.radius_mm + 2 * BEFORE_BEVEL_MM
+        beside &= along[0] * x + along[1] * y < start - BEFORE_BEVEL_MM
+    return SurfaceView(
+        depth,
+        beside,
+        scale,
+        indenter.radius_mm,
+        face.centre_mm,
+        CENTRE_STD_MM,
+        slopes.depth_mm,
+        point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
+        point.press,
+    )

@@ -1,0 +1,67 @@
+"""The shading law of one light: how colours answer to slope, fitted to samples of balls.
+
+    (1 + u_c) sqrt(1 + p^2 + q^2) - 1 = sum_ij L_cij(X, Y) p^i q^j        1 <= i + j <= 4
+
+u_c is the change of colour, p and q the slopes, X and Y the place from -1 to 1; none has a unit.
+L is a polynomial in place whose order depends on i + j (PLACE_ORDER). Valid for slopes that the balls reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.records import Floats
+
+PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}  # order in place of the terms of i + j; lamps near the pad need the third
+UNEVEN = (1e-4, 1e-3)  # penalties of the change of L over the picture, no unit; balls held out choose
+BENT = 1e-2  # penalty of terms beyond the first order in slope, no unit; keeps L near a plane
+USUAL = 0.3  # slope at which the terms of all orders weigh alike
+GENTLE = 0.2  # slope below which samples weigh alike
+FREE = 1e-7  # ridge, keeps the fit solvable where balls tell nothing
+
+
+def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
+    """Powers (terms, 4) of p, q, X, Y: those of place go up to an order of their own for each i + j."""
+    return np.array(
+        [
+            (i, order - i, k, n - k)
+            for order, most in place_order.items()
+            for i in range(order + 1)
+            for n in range(most + 1)
+            for k in range(n + 1)
+        ]
+    )
+
+
+TERMS = terms_of(PLACE_ORDER)
+
+
+def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:
+    """L (terms, 3) of samples."""
+    square = np.sum(contact.slopes**2, axis=1)
+    scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
+    design = _design(contact.slopes, contact.place, terms) * scale
+    left = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
+    weights = 1.0 / (square + GENTLE**2)
+    heavy = design * (weights / weights.sum())[:, None]
+    normal = heavy.T @ design
+    normal[np.diag_indices_from(normal)] += (
+        FREE + uneven * terms[:, 2:].sum(axis=1) + BENT * (terms[:, :2].sum(axis=1) - 1)
+    )
+    return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
+
+
+def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:
+    """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
+    square = np.sum(slopes**2, axis=1)
+    return np.asarray((1.0 + _design(slopes, place, TERMS) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)
+
+
+def _design(slopes: Floats, place: Floats, terms: npt.NDArray[np.int64]) -> Floats:
+    values = np.concatenate([slopes, place], axis=1)
+    powers = values[:, :, None] ** np.arange(5)
+    return np.asarray(np.prod(powers[:, np.arange(4), terms], axis=2))

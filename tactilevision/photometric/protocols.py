@@ -1,0 +1,81 @@
+"""What the parts of `photometric` ask of each other: methods, colour laws, and laws made ready for a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window
+from tactilevision.photometric.illumination.drift import Drift
+from tactilevision.photometric.reference import Reference
+from tactilevision.records import Bools, Bytes, Floats, SlopeMap
+
+Picture = npt.NDArray[np.float32]
+
+
+class PhotometricMethod(Protocol):
+    """Anything with these members works everywhere; PHOTOMETRIC only lists the ones that come along."""
+
+    name: str
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap: ...
+
+
+class Evaluator(Protocol):
+    """A colour law made ready for one picture size."""
+
+    def __call__(self, change: Planes) -> tuple[Picture, Picture]: ...
+
+    def strip(self, change: Planes, window: Window, out: Planes) -> None:
+        """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window of the picture, STRIP_PX at most."""
+
+    def noise(self, noise: Planes) -> Picture: ...
+
+
+class ColourLaw(Protocol):
+    """Slope as a function of colour change and place, free of any one sensor's reference picture."""
+
+    @property
+    def name(self) -> str: ...
+
+    def at(self, change: Floats, place: Floats) -> Floats: ...
+
+    def averaged(self, noise: Floats) -> ColourLaw:
+        """The law that says of a colour what this one says, on the mean, of that colour with `noise` (3,)."""
+        ...
+
+    def evaluator(self, shape: tuple[int, int]) -> Evaluator: ...
+
+    def arrays(self) -> dict[str, Floats]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The slopes of one frame, the drift of its light, and the greatest |slope|."""
+
+    slopes: SlopeMap
+    drift: Drift
+    steepest: float
+
+
+class PixelMethod(Protocol):
+    """A method that reads colour changes from a reference, pixel by pixel; pictures are (H, W) float32.
+
+    `calm` is the share of the law's slope that is kept, 0 to 1; `bias` (2, H, W) is taken off it. `rest` are the
+    two parts of the bias that noise makes; `noise` is the deviation of a slope, without unit.
+    """
+
+    law: ColourLaw
+    evaluate: Evaluator
+    reference: Reference
+    change: ColourChange
+    calm: Picture
+    rest: tuple[Picture, Picture]
+    bias: Planes
+    noise: Picture
+    readable: Bools
+
+    def read_window(self, window: Window) -> tuple[Planes, float]: ...

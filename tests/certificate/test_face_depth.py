@@ -1,0 +1,134 @@
+"""Faces held by their certificate: what a map lacks in depth is put back, in the presses it knows alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.batch.folder import DepthJob
+from tactilevision.certificate.depth.face_depth import (
+    NO_CORRECTION,
+    Certified,
+    face_depth_correction,
+    read_certified,
+)
+from tactilevision.exports.tiff import read_tiff
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording
+from tactilevision.records import Frame, HeightMap, Indenter, Pair, Press, Sensor
+
+SIZE: Pair = (160, 120)
+MM, RADIUS = 0.1, 2.5
+DEPTHS = (0.15, 0.3, 0.45, 0.6)
+
+
+def lacking(depth_mm: float) -> float:
+    """What the map below reads of a face: a fifth short at 1 mm."""
+    return depth_mm * (1 - 0.2 * depth_mm)
+
+
+class Short:
+    """The frame's brightness is the depth in hundredths of a millimetre; deep faces are read too shallow."""
+
+    error = None
+
+    def height_map(self, frame: Frame) -> HeightMap:
+        depth = float(np.median(frame.rgb)) / 100
+        x, y = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * MM for n in map(int, SIZE)))
+        r = np.hypot(x, y)
+        beside = 2 / np.pi * np.arcsin(np.minimum(RADIUS / np.maximum(r, RADIUS), 1.0)) * np.exp(RADIUS - r)
+        surface = lacking(depth) * np.where(r < RADIUS, 1.0, beside)
+        noise = 1e-4 * np.random.default_rng(0).standard_normal(surface.shape)
+        return HeightMap(surface + noise, np.ones(surface.shape, np.bool_), (MM, MM), time_s=frame.time_s)
+
+
+def recorded(folder: Path) -> Recording:
+    """Four presses, each of five frames that go on from 20 um above the touch to 20 um beyond it."""
+    (folder / "frames").mkdir()
+    names, times, presses = [], [], []
+    for k, depth in enumerate(DEPTHS):
+        presses.append(Press(str(k), "A", 10.0 * k, 10.0 * k + 5))
+        for j in range(5):
+            names.append(f"{k}{j}.png")
+            times.append(10.0 * k + 0.5 + j)
+            level = np.uint8(round(100 * depth) + j - 2)
+            cv2.imwrite(str(folder / "frames" / names[-1]), np.full((*map(int, SIZE[::-1]), 3), level, np.uint8))
+    return Recording(
+        path=folder,
+        name="short",
+        sensor=Sensor("custom", int(SIZE[0]), int(SIZE[1]), (MM, MM)),
+        presses=tuple(presses),
+        frames_path=folder / "frames",
+        frame_names=tuple(names),
+        frame_times_s=np.array(times),
+        frame_size_px=(int(SIZE[0]), int(SIZE[1])),
+        indenters={"A": Indenter("A", "flat_cylinder", RADIUS)},
+    )
+
+
+def certified() -> tuple[Certified, ...]:
+    return tuple(Certified(str(k), 10.0 * k + 2.5, depth) for k, depth in enumerate(DEPTHS))
+
+
+def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    anchor = face_depth_correction(recording, Short(), certified())
+    assert anchor is not NO_CORRECTION
+    for depth in (0.2, 0.4, 0.55):
+        frame = Frame(np.full((*map(int, SIZE[::-1]), 3), round(100 * depth), np.uint8), 12.0)
+        seen = Short().height_map(frame)
+        held = anchor(seen)
+        middle = np.s_[50:70, 70:90]
+        assert np.median(seen.depth_mm[middle]) < 0.97 * depth
+        assert np.median(held.depth_mm[middle]) == pytest.approx(depth, rel=0.01)
+        assert np.array_equal(held.depth_mm[:, :30], seen.depth_mm[:, :30])
+
+
+def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    anchor = face_depth_correction(recording, Short(), certified())
+    assert anchor is not NO_CORRECTION
+    between = Short().height_map(Frame(np.full((120, 160, 3), 40, np.uint8), 7.0))
+    assert anchor(between) is between
+    free = Short().height_map(Frame(np.zeros((120, 160, 3), np.uint8), 12.0))
+    assert anchor(free) is free
+
+
+def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    assert face_depth_correction(recording, Short(), certified()[:2]) is NO_CORRECTION
+    assert (
+        face_depth_correction(recording, Short(), [replace(one, time_s=one.time_s + 100) for one in certified()])
+        is NO_CORRECTION
+    )
+    assert (
+        face_depth_correction(recording, Short(), [replace(one, press="x") for one in certified()])
+        is NO_CORRECTION
+    )
+
+
+def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path) -> None:
+    calibration = tmp_path / "calibration.json"
+    assert read_certified(calibration) == ()
+    (tmp_path / "points.csv").write_text(
+        "press,depth_mm,time_s,accepted\n1,0.3,2.5,1\n2,0.3,4.5,0\n3,,4.5,1\n4,0.4,nan,1\n5,0.5,9,True\n"
+    )
+    assert read_certified(calibration) == (Certified("1", 2.5, 0.3), Certified("5", 9.0, 0.5))
+    (tmp_path / "points.csv").write_text("something,else\n1,2\n")
+    assert read_certified(calibration) == ()
+
+
+def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
+    anchor = face_depth_correction(recorded(tmp_path), Short(), certified())
+    frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
+    peaks = []
+    for held in (NO_CORRECTION, anchor):
+        DepthJob(cast(Reconstructor, Short()), tmp_path, anchor=held)(frame, 0)
+        peaks.append(float(np.median(read_tiff(tmp_path / "depth" / "20.tiff").depth_mm[50:70, 70:90])))
+    assert peaks[0] == pytest.approx(lacking(0.4), rel=0.01)
+    assert peaks[1] == pytest.approx(0.4, rel=0.01)

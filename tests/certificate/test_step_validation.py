@@ -1,0 +1,71 @@
+"""Flat steps out of a recording's own presses: as high as the simulation has them, and told where none are."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared_scenes import sample_reconstructor
+
+from tactilevision.certificate.step_validation import flat_steps
+from tactilevision.plots.depth_report import draw_depth_report
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording, read_recording
+from tactilevision.uncertainty.ball_validation import Known, told
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+
+
+@lru_cache
+def sample() -> tuple[Recording, Reconstructor]:
+    recording = read_recording(SAMPLE)
+    return recording, sample_reconstructor()
+
+
+@lru_cache
+def steps() -> tuple[list[Known], str]:
+    return flat_steps(*sample())
+
+
+def test_the_steps_are_as_high_as_the_simulation_made_them() -> None:
+    found, why = steps()
+    truth = tomllib.loads((SAMPLE / "truth.toml").read_text())
+    true = sorted(press["depth_mm"] for press in truth["press"] if not press["reason"])
+    assert why == ""
+    assert len(found) == len(true)
+    assert sorted(step.true_mm for step in found) == pytest.approx(true, rel=0.02)
+    assert {round(step.radius_px) for step in found} == {39}
+
+
+def test_their_errors_lie_within_what_the_map_states() -> None:
+    off = np.array([step.found_mm - step.true_mm for step in steps()[0]])
+    stated = np.array([step.stated_mm for step in steps()[0]])
+    assert np.all(stated < 0.15 * np.array([step.true_mm for step in steps()[0]]))
+    assert np.all(np.abs(off) < 2.0 * stated)
+    assert np.mean(np.abs(off) < stated) > 0.5
+
+
+def test_a_recording_without_flat_presses_says_so() -> None:
+    recording, reconstructor = sample()
+    balls = {name: dataclasses.replace(one, shape="sphere") for name, one in recording.indenters.items()}
+    found, why = flat_steps(dataclasses.replace(recording, indenters=balls), reconstructor)
+    assert (found, why) == ([], "no flat steps in this recording")
+
+
+def test_presses_that_cannot_be_certified_are_told() -> None:
+    recording, reconstructor = sample()
+    found, why = flat_steps(dataclasses.replace(recording, forces=None), reconstructor)
+    assert found == []
+    assert "cannot be certified" in why
+
+
+def test_the_figure_shows_the_steps_or_says_that_there_are_none() -> None:
+    ball = Known(0.3, 0.31, 0.02, 25.0)
+    card = told("held_out_balls", [ball] * 4)
+    assert len(draw_depth_report({**card, **told("flat_steps", steps()[0])}).axes) == 4
+    bare = draw_depth_report({**card, "flat_steps": "no flat steps in this recording"})
+    assert bare.axes[1].get_title(loc="left") == "no flat steps in this recording"

@@ -1,0 +1,18 @@
+"""Each worker computes on one thread, and all find what one of them has made in a folder of this run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+
+import pytest
+
+for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy and torch are first imported
+    os.environ.setdefault(threads, "1")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):  # workers are started from here, and inherit the folder's name
+        folder = os.environ["TACTILEVISION_SCENES"] = tempfile.mkdtemp(prefix="tactilevision_scenes_")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))

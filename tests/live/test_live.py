@@ -1,0 +1,187 @@
+"""The stream: contact seen, light followed, nothing kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import tracemalloc
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactilevision.batch.folder import measure
+from tactilevision.errors import InputError
+from tactilevision.live import Stream
+from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.untouched_frames import subtract_background
+from tactilevision.records import Bytes, Frame, Indenter
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
+from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
+
+
+@lru_cache
+def calibrated() -> CalibratedMethod:
+    rng = np.random.default_rng(1)
+    shots = ball_pictures(8, rng)
+    reference = make_reference([flat(rng) for _ in range(3)])
+    return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
+
+
+def stream(renew: float = 0.0) -> Stream:
+    fresh = calibrated().with_reference(calibrated().reference)
+    return Stream(Reconstructor(SENSOR, fresh), Indenter("ball", "sphere", 4.0), renew)
+
+
+def test_contact_is_seen_when_there_is_one() -> None:
+    rng = np.random.default_rng(2)
+    live = stream()
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    free = [live.take(Frame(flat(rng))) for _ in range(5)]
+    pressed = live.take(Frame(picture(p, q, rng)))
+    assert not any(moment.contact for moment in free)
+    assert all(moment.peak_mm == 0.0 and moment.footprint is None for moment in free)
+    assert pressed.contact
+    assert pressed.peak_mm == pytest.approx(depth.max(), rel=0.08)
+    assert live.frames == 6
+    assert sum(count for _, count in live.histogram()) == 6
+
+
+def test_uneven_light_that_creeps_in_is_followed() -> None:
+    still, following = stream(0.0), stream(0.3)
+    rng = np.random.default_rng(3)
+    x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
+    for step in range(120):
+        warm = 1.0 + 0.05 * step / 120 * x**2 * np.array([1.0, -1.0, 0.5])
+        frame = Frame(flat(rng, gain=warm))
+        depths = [np.sqrt(np.mean(s.take(frame).height.depth_mm ** 2)) for s in (still, following)]
+    assert depths[1] < 0.25 * depths[0]
+
+
+def test_a_bad_frame_does_not_stop_the_stream() -> None:
+    live = stream()
+    rng = np.random.default_rng(4)
+    with pytest.raises(InputError, match="black"):
+        live.take(Frame(np.zeros((*SHAPE, 3), np.uint8)))
+    assert not live.take(Frame(flat(rng))).contact
+
+
+BAD: dict[str, Callable[[Bytes], Bytes]] = {
+    "px, not as its sensor": lambda rgb: rgb[:-2].copy(),
+    "order blue, green, red": lambda rgb: rgb[..., ::-1].copy(),
+    "black": lambda rgb: rgb // 40,
+    "one of its channels": lambda rgb: rgb * np.array([1, 0, 1], np.uint8),
+    "saturated": lambda rgb: np.full_like(rgb, 255),
+    "nothing like the reference": lambda rgb: (
+        np.where(np.indices(rgb.shape[:2]).sum(0)[..., None] % 32 < 16, 240, 4).repeat(3, axis=2).astype(np.uint8)
+    ),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+@pytest.mark.parametrize("halved", [False, True])
+def test_a_frame_of_another_kind_is_refused_and_the_next_one_read(said: str, halved: bool) -> None:
+    rng = np.random.default_rng(6)
+    live = stream(0.1)
+    if halved:
+        reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=False)
+        method = subtract_background(calibrated().with_reference(reference), [flat(rng) for _ in range(4)])
+        live = Stream(Reconstructor(SENSOR, method))
+        assert method.tiled_evaluator is not None
+    good = live.take(Frame(flat(rng)))
+    with pytest.raises(InputError, match=said):
+        live.take(Frame(BAD[said](flat(rng))))
+    after = live.take(Frame(flat(rng)))
+    assert not good.contact
+    assert not after.contact
+    assert live.frames == 2
+
+
+def test_a_frame_of_another_type_is_refused_when_it_is_made() -> None:
+    rgb = flat(np.random.default_rng(7))
+    others: tuple[Any, ...] = (
+        rgb.astype(np.float32),
+        rgb.astype(np.uint16),
+        rgb[..., 0],
+        np.dstack([rgb, rgb[..., :1]]),
+    )
+    for wrong in others:
+        with pytest.raises(InputError, match="uint8"):
+            Frame(wrong)
+
+
+def test_memory_does_not_grow() -> None:
+    live = stream(0.01)
+    frame = Frame(flat(np.random.default_rng(5)))
+    for _ in range(3):
+        live.take(frame)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(25):
+        live.take(frame)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 20_000
+
+
+def test_a_picture_that_says_nothing_is_not_followed() -> None:
+    """Half of it black: no contact is claimed, but one could hide, and the reference stays as it was."""
+    rng = np.random.default_rng(8)
+    live = stream(0.3)
+    before = live.take(Frame(flat(rng)))
+    torn = flat(rng)
+    torn[SHAPE[0] // 2 :] = 0
+    level = live.reconstructor.method.change.level.copy()  # type: ignore[attr-defined]
+    blind = live.take(Frame(torn))
+    assert not blind.contact
+    assert blind.least_mm > 10 * before.least_mm
+    assert not blind.height.valid[SHAPE[0] // 2 :].any()
+    np.testing.assert_array_equal(live.reconstructor.method.change.level, level)  # type: ignore[attr-defined]
+
+
+def test_a_contact_is_seen_at_any_scale_of_depth() -> None:
+    """A method that knows its scale to 40 % is in doubt of the depth, not of the contact; nor does it see one in
+    free gel."""
+    rng = np.random.default_rng(10)
+    rough = dataclasses.replace(calibrated(), card=dataclasses.replace(calibrated().card, place_gain_std=[[0.4]]))
+    reader = Reconstructor(SENSOR, rough)
+    live = Stream(reader)
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    assert not any(live.take(Frame(flat(rng))).contact for _ in range(5))
+    pressed = live.take(Frame(picture(p, q, rng)))
+    assert pressed.height.std_mm is not None
+    assert pressed.height.std_mm.max() > 0.3 * depth.max()
+    assert pressed.contact
+    assert measure(pressed.height, reader.error)[1] > 0
+    assert measure(reader.height_map(Frame(flat(rng))), reader.error)[1] == 0
+
+
+def test_a_slow_press_is_not_taken_for_light() -> None:
+    """It grows by .2 um a frame, which following faster takes for untouched gel."""
+    rng = np.random.default_rng(9)
+    live = Stream(stream().reconstructor)
+    depth, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    seen = []
+    for step in range(250):
+        share = 0.0002 * step / depth.max()
+        seen.append(live.take(Frame(picture(share * p, share * q, rng))).contact)
+    assert all(seen[150:])
+
+
+@pytest.mark.parametrize("renew", [-0.1, 1.5, float("nan")])
+def test_a_share_to_renew_by_lies_between_0_and_1(renew: float) -> None:
+    with pytest.raises(InputError, match="from 0 to 1"):
+        stream(renew)
+
+
+def test_an_array_is_told_to_become_a_frame() -> None:
+    rgb: Any = flat(np.random.default_rng(7))
+    with pytest.raises(InputError, match=r"Frame\(rgb\)"):
+        stream().take(rgb)
+    with pytest.raises(InputError, match="list"):
+        Frame(rgb.tolist())

@@ -1,0 +1,77 @@
+"""Ball presses that speak against themselves are named, before a plausible map is made of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, presses
+
+from tactilevision.errors import InputError
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball.consistency import one_contact
+from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.records import Bytes, Floats
+
+SIDES = (MM_PER_PX, MM_PER_PX)
+
+
+def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -> Calibration:
+    untouched = make_reference([flat(np.random.default_rng(1)) if reference is None else reference])
+    return calibrate_from_balls(untouched, pictures, SIDES, fit=PHOTOMETRIC["polynomial"])
+
+
+@pytest.mark.parametrize("stated_mm", [0.8 * BALL_MM, 1.5 * BALL_MM])
+def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
+    pictures = [
+        dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
+        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(2)))
+    ]
+    warnings = calibrated(pictures).warnings
+    assert any("radii contradict each other" in warning for warning in warnings)
+
+
+def test_two_true_radii_agree() -> None:
+    rng = np.random.default_rng(3)
+    pictures = [
+        BallPicture(picture(*ball(at, contact, radius)[1:], rng), radius)
+        for number, (at, contact) in enumerate(presses(16, rng))
+        for radius in [BALL_MM if number % 2 else 1.5 * BALL_MM]
+    ]
+    assert calibrated(pictures).warnings == ()
+
+
+def test_one_ball_of_another_radius_is_named_by_its_picture() -> None:
+    pictures = [
+        dataclasses.replace(shot, name=f"{number:02d}.png")
+        for number, shot in enumerate(ball_pictures(16, np.random.default_rng(4)))
+    ]
+    assert calibrated(pictures).warnings == ()
+    pictures[5] = dataclasses.replace(pictures[5], radius_mm=0.6 * BALL_MM)
+    (warning,) = calibrated(pictures).warnings
+    assert warning.startswith("05.png: its slopes")
+
+
+def test_a_ball_in_the_reference_that_passes_for_all_balls_is_seen() -> None:
+    rng = np.random.default_rng(5)
+    pressed = picture(*ball((1.0, -0.5), 2.2, BALL_MM)[1:], rng)
+    shots = [picture(*ball(at, 0.5 * contact, BALL_MM)[1:], rng) for at, contact in presses(12, rng)]
+    found = calibrated([BallPicture(shot, BALL_MM) for shot in shots], reference=pressed)
+    assert found.method.card.contact_in_reference_px is not None
+    assert any("contact in the reference" in warning for warning in found.warnings)
+
+
+def test_balls_at_one_place_but_of_all_sizes_are_no_reference() -> None:
+    sizes: Floats = np.linspace(10.0, 20.0, 8)
+    assert one_contact([Ball((50.0, 60.0), float(size), BALL_MM) for size in sizes]) is None
+    assert one_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 2]) is None
+    assert one_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 6]) == (50.0, 60.0)
+
+
+def test_a_contact_as_wide_as_the_ball_is_refused() -> None:
+    rng = np.random.default_rng(6)
+    shot = picture(*ball((0.0, 0.0), 2.0, BALL_MM)[1:], rng).astype(np.float32) - flat(rng)
+    assert find_ball(shot, SIDES, radius_mm=BALL_MM).contact_radius_px == pytest.approx(2.0 / MM_PER_PX, rel=0.1)
+    with pytest.raises(InputError, match="as wide as the whole ball"):
+        find_ball(shot, SIDES, radius_mm=1.6)

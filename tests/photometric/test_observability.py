@@ -1,0 +1,66 @@
+"""Lights that leave a direction of slope untold are named, and those that tell both are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lamp_room import LAMPS, MM_PER_PX, SHAPE, TINTS, ball, in_px, picture, presses
+
+from tactilevision.photometric import BallPicture, Calibration, calibrate_from_balls, make_reference
+from tactilevision.photometric.ball.observability import slope_observability
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.records import Floats
+
+FACING = ((-30.0, 0.0, 18.0), (30.0, 0.0, 18.0), (0.0, 30.0, 18.0))
+RED_RED_GREEN = np.array([TINTS[0], TINTS[0], TINTS[1]])
+FAR = tuple((20 * x, 20 * y, 20 * z) for x, y, z in FACING)
+
+
+def made(places: tuple[tuple[float, float, float], ...], tints: Floats, seed: int) -> Calibration:
+    rng = np.random.default_rng(seed)
+    shots = []
+    for centre, contact in presses(8, rng):
+        _, p, q = ball(centre, contact, 4.0)
+        rgb = picture(p, q, rng, at=places, tints=tints)
+        shots.append(BallPicture(rgb, 4.0, in_px(centre), contact / MM_PER_PX))
+    still = [picture(np.zeros(SHAPE), np.zeros(SHAPE), rng, at=places, tints=tints) for _ in range(3)]
+    return calibrate_from_balls(make_reference(still), shots, (MM_PER_PX, MM_PER_PX), fit=fit_polynomial)
+
+
+@pytest.mark.parametrize(
+    ("places", "tints", "hidden"),
+    [
+        (LAMPS, TINTS, False),
+        (LAMPS, (TINTS + 1.0) / 2, False),
+        (FACING, RED_RED_GREEN, True),
+        (FAR, RED_RED_GREEN, True),
+        (LAMPS, np.full((3, 3), 0.4), True),
+    ],
+    ids=["three colours", "pale colours", "two reds face", "two reds face from afar", "one colour"],
+)
+def test_lights_that_hide_a_direction_are_named(
+    places: tuple[tuple[float, float, float], ...], tints: Floats, hidden: bool
+) -> None:
+    found = made(places, tints, seed=32)
+    assert any("hardly tell slopes along" in warning for warning in found.warnings) == hidden
+    card = found.method.card
+    assert card.max_slope_noise is not None
+    assert (card.max_slope_noise > 0.1) == hidden
+    if hidden:
+        assert found.direction_error_deg > 20, "and so it is"
+
+
+def test_the_slope_of_one_pixels_noise_is_exact_on_a_linear_light() -> None:
+    rng = np.random.default_rng(7)
+    slopes = rng.normal(0.0, 0.3, (4000, 2))
+    turn = np.deg2rad(30.0)
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    colours = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])  # of a unit of slope along and across
+    change = np.outer(slopes @ along, 0.02 * colours[0]) + np.outer(slopes @ across, 0.5 * colours[1])
+    noise = np.full((4000, 3), 0.01)
+    place = rng.uniform(-1, 1, (4000, 2))
+    told = slope_observability(Samples(change, place, slopes, np.zeros(4000, int), noise))
+    assert told.best == pytest.approx(0.01 / 0.5, rel=1e-6)
+    assert told.worst == pytest.approx(0.01 / 0.02, rel=1e-6)
+    assert told.worst_deg == pytest.approx(30.0, abs=1e-6)

@@ -1,0 +1,47 @@
+"""What is costly to make is made once a run: the worker that comes first stores it, the others read it."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from filelock import FileLock
+
+from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.recording import read_recording
+
+SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def scenes() -> Path:
+    """The folder of this run's scenes, the same for all workers."""
+    return Path(os.environ["TACTILEVISION_SCENES"])
+
+
+def shared(make: Callable[P, T]) -> Callable[P, T]:
+    """`make`, whose results are computed once a run for equal arguments. Every call returns its own copy."""
+
+    @wraps(make)
+    def read(*args: P.args, **named: P.kwargs) -> T:
+        key = "_".join(map(str, (make.__module__, make.__name__, *args, *named.items()))).replace("/", "-")
+        path = scenes() / f"{key}.pickle"
+        with FileLock(f"{path}.lock"):
+            if not path.exists():
+                made = pickle.dumps(make(*args, **named))
+                path.write_bytes(made)
+        found: T = pickle.loads(path.read_bytes())  # noqa: S301 - written by this run
+        return found
+
+    return read
+
+
+@shared
+def sample_reconstructor() -> Reconstructor:
+    """The light of the sample gelslim3, calibrated on its own balls."""
+    return build_reconstructor(read_recording(SAMPLE))

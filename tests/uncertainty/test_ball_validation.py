@@ -1,0 +1,61 @@
+"""What a card says of depth: exact for an exact ball, and silent on what lies beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactilevision.photometric.ball.detection import Ball
+from tactilevision.photometric.card import MethodCard
+from tactilevision.uncertainty.ball_validation import Known, bands, dent_mm, told
+from tactilevision.uncertainty.depth_scale import gain_std, place_gain_std
+
+
+@pytest.mark.parametrize("scale", [(0.06, 0.06), (0.05, 0.07)])
+def test_the_dent_of_a_ball_is_its_own(scale: tuple[float, float]) -> None:
+    ball = Ball((80.3, 61.8), 1.5 / scale[0], 3.0)
+    y, x = np.indices((130, 170), dtype=np.float64)
+    r = np.hypot((x - 80.3) * scale[0], (y - 61.8) * scale[1])
+    depth = np.sqrt(np.maximum(9.0 - r**2, 0.0)) + 0.7
+    depth[r > 1.6] = -5.0
+    found, true = dent_mm(depth, ball, scale)
+    assert found == pytest.approx(true, rel=1e-12)
+    assert true == pytest.approx(3.0 - np.sqrt(9.0 - 1.35**2), rel=0.03)
+    assert dent_mm(0.9 * depth, ball, scale)[0] == pytest.approx(0.9 * true, rel=1e-12)
+
+
+def contacts(relative_std: float) -> list[Known]:
+    return [Known(0.1 * n, 0.1 * n * 1.02, relative_std * 0.1 * n, 40.0 - n) for n in range(1, 10)]
+
+
+def test_bands_hold_their_errors_against_the_stated_one() -> None:
+    low, middle, high = bands(contacts(0.04), "true_mm")
+    assert (low.count, middle.count, high.count) == (3, 3, 3)
+    assert (low.low, high.high) == pytest.approx((0.1, 0.9))
+    assert middle.rms_mm == pytest.approx(0.5 * middle.stated_mm)
+    assert high.bias_mm == pytest.approx(0.02 * 0.8)
+    assert high.within == 1.0
+    assert [band.within for band in bands(contacts(0.01), "radius_px")] == [0.0] * 3
+    assert bands([], "true_mm") == []
+
+
+def test_contacts_alike_are_never_torn_into_two_bands() -> None:
+    alike = [Known(0.2, 0.21, 0.02, 40.0)] * 7 + [Known(0.4, 0.38, 0.01, 40.0)] * 2
+    assert [band.count for band in bands(alike, "true_mm")] == [7, 2]
+    assert [band.count for band in bands(alike, "radius_px")] == [9]
+    card = told("flat_steps", alike)
+    assert len(card["flat_steps"]) == 9
+    assert card["flat_steps_by"]["true_mm"][1]["bias_mm"] == pytest.approx(-0.02)
+    assert card["flat_steps_by"]["true_mm"][1]["within"] == 0.0
+
+
+def test_the_stated_scale_lies_between_balls_seen_and_unseen() -> None:
+    assert 0.02 < gain_std(MethodCard(held_out_gain_std=0.06, seen_gain_std=0.02), 0.5) < 0.06
+    assert gain_std(MethodCard(), 0.5) == 0.5
+
+
+def test_what_other_balls_would_have_changed_is_told_place_by_place() -> None:
+    card = MethodCard(held_out_gain_std=0.06, seen_gain_std=0.03, place_gain_std=[[0.04, 0.0]])
+    assert place_gain_std(card, 0.5) == pytest.approx(np.array([[0.05, 0.03]]))
+    assert gain_std(card, 0.5) == 0.03, "from ball to ball alone"
+    assert place_gain_std(MethodCard(), 0.5) == pytest.approx(0.5)

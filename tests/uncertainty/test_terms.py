@@ -1,0 +1,163 @@
+"""The terms of a depth's deviation: each by its equation, gone in its limit, and together the whole."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane
+from tactilevision.photometric import PHOTOMETRIC, calibrate_from_balls, make_reference
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import HeightMap, SlopeMap
+from tactilevision.uncertainty.depth import TERMS, contributions_mm
+from tactilevision.uncertainty.depth_scale import scale_variance
+from tactilevision.uncertainty.leakage import leaked_variance
+from tactilevision.uncertainty.slope_noise import noise_variance
+from tactilevision.uncertainty.steep_edge import add_edge_variance
+from tactilevision.uncertainty.steep_slope import add_steep_variance, hidden_step_mm
+from tactilevision.uncertainty.untouched_gel import free_variance, untouched_std_mm
+from tactilevision.uncertainty.zero_plane import zero_variance
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
+from lamp_room import SENSOR, SHAPE, ball, ball_pictures, flat, picture
+
+Floats = npt.NDArray[np.float32]
+PX = (0.05, 0.05)
+
+
+def dent() -> Floats:
+    y, x = np.indices((60, 80), dtype=np.float32)
+    return np.asarray(0.5 * np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 50.0), np.float32)
+
+
+def test_the_scale_is_a_part_of_the_depth_and_none_of_no_depth() -> None:
+    gain = np.full((60, 80), 0.03**2, np.float32)
+    np.testing.assert_allclose(np.sqrt(scale_variance(dent(), gain)), 0.03 * dent(), rtol=1e-5, atol=1e-9)
+    assert not scale_variance(np.zeros_like(dent()), gain).any()
+    assert not scale_variance(dent(), 0 * gain).any()
+
+
+def test_leakage_reaches_a_thickness_of_gel_and_goes_with_its_source() -> None:
+    source = np.zeros((240, 320), np.float32)
+    source[100:140, 140:180] = 1.0
+    leaked = leaked_variance(source, 0.5, every=2, mm_per_px=PX)
+    assert leaked.sum() == pytest.approx(0.5 * source.sum(), rel=0.15)
+    assert leaked[120, 210] > 0.03  # 3 mm off
+    assert leaked[120, 160] < source[120, 160]
+    np.testing.assert_allclose(leaked_variance(source, 1.0, every=2, mm_per_px=PX), 2 * leaked, rtol=1e-5)
+    assert not leaked_variance(0 * source, 0.5, every=2, mm_per_px=PX).any()
+
+
+def test_noise_counts_by_its_square_and_vanishes_with_it() -> None:
+    noise = np.full((60, 80), 0.01, np.float32)
+    one, two = noise_variance(noise, PX), noise_variance(2 * noise, PX)
+    np.testing.assert_allclose(two, 4 * one, rtol=1e-3)
+    assert not noise_variance(0 * noise, PX).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_drawn_noise_scatters_as_far_as_its_term_says(seed: int) -> None:
+    from tactilevision.integration.poisson import integrate
+
+    noise, rng = np.full((60, 80), 0.01, np.float32), np.random.default_rng(seed)
+    drawn = [integrate(SlopeMap(*(noise * rng.standard_normal((2, 60, 80)))), PX) for _ in range(20)]
+    assert np.std(drawn) == pytest.approx(np.sqrt(noise_variance(noise, PX).mean()), rel=0.25)
+
+
+def test_free_gel_is_noise_alone_where_its_frames_are_flat() -> None:
+    noise = np.full((64, 80), 1e-6, np.float32)
+    flat_frames = untouched_std_mm([np.zeros((64, 80))] * 4)
+    np.testing.assert_array_equal(free_variance(noise, 0.0, flat_frames), noise)
+    np.testing.assert_allclose(free_variance(noise, 0.002, flat_frames), 5e-6, rtol=1e-5)
+    np.testing.assert_allclose(free_variance(noise, 0.0, flat_frames + 0.003), 9e-6, rtol=1e-5)
+
+
+def test_a_flat_map_has_a_sure_zero_plane() -> None:
+    y, x = np.indices((120, 160), dtype=np.float64)
+    tilted = 0.01 * x - 0.02 * y
+    free = np.ones((24, 32), np.bool_)
+    assert zero_variance(find_zero_plane(tilted, free, PX)) == pytest.approx(0.0, abs=1e-12)
+    waves = tilted + 0.01 * np.sin(x / 7) * np.cos(y / 9)
+    assert zero_variance(find_zero_plane(waves, free, PX)) > 1e-7
+
+
+def test_an_edge_counts_within_its_radius_alone() -> None:
+    edge = PunchEdge((2.0, 1.5), 1.0, 0.2, np.zeros(2), np.zeros(2), 0.5, 0.1, 0.02)
+    total = np.zeros((60, 80), np.float32)
+    add_edge_variance(total, [], PX)
+    assert not total.any()
+    add_edge_variance(total, [replace(edge, std_mm=0.0)], PX)
+    assert not total.any()
+    add_edge_variance(total, [edge], PX)
+    y, x = np.indices(total.shape)
+    inside = np.hypot(0.05 * x - 2.0, 0.05 * y - 1.5) < 1.0
+    np.testing.assert_allclose(total, np.where(inside, 4e-4, 0.0), rtol=1e-6)
+
+
+def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:
+    depth, slope = dent(), np.zeros((60, 80), np.float32)
+    gentle = SlopeMap(slope + 0.5, slope)
+    assert hidden_step_mm(depth, gentle, steepest=0.6, every=1, mm_per_px=PX) == 0.0
+    slope[25:35, 30] = 0.8
+    steep = SlopeMap(slope, 0 * slope)
+    assert hidden_step_mm(depth, steep, steepest=0.6, every=1, mm_per_px=PX) == 0.0, "as few are noise"
+    slope[20:40, 30:32] = 0.8
+    hidden = hidden_step_mm(depth, steep, steepest=0.6, every=1, mm_per_px=PX)
+    area = np.count_nonzero(depth > 0.5 * depth.max())
+    assert hidden == pytest.approx(0.6 * 0.05 * 40 / np.sqrt(4 * np.pi * area))
+    total = np.zeros_like(depth)
+    add_steep_variance(total, depth, 0.0)
+    assert not total.any()
+    add_steep_variance(total, depth, hidden)
+    np.testing.assert_allclose(total, np.where(depth > 0.25, hidden**2, 0.0), rtol=1e-5)
+
+
+@lru_cache
+def reader() -> Reconstructor:
+    rng = np.random.default_rng(1)
+    reference = make_reference([flat(rng) for _ in range(3)])
+    made = calibrate_from_balls(reference, ball_pictures(8, rng), SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return Reconstructor(SENSOR, made.method)
+
+
+def height_map(*, warm: float = 0.0) -> HeightMap:
+    """A ball's map; the light has grown warmer across the picture by a part `warm`."""
+    rng = np.random.default_rng(2)
+    _, p, q = ball((0.5, 0.5), 1.5, 4.0)
+    x = np.linspace(-1, 1, SHAPE[1])[None, :, None]
+    seen = picture(p, q, rng) * (1.0 + warm * x * np.array([1.0, -1.0, 0.5]))
+    return reader().rectified_map(np.clip(seen, 0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("warm", [0.0, 0.05])
+def test_the_terms_of_a_map_sum_to_its_deviation(warm: float) -> None:
+    height = height_map(warm=warm)
+    error, terms = reader().error, reader().depth_terms(height)
+    assert error is not None
+    assert height.std_mm is not None
+    assert tuple(terms) == TERMS
+    total = np.sqrt(sum(np.square(term) for term in terms.values()))
+    stated = height.std_mm[error.every // 2 :: error.every, error.every // 2 :: error.every]
+    rows, columns = min(total.shape[0], stated.shape[0]), min(total.shape[1], stated.shape[1])
+    ratio = stated[:rows, :columns] / total[:rows, :columns]
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
+    told = contributions_mm(height, terms)
+    assert max(told, key=told.__getitem__) == "depth scale"
+    assert (told["illumination"] > 0) == (warm > 0), "no drift, no doubt about it"
+    assert told["steep edge"] == 0.0
+
+
+def test_a_drift_that_is_known_exactly_costs_nothing() -> None:
+    error = reader().error
+    assert error is not None
+    zero = ZeroPlane(0.0, (0.0, 0.0), 0.0, 1.0)
+    coefficients = error.drift.depths.shape[0]
+    assert not error.drift.variance(np.zeros((coefficients, coefficients)), zero).any()
+    assert error.drift.variance(np.eye(coefficients), zero).max() > 0
