@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
     from calibration.session import Step
+    from calibration.tasks.compare import Compared
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
@@ -90,8 +91,6 @@ def compare(
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
     import numpy as np
 
-    from calibration.report import wording
-    from calibration.session import Step
     from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
@@ -104,18 +103,7 @@ def compare(
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
-    steps = [
-        Step(
-            model.effects[-1],
-            _path_of(model.effects[-1], own, private),
-            before.rms_N,
-            model.rms_N,
-            before.held_out_N,
-            model.held_out_N,
-            model.repeatability_N,
-        )
-        for before, model in pairwise(found.models)
-    ]
+    steps = [_step_of(before, model, own, private) for before, model in pairwise(found.models)]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
@@ -123,13 +111,36 @@ def compare(
             names, [model.held_out_N for model in found.models], found.models[-1].repeatability_N
         )
         style.save_png(drawn, stage / "error.png")
-    for name, model in zip(names, found.models, strict=True):
-        console.say(
-            f"{name:24s} {wording.fit_error(model.held_out_N, model.rms_N)}, "
-            f"{wording.repeatability(model.repeatability_N)}"
-        )
+    console.say(*(_model_line(name, model) for name, model in zip(names, found.models, strict=True)))
     console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)
+
+
+def _step_of(before: Compared, model: Compared, own: Sequence[Effect], private: Sequence[Path] | None) -> Step:
+    """The last effect of `model`, and what it did to the errors."""
+    from calibration.session import Step
+
+    key = model.effects[-1]
+    rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
+    return Step(key, _path_of(key, own, private), *rms, *held_out, model.repeatability_N)
+
+
+def _model_line(name: str, model: Compared) -> str:
+    """One model's name, its error and the repeatability."""
+    from calibration.report import wording
+
+    error = wording.fit_error(model.held_out_N, model.rms_N)
+    return f"{name:24s} {error}, {wording.repeatability(model.repeatability_N)}"
+
+
+def _step_errors(step: Step) -> str:
+    """What a step did to the error; on the presses fitted where none could be left out, or none was on file."""
+    from calibration.report import wording
+
+    if not isfinite(step.held_out_after_N):
+        return f"rms {1e3 * step.rms_before_N:.2f} -> {1e3 * step.rms_after_N:.2f} mN"
+    after = wording.fit_error(step.held_out_after_N, step.rms_after_N)
+    return f"from {1e3 * step.held_out_before_N:.1f} to {after}, {wording.repeatability(step.repeatability_N)}"
 
 
 def new_effect(
@@ -202,7 +213,6 @@ def steps(
     redo: Annotated[bool, typer.Option("--redo", help="Put back the step taken back last.")] = False,
 ) -> None:
     """The steps of an analysis: show them, take one back, and write the script that repeats them (repeat.sh)."""
-    from calibration.report import wording
     from calibration.session import load_history
     from tactilevision.files import write_text
 
@@ -215,12 +225,7 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
-        before = f"{1e3 * (step.held_out_before_N if isfinite(step.held_out_after_N) else step.rms_before_N):.1f}"
-        console.say(
-            f"{number}. + {step.key.replace('_', ' ')}: from {before} to "
-            f"{wording.fit_error(step.held_out_after_N, step.rms_after_N)}, "
-            f"{wording.repeatability(step.repeatability_N)}"
-        )
+        console.say(f"{number}. + {step.key.replace('_', ' ')}: {_step_errors(step)}")
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
     console.say(script.splitlines()[-1])
