@@ -11,15 +11,24 @@ from typing import Any
 from tactilevision.errors import InputError
 from tactilevision.files import write_json
 
+ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One effect put into the model: its key, a private one's file, and what it did to the error."""
+    """One effect put into the model: its key, a private one's file, and what it did to the error.
+
+    `rms` over the presses fitted, `held_out` over presses left out of the fit, and the repeatability, all in N;
+    NaN where it is not known.
+    """
 
     key: str
     path: str = ""
     rms_before_N: float = float("nan")
     rms_after_N: float = float("nan")
+    held_out_before_N: float = float("nan")
+    held_out_after_N: float = float("nan")
+    repeatability_N: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +61,7 @@ class History:
         """Plain data."""
 
         def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
-            return [
-                {"key": s.key, "path": s.path, "rms_before_N": s.rms_before_N, "rms_after_N": s.rms_after_N}
-                for s in steps
-            ]
+            return [{"key": s.key, "path": s.path, **{name: getattr(s, name) for name in ERRORS}} for s in steps]
 
         return {"recordings": list(self.recordings), "steps": rows(self.steps), "undone": rows(self.undone)}
 
@@ -91,9 +97,9 @@ def load_history(path: Path | str) -> History:
 
 def _step(row: dict[str, Any]) -> Step:
     def number(name: str) -> float:
-        return float("nan") if row[name] is None else float(row[name])
+        return float("nan") if row.get(name) is None else float(row[name])
 
-    return Step(str(row["key"]), str(row["path"]), number("rms_before_N"), number("rms_after_N"))
+    return Step(str(row["key"]), str(row["path"]), *(number(name) for name in ERRORS))
 
 
 def _quoted(text: str) -> str:

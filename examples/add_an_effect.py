@@ -31,12 +31,13 @@ def main() -> None:
     recording = read_recording(SAMPLE)
     data = observe([Measured(recording, recording.points, recording.curves)])
     models = compare(data, [Viscoelasticity()], np.random.default_rng(0)).models
-    draw([model.name for model in models], [model.held_out_N for model in models], models[-1].floor_N)
+    draw([model.name for model in models], [model.held_out_N for model in models], models[-1].repeatability_N)
     for model in models:
         told = [cause.key for cause in model.covariates if cause.p_adjusted < 0.05]
         print(
-            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on presses left out, repeats scatter by "
-            f"{1e3 * model.floor_N:.1f}; the residual still depends on: {', '.join(told) or 'nothing recorded'}"
+            f"{model.name}: {1e3 * model.held_out_N:.1f} mN on presses left out, "
+            f"repeatability {1e3 * model.repeatability_N:.1f}; "
+            f"the residual still depends on: {', '.join(told) or 'nothing recorded'}"
         )
         for name, found in model.parameters:
             print(f"    {name} = {found.value:.4g} ± {found.std:.2g} {found.unit}")

@@ -72,7 +72,7 @@ def main() -> None:
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")
     print(
         f"error on presses left out: {1e3 * base.held_out_N:.0f} -> {1e3 * added.held_out_N:.0f} mN, "
-        f"the repeats' own scatter {1e3 * added.floor_N:.0f} mN"
+        f"the repeats' own scatter {1e3 * added.repeatability_N:.0f} mN"
     )
 
 

@@ -76,8 +76,13 @@ def _widened(fitted: Fit, ratio: float) -> Floats:
     return wider
 
 
-def noise_floor(fitted: Fit) -> float:
-    """The rms error that would be left if the law were exact, N: from repeats, else from the noise model."""
+def repeatability_rms(fitted: Fit) -> float:
+    """How far the forces of like presses scatter after what the model says of their differences, std in N.
+
+    Of points with repeats the pure error, sqrt(sum of squares within indenters / (points - indenters)); else the
+    noise model's std. An rms error over all points divides by their number instead, so a fit to few can lie
+    below this: compare it with the held-out error. Source: Draper and Smith, Applied Regression Analysis, ch. 2.
+    """
     data = fitted.data
     if not data.is_curves:
         inside = pure_error(replace(fitted, white=fitted.residual_N), data.presses.indenter[data.press])

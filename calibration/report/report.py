@@ -43,7 +43,8 @@ def summary(result: CalibrationResult) -> list[str]:
         f"stiffness        c  = {wording.estimate(result.c)}",
         f"slope         beta  = {wording.estimate(result.beta)}",
         (f"R^2 = {result.r_squared:.4f}, " if math.isfinite(result.r_squared) else "")
-        + f"rms error {1e3 * result.rms_error_N:.1f} mN, law: {law}",
+        + f"{wording.fit_error(result.held_out_N, result.rms_error_N)}, "
+        f"{wording.repeatability(result.noise_floor_N)}, law: {law}",
     ]
     if result.clock_offset.value is not None:
         lines.append(f"F/T clock minus camera clock = {wording.estimate(result.clock_offset)}")
@@ -97,14 +98,22 @@ def _head(result: CalibrationResult) -> str:
         ("slope β of P/w over w/h", wording.estimate(result.beta), ""),
         ("reduced modulus E/(1 − ν²)", wording.estimate(result.reduced_modulus), ""),
         ("F/T clock − camera clock", wording.estimate(result.clock_offset), ""),
-        (
-            "rms error of the force",
-            f"{1e3 * result.rms_error_N:.1f} mN",
-            f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else "",
-        ),
-        ("repeats and noise alone", f"{wording.number(1e3 * result.noise_floor_N)} mN", "no law can do better"),
+        *_error_rows(result),
     ]
     return page.table(("", "value and 95 % interval", ""), rows)
+
+
+def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
+    """The error on presses left out, and the repeatability that it is held against."""
+    name, error = "error on presses left out (rms)", result.held_out_N
+    if not math.isfinite(error):
+        name, error = "error on the presses fitted (rms)", result.rms_error_N
+    line = f"R² of the line {result.r_squared:.4f}" if math.isfinite(result.r_squared) else ""
+    rows = [(name, f"{1e3 * error:.1f} mN", line)]
+    if math.isfinite(result.noise_floor_N):
+        scatter = f"{1e3 * result.noise_floor_N:.1f} mN"
+        rows.append(("repeatability (std)", scatter, "how far the forces of like presses scatter"))
+    return rows
 
 
 ROUTES = {

@@ -37,6 +37,18 @@ def estimate(content: Mapping[str, Any] | Estimate) -> str:
     return f"{number(record['value'], spread)}{unit}" + (f" (95 %: {span})" if span else "")
 
 
+def fit_error(held_out_N: float, rms_N: float) -> str:
+    """The rms error on presses left out of the fit; where there were too few of them, on those fitted."""
+    if math.isfinite(held_out_N):
+        return f"error on presses left out {1e3 * held_out_N:.1f} mN"
+    return f"error on the presses fitted {1e3 * rms_N:.1f} mN"
+
+
+def repeatability(std_N: float) -> str:
+    """The scatter of like presses' forces, as each command says it."""
+    return f"repeatability {1e3 * std_N:.1f} mN" if math.isfinite(std_N) else "repeatability not known"
+
+
 def p_value(p: float) -> str:
     """A p-value to two digits; one that underflows is below what can be computed, not 0."""
     return "< 1e-300" if p < 1e-300 else f"{p:.2g}"

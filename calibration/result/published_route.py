@@ -12,7 +12,7 @@ from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import NU_TABLE
 from calibration.laws.paper import A_OVER_H, modulus_at, modulus_from, poisson_from_beta
 from calibration.laws.theory.admissible_range import beta_outside_theory
-from calibration.repeats.pure_error import noise_floor
+from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from tactilevision.records import Estimate, Floats
 
@@ -41,8 +41,8 @@ def published_route(fitted: Fit) -> CalibrationResult:
         reduced_modulus=found["reduced"],
         youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius)) for nu in NU_TABLE),
         covariance=np.asarray(rows @ fitted.covariance @ rows.T), law="paper", r_squared=r_squared(fitted),
-        rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted), clock_offset=NO_CLOCK, fitted=fitted,
-        presses_accepted=data.presses.label,
+        rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK,
+        fitted=fitted, presses_accepted=data.presses.label,
         assumptions=(*_assumptions(fitted, radius), *common_assumptions(fitted)),
         warnings=(*fitted.warnings, *data.warnings, *([outside] if outside else [])),
         flags=("beta_outside_theory",) if outside else (),

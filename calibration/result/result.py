@@ -23,7 +23,8 @@ class CalibrationResult:
 
     `covariance` (4, 4) is of COVARIANCE_OF; `youngs_modulus_of_nu` pairs (nu, E) at the fitted c; `fitted` the fit
     behind it; `presses_rejected` pairs (press, reason); `by_radius` (radius, c, beta) where there are several;
-    `routes` what each way to nu says, whether it was used or not.
+    `routes` what each way to nu says, whether it was used or not. `held_out_N` the rms error on presses left out
+    of the fit and `noise_floor_N` the repeatability: see tasks/fit_errors.py.
     """
 
     youngs_modulus: Estimate
@@ -47,6 +48,7 @@ class CalibrationResult:
     warnings: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
     routes: tuple[Route, ...] = ()
+    held_out_N: float = float("nan")
 
     @property
     def material(self) -> Material | None:
@@ -78,6 +80,7 @@ class CalibrationResult:
             ],
             "r_squared": self.r_squared,
             "rms_error_N": self.rms_error_N,
+            "held_out_N": self.held_out_N if np.isfinite(self.held_out_N) else None,
             "noise_floor_N": self.noise_floor_N,
             "presses_accepted": list(self.presses_accepted),
             "presses_rejected": [{"press": press, "reason": reason} for press, reason in self.presses_rejected],

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU
-from calibration.repeats.pure_error import noise_floor
+from calibration.repeats.pure_error import repeatability_rms
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_sticking import stuck_shift
 from tactilevision.records import Estimate, Floats, Pair
@@ -43,7 +43,7 @@ def of_round(fitted: Fit) -> CalibrationResult:
         c=Estimate(None, None, None, "N/mm", NO_C), beta=fitted.estimate("beta"),
         reduced_modulus=_reduced(fitted, modulus), youngs_modulus_of_nu=curve, covariance=_covariance(fitted),
         law=fitted.model.law.key, r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N,
-        noise_floor_N=noise_floor(fitted), clock_offset=NO_CLOCK, fitted=fitted,
+        noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK, fitted=fitted,
         presses_accepted=fitted.data.presses.label, assumptions=tuple(lines),
         warnings=(*fitted.warnings, *fitted.data.warnings),
     )  # fmt: skip

@@ -48,6 +48,7 @@ def unfixed_as_json(
         "by_radius": [],
         "r_squared": None,
         "rms_error_N": None,
+        "held_out_N": None,
         "noise_floor_N": None,
         "presses_accepted": [point.press for point in points if point.accepted],
         "presses_rejected": [{"press": press, "reason": reason} for press, reason in rejected(points)],

@@ -23,7 +23,7 @@ from calibration.laws.theory.admissible_range import beta_outside_theory, deeper
 from calibration.laws.theory.plausible import FLAG, outside_gels
 from calibration.model.composition import Model
 from calibration.model.stages import Law
-from calibration.repeats.pure_error import allow_for_indenters, noise_floor
+from calibration.repeats.pure_error import allow_for_indenters, repeatability_rms
 from calibration.result.by_radius import own_lines
 from calibration.result.edge_allowance import allow_for_edge
 from calibration.result.poisson_routes import (
@@ -39,6 +39,7 @@ from calibration.result.poisson_routes import (
 from calibration.result.published_route import published_route
 from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
 from calibration.result.round_result import of_round
+from calibration.tasks.fit_errors import fit_errors, judged, with_errors
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
 
@@ -70,7 +71,8 @@ def calibrate(
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
     model = Model(_free(chosen, data, single=single), effects.effects if effects else ())
-    result = determine_material(allow_for_indenters(fit(model, data)))
+    fitted = fit(model, data)
+    result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
@@ -166,7 +168,7 @@ def _of_default(fitted: Fit) -> CalibrationResult:
         youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
         c=c, beta=bend, reduced_modulus=known.reduced_modulus,
         youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
-        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=noise_floor(fitted),
+        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted),
         clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
         by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
         warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),

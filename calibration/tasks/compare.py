@@ -1,4 +1,4 @@
-"""Models against measurements: the error in and out of sample, beside the floor that repeats set."""
+"""Models against measurements: the error in and out of sample, and how well the presses repeat."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.refit import held_out_rms
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
-from calibration.inputs.checks import usable
+from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.result.poisson_routes import informed
+from calibration.tasks.fit_errors import fit_errors
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.records import Estimate
 
@@ -37,7 +37,7 @@ class Compared:
     parameters: tuple[tuple[str, Estimate], ...]
     rms_N: float
     held_out_N: float
-    floor_N: float
+    repeatability_N: float
     percent: float
     um: float
     chi2: float
@@ -56,7 +56,7 @@ class Compared:
                 "after": self.rms_N,
                 "held_out_before": base.held_out_N,
                 "held_out_after": self.held_out_N,
-                "floor": self.floor_N,
+                "floor": self.repeatability_N,
                 "in_sample": self.rms_N,
                 "held_out": self.held_out_N,
             },
@@ -82,14 +82,20 @@ class Comparison:
         return [model.as_json(self.models[0]) for model in self.models]
 
 
-def compare(data: Observations, effects: Sequence[Effect | str], rng: np.random.Generator) -> Comparison:
+def compare(
+    data: Observations,
+    effects: Sequence[Effect | str],
+    rng: np.random.Generator,
+    *,
+    bulge: Estimate | None = None,
+) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
-    and the next one is added without it.
+    and the next one is added without it. `bulge`: nu from the rise beside the punch.
     Raises InputError for unusable data.
     """
-    data = usable(data)
+    data = informed(clear_of_touch(usable(data)), bulge)
     model = base_model(data)
     found = [judge(fit_alone(model, data), rng)]
     left_out = []
@@ -135,19 +141,19 @@ def evaluate(model: Model, data: Observations, rng: np.random.Generator) -> Comp
 def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     """What a fit leaves, in and out of sample."""
     data = fitted.data
-    left = score_test(fitted, (), rng)
+    residual, errors = score_test(fitted, (), rng), fit_errors(fitted)
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
         effects=keys,
         parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters),
-        rms_N=fitted.rms_error_N,
-        held_out_N=held_out_rms(fitted),
-        floor_N=noise_floor(fitted),
+        rms_N=errors.rms_N,
+        held_out_N=errors.held_out_N,
+        repeatability_N=errors.repeatability_N,
         percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
         um=1e3 * fitted.rms_error_N / slope,
         chi2=fitted.chi2,
-        covariates=left.covariates,
+        covariates=residual.covariates,
         fitted=fitted,
     )

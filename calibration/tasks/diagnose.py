@@ -35,12 +35,12 @@ from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
-from calibration.repeats.pure_error import noise_floor
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import determine_material
 from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate
 
@@ -323,9 +323,9 @@ def _added(fitted: Fit, step: Step) -> Added:
 
 
 def _errors(base: Fit, current: Fit) -> Errors:
-    before = held_out_rms(base)
-    after = before if current is base else held_out_rms(current)
-    return Errors(base.rms_error_N, current.rms_error_N, before, after, noise_floor(current))
+    before = fit_errors(base)
+    after = before if current is base else fit_errors(current)
+    return Errors(before.rms_N, after.rms_N, before.held_out_N, after.held_out_N, after.repeatability_N)
 
 
 def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:

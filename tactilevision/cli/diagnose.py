@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
     from calibration.session import Step
+    from calibration.tasks.compare import Compared
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
@@ -56,10 +58,10 @@ def diagnose(
         )
     steps = [Step(key, "") for key in known or ()]
     named = {e.key: e for e in found.fitted.model.effects}
+    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
     steps += [
-        Step(written(named[e.key]), _path_of(e.key, own, private), found.errors.before, found.errors.after)
-        for e in found.effects
-        if e.key in named
+        Step(written(named[key]), _path_of(key, own, private), errors.before, errors.after, *held, errors.floor)
+        for key, held in zip(added, pairwise(found.held_out), strict=True)
     ]
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
@@ -86,36 +88,59 @@ def compare(
     seed: Seed = 0,
     json: console.JsonOption = None,
 ) -> None:
-    """Add effects one after the other and watch the error, in and out of sample, beside the repeats' floor."""
+    """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
     import numpy as np
 
-    from calibration.session import Step
     from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
     from tactilevision.plots import style
 
     own = _private(private)
-    found = method.compare(_data(take(recordings)), [*_known(known), *own], np.random.default_rng(seed))
+    taken, bulge = _with_nu(take(recordings))
+    rng = np.random.default_rng(seed)
+    found = method.compare(_data(taken), [*_known(known), *own], rng, bulge=bulge)
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
-    steps = [
-        Step(model.effects[-1], _path_of(model.effects[-1], own, private), before.rms_N, model.rms_N)
-        for before, model in pairwise(found.models)
-    ]
+    steps = [_step_of(before, model, own, private) for before, model in pairwise(found.models)]
     with staged(out) as stage:
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
-        drawn = draw.draw_waterfall(names, [model.held_out_N for model in found.models], found.models[-1].floor_N)
-        style.save_png(drawn, stage / "error.png")
-    for name, model in zip(names, found.models, strict=True):
-        console.say(
-            f"{name:24s} rms {1e3 * model.rms_N:7.2f} mN, held out {1e3 * model.held_out_N:7.2f} mN, "
-            f"floor {1e3 * model.floor_N:6.2f} mN"
+        drawn = draw.draw_waterfall(
+            names, [model.held_out_N for model in found.models], found.models[-1].repeatability_N
         )
+        style.save_png(drawn, stage / "error.png")
+    console.say(*(_model_line(name, model) for name, model in zip(names, found.models, strict=True)))
     console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)
+
+
+def _step_of(before: Compared, model: Compared, own: Sequence[Effect], private: Sequence[Path] | None) -> Step:
+    """The last effect of `model`, and what it did to the errors."""
+    from calibration.session import Step
+
+    key = model.effects[-1]
+    rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
+    return Step(key, _path_of(key, own, private), *rms, *held_out, model.repeatability_N)
+
+
+def _model_line(name: str, model: Compared) -> str:
+    """One model's name, its error and the repeatability."""
+    from calibration.report import wording
+
+    error = wording.fit_error(model.held_out_N, model.rms_N)
+    return f"{name:24s} {error}, {wording.repeatability(model.repeatability_N)}"
+
+
+def _step_errors(step: Step) -> str:
+    """What a step did to the error; on the presses fitted where none could be left out, or none was on file."""
+    from calibration.report import wording
+
+    if not isfinite(step.held_out_after_N):
+        return f"rms {1e3 * step.rms_before_N:.2f} -> {1e3 * step.rms_after_N:.2f} mN"
+    after = wording.fit_error(step.held_out_after_N, step.rms_after_N)
+    return f"from {1e3 * step.held_out_before_N:.1f} to {after}, {wording.repeatability(step.repeatability_N)}"
 
 
 def new_effect(
@@ -200,10 +225,7 @@ def steps(
     script = history.script(_again_in(folder))
     write_text(folder / "repeat.sh", script)
     for number, step in enumerate(history.steps, start=1):
-        console.say(
-            f"{number}. + {step.key.replace('_', ' ')}: rms {1e3 * step.rms_before_N:.2f} -> "
-            f"{1e3 * step.rms_after_N:.2f} mN"
-        )
+        console.say(f"{number}. + {step.key.replace('_', ' ')}: {_step_errors(step)}")
     for step in reversed(history.undone):
         console.say(f"   taken back: {step.key.replace('_', ' ')}")
     console.say(script.splitlines()[-1])

@@ -38,7 +38,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> 
     names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
     if len(found.held_out) > 1:
         fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
-        words = "Error on presses that the fit did not see; the dashed line is what repeats differ by."
+        words = "Error on presses left out of the fit; dashed: the repeatability, how far like presses scatter."
         kept.append(keep(fall, folder / "error.png", words))
     kept += _of_the_picture(found, reliefs, folder)
     for name, fitted in (("before", found.base), ("after", found.fitted)):

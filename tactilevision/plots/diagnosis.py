@@ -146,14 +146,14 @@ def draw_offsets(shown: Offsets) -> Figure:
 
 
 @style.house_look
-def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], floor_N: float) -> Figure:
-    """The held-out error from the base model to the last effect added, and the floor that the repeats set."""
+def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], repeatability_N: float) -> Figure:
+    """The held-out error from the base model to the last effect added, and the repeatability."""
     figure, (axes,) = style.new_figure(1.8 + 1.5 * len(names), 3.2)
     bars = axes.bar(range(len(names)), 1e3 * np.array(held_out_N), color=style.BLUE, width=0.6)
     bars[0].set_color(style.GREY)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=8)
-    if np.isfinite(floor_N):
-        axes.axhline(1e3 * floor_N, color=style.RED, ls="--", lw=1.2, label="floor: the repeats' own scatter")
+    if np.isfinite(repeatability_N):
+        axes.axhline(1e3 * repeatability_N, color=style.RED, ls="--", lw=1.2, label="repeatability")
         axes.legend(loc="upper right")
     axes.set_xticks(
         range(len(names)), [f"+ {n}" if k else n for k, n in enumerate(names)], rotation=15, ha="right"

@@ -232,7 +232,7 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
     base, better = compare(shifted, ["depth_zero"], np.random.default_rng(0)).models
     assert better.name == "flat_punch + depth_zero"
     assert better.held_out_N < 0.8 * base.held_out_N
-    assert better.held_out_N == pytest.approx(better.floor_N, rel=0.25)
+    assert better.held_out_N == pytest.approx(better.repeatability_N, rel=0.25)
     assert base.covariates[0].p_adjusted < 0.01 < better.covariates[0].p_adjusted
     rows = Comparison((base, better)).as_json()
     for row, model in zip(rows, (base, better), strict=True):
@@ -241,7 +241,7 @@ def test_compare_shows_the_error_fall_to_the_floor() -> None:
             "after": model.rms_N,
             "held_out_before": base.held_out_N,
             "held_out_after": model.held_out_N,
-            "floor": model.floor_N,
+            "floor": model.repeatability_N,
             "in_sample": model.rms_N,
             "held_out": model.held_out_N,
         }

@@ -1,0 +1,50 @@
+"""The two figures that say how well a model fits, the same in calibrate, compare, diagnose and steps.
+
+    held-out error = rms of measured less predicted force over presses that the fit did not see (five folds)
+    repeatability  = std of the force among like presses, after what the model says of their differences
+
+A model is as good as the presses allow where the first is near the second. Either is an estimate from few presses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from calibration.diagnosis.refit import CANNOT_FIT, held_out_rms
+from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.checks import clear_of_touch
+from calibration.repeats.pure_error import repeatability_rms
+from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.result.result import CalibrationResult
+
+
+@dataclass(frozen=True, slots=True)
+class FitErrors:
+    """Of one fit, in N: `rms_N` over the presses it was fitted to, `held_out_N` (NaN for two presses or fewer)."""
+
+    rms_N: float
+    held_out_N: float
+    repeatability_N: float
+
+
+def fit_errors(fitted: Fit) -> FitErrors:
+    """How well a fit that weighs its samples by what repeats show describes its presses, and others."""
+    return FitErrors(fitted.rms_error_N, held_out_rms(fitted), repeatability_rms(fitted))
+
+
+def judged(fitted: Fit) -> Fit:
+    """The same model on the same presses as `compare` and `diagnose` fit it; the fit itself where that fails.
+
+    Those weigh samples by how repeats differ, and leave out samples of curves too near to first contact.
+    """
+    data = clear_of_touch(fitted.data)
+    try:
+        again = fitted if data is fitted.data else fit(fitted.model, data, tolerances=False)
+        return refit_with_pure_noise(again)
+    except CANNOT_FIT:
+        return fitted
+
+
+def with_errors(result: CalibrationResult, errors: FitErrors) -> CalibrationResult:
+    """The result with its held-out error and its repeatability."""
+    return replace(result, held_out_N=errors.held_out_N, noise_floor_N=errors.repeatability_N)

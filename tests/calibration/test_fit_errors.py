@@ -1,0 +1,60 @@
+"""One held-out error and one repeatability for the same presses, whatever command states them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_presses import indenter, observations
+
+from calibration.fit.least_squares import fit
+from calibration.laws.flat_punch import FlatPunch
+from calibration.model.composition import Model
+from calibration.tasks.fit_errors import fit_errors, judged
+from tactilevision.cli import main
+
+PAPER = Path(__file__).parents[2] / "sample_frames" / "paper_points"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> None:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", *map(str, arguments)])
+    assert main() == 0
+
+
+def test_every_command_states_the_same_two_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(monkeypatch, "calibrate", PAPER, "--out", tmp_path / "calibrated")
+    said = capsys.readouterr().out
+    run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path / "compared")
+    run(monkeypatch, "diagnose", PAPER, "--out", tmp_path / "diagnosed")
+    calibrated = json.loads((tmp_path / "calibrated" / "calibration.json").read_text())
+    base, added = (m["rms_error_N"] for m in json.loads((tmp_path / "compared" / "comparison.json").read_text()))
+    diagnosed = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())["rms_error_N"]
+    held_out, repeatability = calibrated["held_out_N"], calibrated["noise_floor_N"]
+    assert [base["held_out"], base["floor"]] == pytest.approx([held_out, repeatability], rel=1e-6)
+    assert [diagnosed["held_out_before"], diagnosed["floor"]] == pytest.approx([held_out, repeatability], rel=1e-6)
+    assert f"error on presses left out {1e3 * held_out:.1f} mN" in said
+    assert f"repeatability {1e3 * repeatability:.1f} mN" in said
+    capsys.readouterr()
+    run(monkeypatch, "steps", tmp_path / "compared")
+    said = capsys.readouterr().out
+    assert f"from {1e3 * held_out:.1f} to error on presses left out {1e3 * added['held_out']:.1f} mN" in said
+    assert f"repeatability {1e3 * added['floor']:.1f} mN" in said
+
+
+def test_of_an_exact_law_both_figures_are_the_noise() -> None:
+    """Over drawn seeds: the held-out error and the repeatability have the noise's own size."""
+    model, std_N, figures = Model(FlatPunch()), 0.01, []
+    heights = np.repeat(np.linspace(0.15, 0.6, 5), 4)
+    punches = [indenter(f"h{k // 4}") for k in range(20)]
+    data = observations([np.array([height]) for height in heights], punches)
+    force = model.predict(model.defaults(data), data)
+    for seed in range(12):
+        noisy = data.with_force(force + std_N * np.random.default_rng(seed).standard_normal(force.size))
+        errors = fit_errors(judged(fit(model, noisy)))
+        figures.append((errors.held_out_N, errors.repeatability_N))
+    assert np.mean(figures, axis=0) == pytest.approx([std_N, std_N], rel=0.2)
