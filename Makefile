@@ -20,6 +20,7 @@ test: .venv/.ok
 lint: .venv/.ok
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 
 types: .venv/.ok
 	$(BIN)/mypy

@@ -1,28 +1,25 @@
-"""Imports go one way, and looking at the package costs nothing: the house's walls as tests."""
+"""Imports go one way, and looking at the package costs nothing: the order of the packages as tests."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from importlinter.cli import lint_imports
 
 ROOT = Path(__file__).parents[1]
-SOURCES = sorted(p for room in ("tactilevision", "calibration") for p in (ROOT / room).rglob("*.py"))
-FOR_READERS = "report"  # the one room of calibration that may use figures, and that no other room knows
+SOURCES = sorted(p for name in ("tactilevision", "calibration") for p in (ROOT / name).rglob("*.py"))
 HEAVY = {"torch", "kornia", "matplotlib", "skimage"}
 
 
 def imported(path: Path) -> set[str]:
-    """Dotted names that a file imports anywhere in it, but for those that only a type checker sees."""
+    """Dotted names that a file imports anywhere in it, those that only a type checker sees too."""
     names: set[str] = set()
-    tree = ast.parse(path.read_text())
-    tree.body = [
-        node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
-    ]
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -31,29 +28,36 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def rooms(path: Path) -> set[str]:
-    return {name.split(".")[1] for name in imported(path) if name.startswith("tactilevision.")}
+def test_imports_keep_to_the_declared_order(capsys: pytest.CaptureFixture[str]) -> None:
+    """The contracts of pyproject.toml: no arrow up, no circle."""
+    code = lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True)
+    assert code == 0, capsys.readouterr().out
+
+
+def test_every_package_and_file_has_its_place_in_the_order() -> None:
+    """A new package must be placed before it may land; imports that only a type checker sees count."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    assert not settings.get("exclude_type_checking_imports")
+    assert not any("ignore_imports" in contract for contract in settings["contracts"])
+    order = next(contract for contract in settings["contracts"] if contract["id"] == "order")
+    placed = {name.strip() for layer in order["layers"] for name in layer.split("|")}
+    there = {f"tactilevision.{path.stem}" for path in (ROOT / "tactilevision").iterdir()
+             if path.suffix == ".py" or (path / "__init__.py").exists()}  # fmt: skip
+    assert placed - {"calibration"} == there - {"tactilevision.__init__"}
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_keep_to_the_arrows(path: Path) -> None:
-    room = path.relative_to(ROOT).parts
-    tops = {name.split(".")[0] for name in imported(path)}
-    if room[0] == "tactilevision" and room[1] not in ("cli", "__main__.py"):
-        assert "calibration" not in tops, "tactilevision never imports calibration"
-        assert "cli" not in rooms(path)
-    if room[0] == "calibration" and room[1] != FOR_READERS:
+def test_a_file_imports_what_its_package_may(path: Path) -> None:
+    package, names = path.relative_to(ROOT).parts, imported(path)
+    used = {name.split(".")[1] for name in names if name.startswith("tactilevision.")}
+    if package[0] == "calibration" and package[1] != "report":
         allowed = {"records", "errors", "mechanics", "files", "recording"}
-        assert rooms(path) <= allowed, f"calibration stands on {sorted(allowed)} only"
-        assert not any(name.startswith(f"calibration.{FOR_READERS}") for name in imported(path))
-    if room[1] == "mechanics":
-        assert rooms(path) <= {"mechanics", "records", "errors", "files"}, (
-            "mechanics knows neither pictures nor fits"
-        )
-    if "plots" not in room and room[1] != "plots.py":
-        assert "matplotlib" not in tops, "figures are drawn in tactilevision.plots alone"
-    if room[0] == "tactilevision":
-        simulates = room[1] == "synthetic" or room[1:] == ("cli", "simulate.py")
+        assert used <= allowed, f"calibration stands on {sorted(allowed)} only"
+    if "plots" not in package and package[1] != "plots.py":
+        drawing = {name for name in names if name.startswith("matplotlib")} - {"matplotlib.figure"}  # the type
+        assert not drawing, "figures are drawn in tactilevision.plots alone"
+    if package[0] == "tactilevision":
+        simulates = package[1] == "synthetic" or package[1:] == ("cli", "simulate.py")
         assert simulates or "truth.toml" not in path.read_text(), "truth is for scorers alone"
 
 

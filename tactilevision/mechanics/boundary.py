@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.mechanics.flat_contact import WIDE, FlatContact
+from tactilevision.mechanics.friction import friction_place
 from tactilevision.mechanics.material import positive
-from tactilevision.mechanics.tables.friction import friction_place
 from tactilevision.records import Floats, Pair
 
 TABLE = Path(__file__).with_name("boundary_table.npz")

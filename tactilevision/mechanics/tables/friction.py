@@ -7,17 +7,16 @@ Source: Fritsch, Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, with the weig
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from tactilevision.mechanics.friction import friction_place
 from tactilevision.mechanics.tables.blocks import Block
 from tactilevision.records import Floats
 
-HALF_FRICTION = 3.0  # far above where friction has all its effect: nearly straight in mu, yet finite for no slip
 ROUNDING = 1e-9  # of the way from node to node: met but for rounding, and the other node must not lend its reach
 
 
@@ -52,11 +51,6 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
     low = _interval(places, at)
     near = slice(max(low - 1, 0), low + 3)
     return Neighbours(tuple(ordered[near]), tuple(places[near]), at)
-
-
-def friction_place(friction: float) -> float:
-    """mu -> [0, 1), no slip -> 1."""
-    return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)
 
 
 def monotone(places: Floats, values: Floats, at: float) -> Floats:
