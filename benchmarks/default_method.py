@@ -52,7 +52,7 @@ def make() -> None:
     }
     if REAL.is_dir():
         card["real_ball_presses"] = {name: on_real(network, REAL / folder) for name, folder in SETS.items()}
-    print(save_network(network, card, ROOT / "models" / "gelslim3.onnx"), card)
+    print(save_network(network, card, path=ROOT / "models" / "gelslim3.onnx"), card)
 
 
 def held_out(network: Network) -> dict[str, float]:
@@ -82,11 +82,11 @@ def on_real(network: Network, folder: Path) -> dict[str, Any]:
     parts: list[Samples] = []
     for number, picture in enumerate(pictures):
         seen, _, valid = change.measure(picture.rgb)
-        ball = locate(seen, valid, picture, SCALE)
-        parts.append(inside_ball(seen, ball, SCALE, number=number, most=200, valid=valid, rng=rng))
+        ball = locate(seen, valid, picture=picture, mm_per_px=SCALE)
+        parts.append(inside_ball(seen, ball, mm_per_px=SCALE, number=number, most=200, valid=valid, rng=rng))
     samples = join(parts)
     found = network.at(samples.change, samples.place)
-    own = calibrate_from_balls(reference, pictures, SCALE, fit=fit_polynomial)
+    own = calibrate_from_balls(reference, pictures, mm_per_px=SCALE, fit=fit_polynomial)
     return {
         "balls": len(pictures),
         "direction_error_deg": float(np.median(direction_error_deg(found, samples.slopes))),

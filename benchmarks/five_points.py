@@ -86,7 +86,7 @@ def read(depth_mm: Floats, force_N: Floats, *, thickness_mm: float = THICKNESS_M
     left = secant - (c + slope * strain)
     r_squared = 1 - float(left @ left) / float(np.sum((secant - secant.mean()) ** 2))
     nu = poisson_from_beta(float(slope / c))
-    modulus = modulus_at(float(c), nu, RADIUS_MM) if 0 <= nu < 0.5 else float("nan")
+    modulus = modulus_at(float(c), nu, radius_mm=RADIUS_MM) if 0 <= nu < 0.5 else float("nan")
     return Reading(float(c), float(slope / c), r_squared, nu, modulus)
 
 
@@ -109,7 +109,7 @@ def solved() -> dict[Case, Floats]:
 def reproduced() -> list[str]:
     """The published numbers, and what exact kappa and the true a/h make of them."""
     line = read(DEPTHS_MM, published())
-    exact, ratio = modulus_at(line.c_N_per_mm, NU, RADIUS_MM), RADIUS_MM / THICKNESS_MM
+    exact, ratio = modulus_at(line.c_N_per_mm, NU, radius_mm=RADIUS_MM), RADIUS_MM / THICKNESS_MM
     kappas = [float(fast_kappa(NU, a)) for a in (0.8, ratio)]
     true = line.c_N_per_mm * (1 - NU**2) / (2 * RADIUS_MM * kappas[1])
     c10, d1 = neo_hooke(PRINTED_E, NU)

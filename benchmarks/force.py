@@ -71,7 +71,7 @@ def _on_cells(field: ForceField, view: View, fine: Floats) -> Floats:
     n = view.fine
     pixels = fine.reshape(view.shape[0], n, view.shape[1], n).mean(axis=(1, 3))
     assert field.compliance is not None
-    return cell_means(field.compliance.grid, pixels, None)[0]
+    return cell_means(field.compliance.grid, pixels, valid=None)[0]
 
 
 def _relative(found: Floats, true: Floats) -> float:

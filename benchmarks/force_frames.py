@@ -43,7 +43,7 @@ def calibrated(path: Path, folder: Path) -> Path:
 def beside_the_sensor(path: Path, calibration: Path, out: Path) -> tuple[FrameForce, ...]:
     """Forces of every frame, with the reading of its time."""
     recording = read_recording(path)
-    job = force_job(recording, build_reconstructor(recording), read_material(calibration), out)
+    job = force_job(recording, build_reconstructor(recording), material=read_material(calibration), out=out)
     return force_folder(recording, job, clock_offset_s=read_clock_offset(calibration))
 
 

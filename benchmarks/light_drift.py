@@ -120,15 +120,17 @@ def _strange_light(seed: int, rng: np.random.Generator, told: Observability) -> 
 
 
 def _calibrated(camera: Camera, rng: np.random.Generator) -> Reconstructor:
-    flats = [picture_still(camera, Flat(), rng) for _ in range(3)]
+    flats = [picture_still(camera, Flat(), rng=rng) for _ in range(3)]
     scale = VIEW_MM / SIZE[0]
     half = (0.5 * VIEW_MM, 0.5 * SIZE[1] * scale)
-    presses = plan_balls(14, (4.0,), half, GelOptions(), rng)
-    shots = [BallPicture(picture_still(camera, press, rng), press.radius_mm) for press in presses]
-    calibration = calibrate_from_balls(make_reference(flats), shots, (scale, scale), fit=PHOTOMETRIC["auto"])
+    presses = plan_balls(14, (4.0,), half_mm=half, gel=GelOptions(), rng=rng)
+    shots = [BallPicture(picture_still(camera, press, rng=rng), press.radius_mm) for press in presses]
+    calibration = calibrate_from_balls(
+        make_reference(flats), shots, mm_per_px=(scale, scale), fit=PHOTOMETRIC["auto"]
+    )
     sensor = get_sensor("custom", width_px=SIZE[0], height_px=SIZE[1], mm_per_px=scale)
     sensor = dataclasses.replace(sensor, gel=Gel(thickness_mm=THICKNESS_MM))
-    return tuned(sensor, calibration, shots, [camera.picture(Flat(), rng) for _ in range(12)])
+    return tuned(sensor, calibration, pictures=shots, free=[camera.picture(Flat(), rng) for _ in range(12)])
 
 
 def _presses(gel: PunchProfile) -> Iterator[tuple[str, Pair, float, BallPress | PunchPress]]:

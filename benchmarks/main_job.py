@@ -62,7 +62,7 @@ def run(seed: int, dwell_s: float = 0.0) -> dict[str, Any]:
         truth = tomllib.loads((place / "truth.toml").read_text())
         recording = read_recording(place)
         reconstructor = build_reconstructor(recording)
-        certificate, bulge = with_nu(recording, reconstructor, certify(recording, reconstructor))
+        certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         measured = Measured(recording, certificate.points)
         result = calibrate(measured, clock_offset=certificate.clock_offset, bulge=bulge)
     return compare(seed, result.as_json(), truth, {p.press: p.reason for p in certificate.points})

@@ -49,7 +49,7 @@ def run(seed: int) -> tuple[float, float, Estimate, Estimate, str]:
         place = simulate(Path(folder) / "made", seed=seed, options=options)
         recording = read_recording(place)
         reconstructor = build_reconstructor(recording)
-        certificate, bulge = with_nu(recording, reconstructor, certify(recording, reconstructor))
+        certificate, bulge = with_nu(recording, reconstructor, certificate=certify(recording, reconstructor))
         if bulge is None:
             raise TactilevisionError(f"seed {seed}: no press shows the gel beside it")
     measured = Measured(recording, certificate.points)

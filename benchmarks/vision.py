@@ -40,15 +40,15 @@ def calibrated(size: tuple[int, int], light: int | None, method: str) -> tuple[C
     )
     rng = np.random.default_rng(0)
     camera = build_camera(options, rng)
-    reference = make_reference([picture_still(camera, Flat(), rng) for _ in range(3)])
+    reference = make_reference([picture_still(camera, Flat(), rng=rng) for _ in range(3)])
     half = (size[0] * scale / 2, size[1] * scale / 2)
-    presses = plan_balls(14, (4.0,), half, GelOptions(), rng)
-    shots = [BallPicture(picture_still(camera, press, rng), press.radius_mm) for press in presses]
-    found = calibrate_from_balls(reference, shots, (scale, scale), fit=PHOTOMETRIC[method])
+    presses = plan_balls(14, (4.0,), half_mm=half, gel=GelOptions(), rng=rng)
+    shots = [BallPicture(picture_still(camera, press, rng=rng), press.radius_mm) for press in presses]
+    found = calibrate_from_balls(reference, shots, mm_per_px=(scale, scale), fit=PHOTOMETRIC[method])
     sensor = get_sensor("custom", width_px=size[0], height_px=size[1], mm_per_px=scale)
     sensor = dataclasses.replace(sensor, gel=Gel(thickness_mm=3.0))
     free = [camera.picture(Flat(), rng) for _ in range(12)]
-    return camera, tuned(sensor, found, shots, free)
+    return camera, tuned(sensor, found, pictures=shots, free=free)
 
 
 def accuracy(light: int | None) -> None:

@@ -30,7 +30,7 @@ def draw(names: list[str], held_out_N: list[float], repeatability_N: float) -> N
 def main() -> None:
     recording = read_recording(SAMPLE)
     data = observe([Measured(recording, recording.points, recording.curves)])
-    models = compare(data, [Viscoelasticity()], np.random.default_rng(0)).models
+    models = compare(data, [Viscoelasticity()], rng=np.random.default_rng(0)).models
     draw([model.name for model in models], [model.held_out_N for model in models], models[-1].repeatability_N)
     for model in models:
         told = [cause.key for cause in model.covariates if cause.p_adjusted < 0.05]

@@ -34,7 +34,7 @@ def picture_of_the_plate() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
 
 def main() -> None:
     raw = picture_of_the_plate()
-    sensor = sensor_from_grid(find_grid(raw, ROWS, COLUMNS), SPACING_MM)
+    sensor = sensor_from_grid(find_grid(raw, ROWS, columns=COLUMNS), SPACING_MM)
     x, y = sensor.mm_per_px
     print(f"grid: {sensor.width_px} by {sensor.height_px} px straightened, {x:.4f} by {y:.4f} mm a pixel")
     rectified = rectify(sensor, raw)

@@ -66,7 +66,7 @@ def main() -> None:
     recording = read_recording(SAMPLE)
     data = observe([Measured(recording, recording.points, recording.curves)])
     crept = replace(data, force_N=data.force_N * (1 + PLANTED * share_of(data))[:, None])
-    base, _, added = compare(crept, ["viscoelasticity", ClampCreep()], np.random.default_rng(0)).models
+    base, _, added = compare(crept, ["viscoelasticity", ClampCreep()], rng=np.random.default_rng(0)).models
     found = dict(added.parameters)["clamp_creep.amplitude"]
     draw(found)
     print(f"planted {PLANTED:.3f}, found {found.value:.3f} ± {found.std:.3f}")

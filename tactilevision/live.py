@@ -101,7 +101,7 @@ class Stream:
         """Whether there is a contact, its depth, the depth that would show as one in half of the picture, and
         whether the contact reaches the picture's border."""
         depth, valid = height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX], height.valid[::SAMPLE_PX, ::SAMPLE_PX]
-        spread = untouched_std(height, self.reconstructor.error, SAMPLE_PX)
+        spread = untouched_std(height, self.reconstructor.error, every=SAMPLE_PX)
         if spread is None:
             spread = np.full(depth.shape, CONTACT.live_unknown_std_mm)
         least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))

@@ -43,8 +43,8 @@ def made() -> Reconstructor:
     rng = np.random.default_rng(SEED)
     reference = make_reference([flat(rng, gain=grain()) for _ in range(3)], may_have_marks=False)
     balls = list(shots())
-    calibration = calibrate_from_balls(reference, balls, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
-    return tuned(SENSOR, calibration, balls, [flat(rng, gain=grain()) for _ in range(6)])
+    calibration = calibrate_from_balls(reference, balls, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return tuned(SENSOR, calibration, pictures=balls, free=[flat(rng, gain=grain()) for _ in range(6)])
 
 
 def reader() -> Reconstructor:
@@ -81,7 +81,9 @@ def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
     ]
     method = made().referenced
     assert method is not None
-    calibration = calibrate_from_balls(method.reference, corner, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    calibration = calibrate_from_balls(
+        method.reference, corner, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]
+    )
     assert any("of the picture only" in line for line in calibration.warnings)
     found = Reconstructor(SENSOR, calibration.method).rectified_map(flat(rng, gain=grain()))
     assert BALLS in found.flags
@@ -193,8 +195,8 @@ def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> Non
     rng = np.random.default_rng(SEED + 11)
     reference = make_reference([picture(*ball((-5.0, 3.0), 1.4, 4.0)[1:], rng)], may_have_marks=False)
     balls = [BallPicture(picture(*ball((4.0 - k, 3.0 - k), 1.8, 4.0)[1:], rng), 4.0) for k in range(7)]
-    calibration = calibrate_from_balls(reference, balls, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
-    assert REFERENCE in tuned(SENSOR, calibration, balls, []).rectified_map(flat(rng)).flags
+    calibration = calibrate_from_balls(reference, balls, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    assert REFERENCE in tuned(SENSOR, calibration, pictures=balls, free=[]).rectified_map(flat(rng)).flags
 
 
 def test_what_is_usual_is_told_by_the_calibration() -> None:

@@ -31,7 +31,7 @@ def calibrated() -> Calibration:
     rng = np.random.default_rng(1)
     shots = ball_pictures(12, rng)
     reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
 
 
 @lru_cache
@@ -95,7 +95,7 @@ def test_untouched_gel_is_flat_and_the_waves_are_stated() -> None:
     height = reconstructor().height_map(Frame(flat(rng)))
     assert np.sqrt(np.mean(height.depth_mm**2)) < 0.004
     shots = [BallPicture(picture(*ball((0.0, 0.0), 1.5, 4.0)[1:], rng), 4.0)]
-    assert 0.0 < untouched_rms_mm(reconstructor(), shots, calibrated().balls[:1]) < 0.1
+    assert 0.0 < untouched_rms_mm(reconstructor(), shots, balls=calibrated().balls[:1]) < 0.1
 
 
 def test_the_stated_deviation_covers_the_error() -> None:
@@ -183,7 +183,7 @@ def test_real_gelslim_balls_held_out() -> None:
         BallPicture(rectify(sensor, read(path)), 3.8, name=path.name)
         for path in sorted((folder / "markerless").glob("sample_*.jpg"))[::2]
     ]
-    found = calibrate_from_balls(reference, shots, sensor.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    found = calibrate_from_balls(reference, shots, mm_per_px=sensor.mm_per_px, fit=PHOTOMETRIC["polynomial"])
     assert found.direction_error_deg < 5.0
     rebuilt = Reconstructor(sensor, found.method, calibration=found)
     height = rebuilt.height_map(Frame(read(folder / "markerless" / "sample_16.jpg")))
@@ -201,7 +201,7 @@ def test_real_gelsight_mini_goes_the_same_way() -> None:
     flats = [path for path in folder.glob("*.png") if not path.name.startswith("img_")]
     shots = [BallPicture(read(path), 4.0, name=path.name) for path in images]
     reference = make_reference([read(path) for path in flats])
-    found = calibrate_from_balls(reference, shots, sensor.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    found = calibrate_from_balls(reference, shots, mm_per_px=sensor.mm_per_px, fit=PHOTOMETRIC["polynomial"])
     assert found.direction_error_deg < 15.0
     height = Reconstructor(sensor, found.method).height_map(Frame(shots[3].rgb))
     assert 0.05 < height.depth_mm.max() < 1.0

@@ -47,7 +47,7 @@ class Action:
     change: Callable[[Observations], Observations]
 
 
-def measure_next(base: Fit, one: Candidate, rivals: Sequence[Candidate]) -> tuple[NextMeasurement, ...]:
+def measure_next(base: Fit, one: Candidate, *, rivals: Sequence[Candidate]) -> tuple[NextMeasurement, ...]:
     """Actions, best separation a minute first; the separation is from the rival that stays nearest."""
     found = []
     for action in actions(base.data):
@@ -173,7 +173,7 @@ def _separation(base: Fit, one: Candidate, rival: Candidate, extra: Observations
     f_one, _ = _force(one.model, one.values, base.data, data)
     model = rival.model
     f_rival, values = _force(model, rival.values, base.data, data)
-    about, _ = linearise(model, values, data)
+    about, _ = linearise(model, values, data=data)
     if not base.noise.stated:
         about = replace(about, base_N=np.ones(data.size))
     noise = base.noise

@@ -90,11 +90,11 @@ class Searched:
     @property
     def explained(self) -> float:
         """Of what the start leaves, the share that the steps explain."""
-        return explained_share(self.start, self.current, self.last)
+        return explained_share(self.start, self.current, left=self.last)
 
 
 def forward_selection(
-    base: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, *, level: float
+    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float
 ) -> Searched:
     """Search on top of `base`. A candidate that cannot be fitted is passed over."""
     start = current = base
@@ -116,7 +116,7 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng)
+    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng)
     return Searched(base, start, tuple(rounds), tuple(steps), last)
 
 
@@ -145,7 +145,7 @@ def _lawful(found: Fit) -> bool:
     nu, h = found.estimate("poisson_ratio"), found.data.gel.thickness_mm
     radii = np.unique(found.data.presses.radius_mm)
     return not any(
-        beta_outside_theory(found.estimate(beta_name(found, float(a))), nu, float(a) / h) for a in radii
+        beta_outside_theory(found.estimate(beta_name(found, float(a))), nu, a_over_h=float(a) / h) for a in radii
     )
 
 
@@ -197,13 +197,13 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
     if not turn.score_test.covariates or best <= turn.score_test.lack_of_fit:
         return True
     before = turn.score_test.covariates[0]
-    after = next((c for c in score_test(room, (), rng, draws=FEW).covariates if c.key == before.key), before)
+    after = next((c for c in score_test(room, (), rng=rng, draws=FEW).covariates if c.key == before.key), before)
     return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
 def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
-    seen = score_test(current, catalogue, rng)
+    seen = score_test(current, catalogue, rng=rng)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
@@ -280,8 +280,8 @@ def _skill(current: Fit, candidate: Candidate) -> float:
     scatter, and against that nothing could be gained.
     """
     folds = press_folds(current.data)
-    before = hold_out(current.model, current, current.values, folds)
-    after = hold_out(candidate.model, current, candidate.values, folds)
+    before = hold_out(current.model, current, start=current.values, folds=folds)
+    after = hold_out(candidate.model, current, start=candidate.values, folds=folds)
     scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
     if after.rms_N > (1 + scatter) * before.rms_N:
         return 1 - after.rms_N / before.rms_N
@@ -307,7 +307,7 @@ def _apart(current: Fit, best: Candidate, other: Effect) -> float:
         return float("inf")
 
 
-def explained_share(base: Fit, current: Fit, left: ScoreTest) -> float:
+def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:
     """How much of a misfit the added effects explain: the squares that they took off, over these and what the most
     telling covariate still stands above chance by; all white under the last model's noise.
     """

@@ -91,7 +91,7 @@ class UnderLoad(_InPress):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Add what follows the load late."""
-        return replace(state, force_N=state.force_N + values[0] * relaxed(state.force_N, values[1], data))
+        return replace(state, force_N=state.force_N + values[0] * relaxed(state.force_N, values[1], data=data))
 
 
 class _WayBack(InstrumentError):

@@ -63,7 +63,7 @@ class _Part:
 
 
 def average_models(
-    modulus: Estimate, fitted: Fit, effects: Sequence[Effect]
+    modulus: Estimate, fitted: Fit, *, effects: Sequence[Effect]
 ) -> tuple[Estimate, tuple[UndetectedEffect, ...]]:
     """E with its interval averaged over `effects`, and the effects by what they add to its variance.
 
@@ -134,7 +134,7 @@ class _Space:
         changes = [
             (own, change)
             for own in _starts(effect, self._fitted)
-            if (change := change_of_force(self._fitted, effect, own)) is not None
+            if (change := change_of_force(self._fitted, effect, own=own)) is not None
             and np.abs(change).max() > NOTHING * np.abs(self._fitted.force_N).max()
         ]
         return [self._rival(effect, own, change, chance / len(changes)) for own, change in changes]

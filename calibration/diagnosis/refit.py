@@ -114,7 +114,7 @@ class HeldOut:
     squares: float
 
 
-def hold_out(model: Model, about: Fit, start: Floats, folds: Ints) -> HeldOut:
+def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints) -> HeldOut:
     """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known."""
     data = about.data
     whitener = Whitener(data, about.noise, about.about)
@@ -135,7 +135,7 @@ def held_out_rms(fitted: Fit) -> float:
     if fitted.data.count <= 2:
         return float("nan")
     try:
-        return hold_out(fitted.model, fitted, fitted.values, press_folds(fitted.data)).rms_N
+        return hold_out(fitted.model, fitted, start=fitted.values, folds=press_folds(fitted.data)).rms_N
     except CANNOT_FIT:
         return float("nan")
 
@@ -147,7 +147,7 @@ def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
         rows = problem.residual(free_values)
         return np.concatenate([np.where(out, 0.0, rows[:size]), rows[size:]])
 
-    return minimise(residual, start[problem.free][None], problem.box, tolerance=QUICK)
+    return minimise(residual, start[problem.free][None], box=problem.box, tolerance=QUICK)
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:

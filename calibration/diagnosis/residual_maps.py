@@ -71,7 +71,7 @@ def _residual(one: Surface, gel: Gel, x: Floats, y: Floats) -> Floats:
     nu = 0.48 if gel.poisson_ratio is None else gel.poisson_ratio
     r = np.hypot(x, y)
     table = np.linspace(1.02, HALF * 1.5, 80)
-    rise, _ = exact_profile(table, nu, one.radius_mm / gel.thickness_mm)
+    rise, _ = exact_profile(table, nu, a_over_h=one.radius_mm / gel.thickness_mm)
     expected = one.depth_mm * np.where(r < 1, 1.0, -np.interp(r, table, rise))
     measured = _sample(one.height_map, one.centre_mm, one.radius_mm * x, one.radius_mm * y)
     wall = (r > 0.9) & (r < 1.1)  # a step has no depth of its own

@@ -72,7 +72,7 @@ class ScoreTest:
 
 
 def score_test(
-    fitted: Fit, effects: Sequence[Effect], rng: np.random.Generator, *, draws: int = DRAWS
+    fitted: Fit, effects: Sequence[Effect], *, rng: np.random.Generator, draws: int = DRAWS
 ) -> ScoreTest:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
     fitted = at_denoised_depth(fitted)
@@ -95,10 +95,10 @@ def score_test(
     null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
     looks, scatter = list(steps), Scatter(fitted.data)
     if scatter.seen:
-        white = [cast.white(noise, drawn[1][:, k], drawn[2][:, k]) for k, noise in enumerate(drawn[0])]
+        white = [cast.white(noise, drawn[1][:, k], priors=drawn[2][:, k]) for k, noise in enumerate(drawn[0])]
         usual = float(np.mean([scatter.differences(one).mean() for one in white]))
         looks.append(SCATTER)
-        sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, cast.own_priors), usual))
+        sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, priors=cast.own_priors), usual))
         null_sums = np.column_stack([null_sums, [scatter.statistic(one, usual) for one in white]])
     return ScoreTest(
         effects=_ranked(list(tables), largest, null_largest, skip=missing),
@@ -240,7 +240,7 @@ class _Cast:
             found.append(list(np.split(along / unit, self._ends[:-1])))
         return found
 
-    def white(self, noise: Noise, residual_N: Floats, priors: Floats) -> Floats:
+    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
         """What the fit leaves of a residual (N,), white."""
         whitener = Whitener(self.fitted.data, noise, self.fitted.about)
         seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))

@@ -34,7 +34,7 @@ class Hidden:
 
 
 def possible_bias(
-    fitted: Fit, effects: Sequence[Effect], sizes: Mapping[str, float] = MappingProxyType({})
+    fitted: Fit, effects: Sequence[Effect], *, sizes: Mapping[str, float] = MappingProxyType({})
 ) -> Mapping[str, float]:
     """Relative error of E for each effect at the size of its first parameter that is given, else at its typical
     one; signs are kept.
@@ -51,7 +51,7 @@ def possible_bias(
         first = effect.parameters[0]
         size = first.default + sizes.get(effect.key, typical(effect))
         own = np.array([np.clip(size, *first.bounds), *(p.default for p in effect.parameters[1:])])
-        change = change_of_force(fitted, effect, own)
+        change = change_of_force(fitted, effect, own=own)
         acts = change is not None and np.abs(change).max() > NOTHING * np.abs(fitted.force_N).max()
         if change is not None and (acts or not effect.missing(fitted.data)):
             found[effect.key] = _into_modulus(fitted, change)
@@ -59,7 +59,7 @@ def possible_bias(
 
 
 def hidden(
-    fitted: Fit, effects: Sequence[Effect], missing: Mapping[str, str], visible: Mapping[str, float]
+    fitted: Fit, effects: Sequence[Effect], *, missing: Mapping[str, str], visible: Mapping[str, float]
 ) -> Hidden:
     """What of these effects cannot be seen, for want of data (`missing` says why) or because it would show only at
     a size that no rig has, and what could be there below the size from which it is visible.
@@ -70,8 +70,8 @@ def hidden(
     shown = [e for e in effects if e.key in visible and e.key not in why]
     return Hidden(
         why,
-        possible_bias(fitted, [e for e in effects if e.key in why], ends),
-        possible_bias(fitted, shown, visible),
+        possible_bias(fitted, [e for e in effects if e.key in why], sizes=ends),
+        possible_bias(fitted, shown, sizes=visible),
     )
 
 
@@ -82,7 +82,7 @@ def _too_small(effect: Effect, size: float) -> str:
     return f"it would show from {size:.2g}{unit} on, and is hardly ever larger than {largest(effect):.2g}{unit}"
 
 
-def change_of_force(fitted: Fit, effect: Effect, own: Floats) -> Floats | None:
+def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | None:
     """What an effect of these values adds to the fit's force (N,).
 
     None where it is in the model already, or cannot be worked out on these data.

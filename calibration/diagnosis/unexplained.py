@@ -49,7 +49,7 @@ def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Une
     return replace(found, covariates=tuple(dict.fromkeys((plain.covariate, *found.covariates))))
 
 
-def describe(fitted: Fit, scored: tuple[Scored, ...], level: float = 0.05) -> Unexplained:
+def describe(fitted: Fit, scored: tuple[Scored, ...], *, level: float = 0.05) -> Unexplained:
     """What is left of a fit."""
     size, length = _process(*_binned(fitted))
     return Unexplained(size, length, tuple(s.key for s in scored if s.p_adjusted < level))

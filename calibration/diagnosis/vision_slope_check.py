@@ -70,7 +70,7 @@ def _expected(gel: Gel, depth_mm: Floats, radius_mm: Floats, falls: Sequence[Edg
     for depth, radius in set(zip(depth_mm.tolist(), radius_mm.tolist(), strict=True)):
         mine = (depth_mm == depth) & (radius_mm == radius)
         a_over_h, w_over_h = radius / gel.thickness_mm, depth / gel.thickness_mm
-        model = profile_model(nu, a_over_h, w_over_h)
+        model = profile_model(nu, a_over_h, deepest=w_over_h)
         if not 0 < w_over_h < model.deepest:
             continue
         for table, (of_nu, rubs) in zip(

@@ -81,7 +81,7 @@ def _growth(state: State, data: Observations) -> Floats:
     """dK0/da (N,), N/mm^2: the slope of the layer's stiffness over its radius, at this state's own stiffness."""
     nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
     a, h = state.radius_mm, state.thickness_mm
-    inner, outer = (punch_stiffness(1.0, nu, a * (1 + side), h) for side in (-STEP, STEP))
+    inner, outer = (punch_stiffness(1.0, nu, radius_mm=a * (1 + side), thickness_mm=h) for side in (-STEP, STEP))
     return np.asarray(state.stiffness_N_per_mm * (outer - inner) / (outer + inner) / (STEP * a))
 
 

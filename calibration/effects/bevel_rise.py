@@ -89,5 +89,5 @@ def supposed(data: Observations) -> Observations:
 def _rise(poisson_ratio: float, radius_mm: float, distance_mm: float | None, thickness_mm: float) -> float:
     if distance_mm is None:
         return 0.0
-    rise, _ = exact_profile(distance_mm / radius_mm, poisson_ratio, radius_mm / thickness_mm)
+    rise, _ = exact_profile(distance_mm / radius_mm, poisson_ratio, a_over_h=radius_mm / thickness_mm)
     return float(rise)

@@ -59,15 +59,15 @@ class Recovery(EffectBase):
         """Soften by what is left."""
         elastic = state.force_N
         if data.is_curves:
-            lost = values[0] * carried(elastic, values[1], data)
+            lost = values[0] * carried(elastic, values[1], data=data)
         else:
             lost = values[0] * elastic * memory(data, values[1])[data.press]
         return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))
 
 
-def carried(force_N: Floats, time_s: float, data: Observations) -> Floats:
+def carried(force_N: Floats, time_s: float, *, data: Observations) -> Floats:
     """q (N,) of a branch that each spot keeps from press to press."""
-    fresh = relaxed(force_N, time_s, data)
+    fresh = relaxed(force_N, time_s, data=data)
     ends = np.append(data.first[1:], data.size) - 1
     largest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12)
     spot = spots(data)

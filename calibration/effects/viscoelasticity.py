@@ -83,7 +83,7 @@ class Viscoelasticity(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Take the relaxed part off the force of a punch that is in contact, down to nothing."""
         lost = sum(
-            (g * relaxed(state.force_N, tau, data) for g, tau in values.reshape(-1, 2)), np.zeros(data.size)
+            (g * relaxed(state.force_N, tau, data=data) for g, tau in values.reshape(-1, 2)), np.zeros(data.size)
         )
         elastic = state.force_N
         return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))

@@ -51,15 +51,15 @@ def identify(fitted: Fit) -> Identified:
     nu, source = _poisson(fitted, others, assumptions)
     c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
-    surplus = sticking_range(fitted, nu, radius, assumptions)
+    surplus = sticking_range(fitted, nu, radius=radius, assumptions=assumptions)
     others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
     modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
     for other in others:
         assert other.fitted is not None
         own = other.fitted.estimate("poisson_ratio")
         spread = _spread(other.fitted, own, radius)
-        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, other.share)
-        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, other.share)
+        modulus = holding(modulus, _modulus(spread, own, 0.0, "MPa").interval95, share=other.share)
+        reduced = holding(reduced, _modulus(spread.reduced(), own, 0.0, "MPa").interval95, share=other.share)
     return Identified(
         youngs_modulus=modulus,
         poisson_ratio=nu,
@@ -68,7 +68,7 @@ def identify(fitted: Fit) -> Identified:
         beta=bend_of(fitted, radius),
         source=source,
         covariance=_covariance(fitted, radius),
-        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius),
+        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius),
         assumptions=tuple(assumptions),
     )
 
@@ -152,11 +152,11 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
 def _reaching(nu: Estimate, others: Sequence[Rival]) -> Estimate:
     for other in others:
         theirs = SILICONE_NU if other.fitted is None else other.fitted.estimate("poisson_ratio").interval95
-        nu = holding(nu, theirs, other.share)
+        nu = holding(nu, theirs, share=other.share)
     return nu
 
 
-def holding(one: Estimate, other: Pair | None, share: float = 1.0) -> Estimate:
+def holding(one: Estimate, other: Pair | None, *, share: float = 1.0) -> Estimate:
     """The estimate with an interval that reaches to another one's ends, or this share of the way."""
     if one.interval95 is None or other is None:
         return one
@@ -164,7 +164,7 @@ def holding(one: Estimate, other: Pair | None, share: float = 1.0) -> Estimate:
     return replace(one, interval95=(low + share * min(other[0] - low, 0), high + share * max(other[1] - high, 0)))
 
 
-def sticking_range(fitted: Fit, nu: Estimate, radius: float, assumptions: list[str]) -> float:
+def sticking_range(fitted: Fit, nu: Estimate, *, radius: float, assumptions: list[str]) -> float:
     """By what share E may be lower because the gel sticks; 0 where the presses were lubricated."""
     if fitted.data.lubricated:
         assumptions.append("the presses were lubricated: no friction")
@@ -187,7 +187,7 @@ def _line(fitted: Fit, values: Floats, radius: float) -> Pair:
     sharp = float(np.median(stiffness[fitted.data.radius_mm == radius]))
     nu, beta = (float(values[fitted.index(name)]) for name in ("poisson_ratio", beta_name(fitted, radius)))
     edge = stated_edge_mm(fitted, radius) or 0.0
-    start, slope = straight_line(fitted, radius, edge, poisson_ratio=nu, beta=beta)
+    start, slope = straight_line(fitted, radius, edge_mm=edge, poisson_ratio=nu, beta=beta)
     return sharp * start, slope
 
 
@@ -256,7 +256,7 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
 
 def _unit(fitted: Fit, nu: float, radius: float) -> float:
     thickness = np.array([fitted.data.gel.thickness_mm])
-    return float(punch_stiffness(1.0, float(nu), np.array([radius]), thickness)[0])
+    return float(punch_stiffness(1.0, float(nu), radius_mm=np.array([radius]), thickness_mm=thickness)[0])
 
 
 def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estimate:
@@ -275,7 +275,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
     return Estimate(mean, std, (low / (1 + surplus), high), unit)
 
 
-def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, radius: float) -> tuple[Pair, ...]:
+def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, *, radius: float) -> tuple[Pair, ...]:
     """(nu, E in MPa) for each of `poisson_ratios` (n,), at the fitted stiffness of `radius` in mm."""
     modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
     stiffness = modulus * _unit(fitted, nu, radius)

@@ -140,13 +140,13 @@ def fit(
     parameters = whole.parameters(data)
     points = _starts(whole, data) if starts is None else np.atleast_2d(starts)
     start = points[0]
-    about, stated = linearise(whole, start, data)
-    current = noise or first_noise(data, about, stated)
+    about, stated = linearise(whole, start, data=data)
+    current = noise or first_noise(data, about, stated=stated)
     for turn in range(MAX_ITERATIONS if noise is None else 2):
         problem = Problem(whole, data, parameters, Whitener(data, current, about))
         found = problem.solve(points)
         values = problem.full(found.values)
-        about, stated = linearise(whole, values, data)
+        about, stated = linearise(whole, values, data=data)
         points = values[None]
         if noise is None and turn < MAX_ITERATIONS - 1:
             current = _noise_of(problem, values, about, stated)
@@ -159,14 +159,14 @@ def refit(fitted: Fit, data: Observations) -> Fit:
     return fit(fitted.model, data, noise=fitted.noise, starts=fitted.values[None], tolerances=False)
 
 
-def linearise(model: Model, values: Floats, data: Observations) -> tuple[Linear, bool]:
+def linearise(model: Model, values: Floats, *, data: Observations) -> tuple[Linear, bool]:
     """Force (N,) in N, slope (N,) in N/mm and noise (N,) about parameters (p,); whether that noise was stated."""
     slope = model.slope(values, data)
     base, stated = base_noise(data, slope)
     return Linear(model.predict(values, data), slope, base), stated
 
 
-def first_noise(data: Observations, about: Linear, stated: bool) -> Noise:
+def first_noise(data: Observations, about: Linear, *, stated: bool) -> Noise:
     """The noise assumed before there is a residual."""
     scale = 1.0 if stated else UNKNOWN_SHARE * float(np.max(np.abs(data.normal_N)))
     shared = data.is_curves
@@ -208,13 +208,13 @@ class Problem:
 
     def solve(self, starts: Floats, *, tolerance: float = 1e-10) -> Minimum:
         """The best minimum from `starts` (s, p) of all parameters."""
-        return minimise(self.residual, starts[:, self.free], self.box, tolerance=tolerance)
+        return minimise(self.residual, starts[:, self.free], box=self.box, tolerance=tolerance)
 
     def jacobian(self, values: Floats) -> Floats:
         """d force/d parameter (N, p) without whitening; 0 for what is held."""
         free = self.free
         table = np.zeros((self.data.size, free.size))
-        table[:, free] = differentiate(self._force, values[free], self.box)
+        table[:, free] = differentiate(self._force, values[free], box=self.box)
         return table
 
     @property

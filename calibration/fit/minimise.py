@@ -44,7 +44,7 @@ class Box:
 QUICK = 1e-7  # a tolerance at or above this is content with one-sided derivatives
 
 
-def minimise(residual: Residual, starts: Floats, box: Box, *, tolerance: float = 1e-10) -> Minimum:
+def minimise(residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10) -> Minimum:
     """The best of the minima reached from `starts` (s, p), which are moved inside the box.
 
     A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits.
@@ -61,7 +61,7 @@ def minimise(residual: Residual, starts: Floats, box: Box, *, tolerance: float =
     return best
 
 
-def differentiate(residual: Residual, values: Floats, box: Box) -> Floats:
+def differentiate(residual: Residual, values: Floats, *, box: Box) -> Floats:
     """Jacobian (n, p), residual per unit of each value (p,): central differences, one-sided near a bound."""
     step = 6e-6 * np.maximum(np.abs(values), box.scale)  # cube root of the machine epsilon
     columns = []
@@ -94,7 +94,7 @@ def _descend(residual: Residual, start: Floats, box: Box, tolerance: float) -> M
     def slope(values: Floats) -> Floats:
         if tolerance >= QUICK:
             return _one_sided(residual, values, box)
-        return differentiate(residual, values, box)
+        return differentiate(residual, values, box=box)
 
     solution = least_squares(
         residual,
@@ -130,7 +130,7 @@ def _polish(residual: Residual, found: Minimum, box: Box) -> Minimum:
     slack = 1e-9 * found.chi2  # the sum of squares itself is only known to rounding
     if not float(better @ better) <= found.chi2 + slack:
         return found
-    return Minimum(values, better, differentiate(residual, values, box), found.at_bound, found.evaluations + 1)
+    return Minimum(values, better, differentiate(residual, values, box=box), found.at_bound, found.evaluations + 1)
 
 
 def _inside(start: Floats, box: Box) -> Floats:

@@ -14,7 +14,7 @@ from tactilevision.records import CertifiedPoint, Indenter
 NAN = float("nan")
 
 
-def own_depth_std(point: CertifiedPoint, indenter: Indenter, recording: RecordingLike) -> float:
+def own_depth_std(point: CertifiedPoint, indenter: Indenter, *, recording: RecordingLike) -> float:
     """The part of the depth's std that no other press shares: without the machined height's and the rise's."""
     whole = point.depth_std_mm
     if not np.isfinite(whole):

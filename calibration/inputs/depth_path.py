@@ -61,7 +61,9 @@ def _drawn(data: Observations) -> _Course:
     branch, times, depths, samples, after = ways(data), list[Floats](), list[Floats](), list[Floats](), 0.0
     for start, end, speed in zip(data.first, [*data.first[1:], data.size], data.presses.speed_mm_s, strict=True):
         one = slice(start, end)
-        time, depth = with_corners(data.time_s[one], data.depth_mm[one], branch[one], float(speed))
+        time, depth = with_corners(
+            data.time_s[one], data.depth_mm[one], branch=branch[one], speed_mm_s=float(speed)
+        )
         if _coming(time, depth, float(speed)):
             time, depth = np.append(time[0] - COMING_S, time), np.append(depth[0] - speed * COMING_S, depth)
         if (going := _leaving(time, depth, int(branch[end - 1]), float(speed))) is not None:
@@ -90,7 +92,7 @@ def _leaving(time_s: Floats, depth_mm: Floats, last: int, speed_mm_s: float) -> 
 
 
 def with_corners(
-    time_s: Floats, depth_mm: Floats, branch: Ints, speed_mm_s: float = np.nan
+    time_s: Floats, depth_mm: Floats, *, branch: Ints, speed_mm_s: float = np.nan
 ) -> tuple[Floats, Floats]:
     """Time (n,) in s and depth (n,) in mm of one press, with the corners between its phases put in."""
     ways = {LOAD: speed_mm_s, UNLOAD: -speed_mm_s}

@@ -96,7 +96,7 @@ def _point_touches(measured: Measured, number: int) -> Iterator[_Touch]:
             force_N=np.array([[finite_or(point.fx_N), finite_or(point.fy_N), point.fz_N]]),
             phase=np.array(["load"]),
             temperature_C=np.array([row.temperature_C]),
-            depth_std_mm=np.array([own_depth_std(point, indenter, recording)]),
+            depth_std_mm=np.array([own_depth_std(point, indenter, recording=recording)]),
             force_std_N=np.array([point.fz_std_N]),
             reconstructed_mm=np.array([point.details.reconstructed_depth_mm]),
             reconstructed_std_mm=np.array([point.details.reconstructed_std_mm]),

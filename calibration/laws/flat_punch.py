@@ -75,8 +75,9 @@ class FlatPunch(Composable):
         """c and the force on the state's own radius and thickness."""
         climbing = max(self.sticking, state.sticking)
         sharp, begun = (
-            where.factor * punch_stiffness(values[0], values[1], where.radius_mm, where.thickness_mm)
-            for where in (state, on_its_edge(state, values[1], climbing))
+            where.factor
+            * punch_stiffness(values[0], values[1], radius_mm=where.radius_mm, thickness_mm=where.thickness_mm)
+            for where in (state, on_its_edge(state, values[1], sticking=climbing))
         )
         if self.sticking:
             ratios = np.unique(data.presses.radius_mm) / data.gel.thickness_mm
@@ -93,7 +94,7 @@ class FlatPunch(Composable):
         return replace(state, stiffness_N_per_mm=sharp, force_N=begun * depth * bracket)
 
 
-def on_its_edge(state: State, poisson_ratio: float, sticking: float = 0.0) -> State:
+def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) -> State:
     """The contact's radius in place of the punch's where the edge is rounded, its share of force in `factor`."""
     if not np.any(state.edge_mm > 0):
         return state
@@ -104,7 +105,7 @@ def on_its_edge(state: State, poisson_ratio: float, sticking: float = 0.0) -> St
         radius[mine], met = rounded_contact(
             state.depth_mm[mine],
             outer,
-            edge,
+            edge_mm=edge,
             thickness_mm=thickness,
             poisson_ratio=poisson_ratio,
             sticking=sticking,
@@ -184,5 +185,7 @@ def starting_modulus(data: Observations) -> float:
     deep = data.depth_mm > 0.5 * np.max(data.depth_mm)
     per_depth = float(np.median(data.normal_N[deep] / data.depth_mm[deep]))
     radius, thickness = float(np.median(data.radius_mm)), data.gel.thickness_mm
-    unit = float(punch_stiffness(1.0, NOMINAL_NU, np.array([radius]), np.array([thickness]))[0])
+    unit = float(
+        punch_stiffness(1.0, NOMINAL_NU, radius_mm=np.array([radius]), thickness_mm=np.array([thickness]))[0]
+    )
     return max(per_depth / unit / 1.1, 1e-4)

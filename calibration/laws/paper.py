@@ -43,7 +43,7 @@ class Paper(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """P = c w (1 + beta w/h), c in proportion to the radius."""
-        met = on_its_edge(state, NOMINAL_NU, state.sticking)
+        met = on_its_edge(state, NOMINAL_NU, sticking=state.sticking)
         stiffness = values[0] * met.factor * met.radius_mm / np.min(data.presses.radius_mm)
         beta = values[1:][radius_number(data)]
         depth = np.maximum(state.depth_mm, 0)
@@ -56,13 +56,13 @@ def poisson_from_beta(beta: float) -> float:
     return SLOPE * float(np.log(beta)) + OFFSET if beta > 0 else float("nan")
 
 
-def modulus_from(c_N_per_mm: float, beta: float, radius_mm: float) -> float:
+def modulus_from(c_N_per_mm: float, beta: float, *, radius_mm: float) -> float:
     """E in MPa by the published route; NaN where its nu leaves [0, 0.5)."""
     nu = poisson_from_beta(beta)
-    return modulus_at(c_N_per_mm, nu, radius_mm) if 0 <= nu < 0.5 else float("nan")
+    return modulus_at(c_N_per_mm, nu, radius_mm=radius_mm) if 0 <= nu < 0.5 else float("nan")
 
 
-def modulus_at(c_N_per_mm: float, poisson_ratio: float, radius_mm: float) -> float:
+def modulus_at(c_N_per_mm: float, poisson_ratio: float, *, radius_mm: float) -> float:
     """E in MPa at a given nu, with kappa at a/h = 0.8."""
     kappa = float(fast_kappa(poisson_ratio, A_OVER_H))
     return c_N_per_mm * (1 - poisson_ratio**2) / (2 * radius_mm * kappa)

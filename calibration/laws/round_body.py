@@ -54,7 +54,7 @@ def round_parameters(data: Observations, body_of: Callable[[Indenter], Body]) ->
     return (modulus, poisson_parameter(data.gel, free=False), beta)
 
 
-def apply_round(state: State, values: Floats, data: Observations, body_of: Callable[[Indenter], Body]) -> State:
+def apply_round(state: State, values: Floats, *, data: Observations, body_of: Callable[[Indenter], Body]) -> State:
     """The state with force (N,) in N and slope (N,) in N/mm, on its own radius and thickness."""
     force = _force(state, values, data, body_of)
     step = STIFFNESS_STEP * np.maximum(state.depth_mm, 1e-3)

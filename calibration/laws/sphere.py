@@ -33,7 +33,7 @@ class Sphere(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Force, and its slope over depth."""
-        return apply_round(state, values, data, _body)
+        return apply_round(state, values, data=data, body_of=_body)
 
 
 def _body(indenter: Indenter) -> Ball:

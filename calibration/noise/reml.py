@@ -72,10 +72,10 @@ def _likelihood(
     weighing = Weighing(data, about, alike)
     taken = weighing.take(columns)
     product = weighing.product(taken, taken)
-    return lambda noise: minus_two_log_likelihood(noise, weighing, product, precision=precision)
+    return lambda noise: minus_two_log_likelihood(noise, weighing, product=product, precision=precision)
 
 
-def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product, *, precision: Floats) -> float:
+def minus_two_log_likelihood(noise: Noise, weighing: Weighing, *, product: Product, precision: Floats) -> float:
     """-2 ln L (1) of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
 
     `precision` (p, p) is that of the priors, in the parameters' own units.

@@ -67,7 +67,9 @@ class Drawn:
     picture: Picture | None
 
 
-def diagnosis_page(title: str, found: Diagnosis, figures: Sequence[Picture], cards: Sequence[Drawn] = ()) -> str:
+def diagnosis_page(
+    title: str, found: Diagnosis, *, figures: Sequence[Picture], cards: Sequence[Drawn] = ()
+) -> str:
     """The whole page."""
     return page.page(
         title,

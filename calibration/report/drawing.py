@@ -73,7 +73,7 @@ def _line(fitted: Fit, radius_mm: float, name: str) -> FittedLine:
         at_depth = (replace(data, depth_mm=np.full(data.size, depth)) for depth in depths)
         return np.array([fitted.model.predict(values, one)[row] for one in at_depth])
 
-    jacobian = differentiate(force, fitted.values, _box(fitted))
+    jacobian = differentiate(force, fitted.values, box=_box(fitted))
     std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, fitted.covariance, jacobian))
     return FittedLine(name, depths, force(fitted.values), std, data.gel.thickness_mm)
 
@@ -88,7 +88,7 @@ def _box(fitted: Fit) -> Box:
     )
 
 
-def residual_panels(fitted: Fit, scored: Sequence[Scored], most: int = 8) -> list[Panel]:
+def residual_panels(fitted: Fit, scored: Sequence[Scored], *, most: int = 8) -> list[Panel]:
     """The covariates that tell most, with the residual in its own std."""
     seen = {c.name: c for c in seen_covariates(at_denoised_depth(fitted))}
     residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)

@@ -67,8 +67,8 @@ def source_in_words(result: CalibrationResult) -> str:
 def calibration_page(
     title: str,
     result: CalibrationResult | None,
-    points: Sequence[CertifiedPoint],
     *,
+    points: Sequence[CertifiedPoint],
     figures: Sequence[Picture] = (),
     presses: Sequence[Picture] = (),
     notes: Sequence[str] = (),

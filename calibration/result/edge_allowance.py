@@ -29,7 +29,7 @@ def allow_for_edge(result: CalibrationResult) -> CalibrationResult:
     stated = [i.edge_radius_mm for i in data.indenters if i.radius_mm == radius]
     if all(edge is not None for edge in stated):
         return result
-    share = usual_softening(result.fitted, radius, SILICONE_NU[1] if nu is None else nu)
+    share = usual_softening(result.fitted, radius, poisson_ratio=SILICONE_NU[1] if nu is None else nu)
     edge = data.gel.thickness_mm * EDGE_OVER_H
     said = (
         f"no edge radius is stated: E may be higher by up to {100 * share:.1f} % where the punch's edge is "

@@ -48,12 +48,12 @@ class JointPicture:
 def joint_picture(result: CalibrationResult) -> JointPicture:
     """The joint region of a fit of the default law, with what each route to nu says."""
     radius = main_radius(result.fitted)
-    surplus = sticking_range(result.fitted, result.poisson_ratio, radius, [])
-    softer = usual_softening(result.fitted, radius, result.poisson_ratio.value or SILICONE_NU[1])
+    surplus = sticking_range(result.fitted, result.poisson_ratio, radius=radius, assumptions=[])
+    softer = usual_softening(result.fitted, radius, poisson_ratio=result.poisson_ratio.value or SILICONE_NU[1])
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
     grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
-    curve = np.array(modulus_of_nu(result.fitted, grid, radius))
+    curve = np.array(modulus_of_nu(result.fitted, grid, radius=radius))
     relative = _relative_std(result)
     if nu is None or modulus is None:
         across = np.linspace(*SILICONE_NU, STEPS)
@@ -77,7 +77,7 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
 
 def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
     """E (n,) at the fitted stiffness."""
-    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius_mm))[:, 1]
+    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius=radius_mm))[:, 1]
 
 
 def _relative_std(result: CalibrationResult) -> float:

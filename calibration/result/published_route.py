@@ -27,19 +27,24 @@ def published_route(fitted: Fit) -> CalibrationResult:
         "c": (lambda c, b: ratio * c, "N/mm"),
         "beta": (lambda c, b: b, "1"),
         "nu": (lambda c, b: poisson_from_beta(b), "1"),
-        "E": (lambda c, b: modulus_from(ratio * c, b, radius), "MPa"),
-        "reduced": (lambda c, b: modulus_from(ratio * c, b, radius) / (1 - poisson_from_beta(b) ** 2), "MPa"),
+        "E": (lambda c, b: modulus_from(ratio * c, b, radius_mm=radius), "MPa"),
+        "reduced": (
+            lambda c, b: modulus_from(ratio * c, b, radius_mm=radius) / (1 - poisson_from_beta(b) ** 2),
+            "MPa",
+        ),
     }
     gradients = {name: _gradient(fitted, route, radius) for name, (route, _) in routes.items()}
     found = {name: _estimate(fitted, *routes[name], gradients[name], radius) for name in routes}
     rows = np.array([gradients[name] for name in ("E", "nu", "c", "beta")])
     c, beta = found["c"], found["beta"]
     assert c.value is not None
-    outside = beta_outside_theory(beta, replace(found["nu"], interval95=None), radius / data.gel.thickness_mm)
+    outside = beta_outside_theory(
+        beta, replace(found["nu"], interval95=None), a_over_h=radius / data.gel.thickness_mm
+    )
     return CalibrationResult(
         youngs_modulus=found["E"], poisson_ratio=found["nu"], poisson_ratio_source="beta", c=c, beta=beta,
         reduced_modulus=found["reduced"],
-        youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius)) for nu in NU_TABLE),
+        youngs_modulus_of_nu=tuple((nu, modulus_at(c.value, nu, radius_mm=radius)) for nu in NU_TABLE),
         covariance=np.asarray(rows @ fitted.covariance @ rows.T), law="paper", r_squared=r_squared(fitted),
         rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted), clock_offset=NO_CLOCK,
         fitted=fitted, presses_accepted=data.presses.label,

@@ -20,7 +20,7 @@ NU = (0.40, 0.45, 0.48, 0.4999)  # at which SURPLUS was computed
 SURPLUS = (0.10, 0.47, 1.00, 1.45)  # k(nu) of the equation above, by finite elements
 
 
-def stuck_surplus(poisson_ratio: float, radius_over_h: Floats | float, w_over_h: Floats) -> Floats:
+def stuck_surplus(poisson_ratio: float, radius_over_h: Floats | float, *, w_over_h: Floats) -> Floats:
     """P_stick/P_free - 1 of a ball, any shape."""
     return np.asarray(np.interp(poisson_ratio, NU, SURPLUS) * np.square(w_over_h) * radius_over_h)
 
@@ -39,7 +39,7 @@ def stuck_shift(fitted: Fit) -> float:
         ]
     )
     nu = float(fitted.values[fitted.index("poisson_ratio")])
-    surplus = fitted.force_N * stuck_surplus(nu, radius / data.gel.thickness_mm, strain)
+    surplus = fitted.force_N * stuck_surplus(nu, radius / data.gel.thickness_mm, w_over_h=strain)
     prior = fitted.parameters[k].prior
     held = 0.0 if prior is None else fitted.rms_error_N / prior.std
     matrix = np.vstack([fitted.jacobian[:, [e, k]], [0.0, held]])

@@ -23,7 +23,7 @@ def stated_edge_mm(fitted: Fit, radius_mm: float) -> float | None:
     return max(known) if edges and len(known) == len(edges) else None
 
 
-def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_ratio: float, beta: float) -> Pair:
+def straight_line(fitted: Fit, radius_mm: float, *, edge_mm: float, poisson_ratio: float, beta: float) -> Pair:
     """Intercept over the sharp punch's c, and slope over intercept, of the line through P/w at this radius."""
     h = fitted.data.gel.thickness_mm
     depth = fitted.data.depth_mm[(fitted.data.radius_mm == radius_mm) & (fitted.data.depth_mm > 0)]
@@ -32,7 +32,7 @@ def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_rati
     met, share = rounded_contact(
         depth,
         radius_mm,
-        edge_mm,
+        edge_mm=edge_mm,
         thickness_mm=h,
         poisson_ratio=poisson_ratio,
         sticking=float(not fitted.data.lubricated),
@@ -43,14 +43,16 @@ def straight_line(fitted: Fit, radius_mm: float, edge_mm: float, *, poisson_rati
     return float(start), float(slope / start)
 
 
-def usual_softening(fitted: Fit, radius_mm: float, poisson_ratio: float) -> float:
+def usual_softening(fitted: Fit, radius_mm: float, *, poisson_ratio: float) -> float:
     """By what share E may be higher because an edge that is not stated is rounded as machined ones are."""
     if not isinstance(fitted.model.law, FlatPunch) or stated_edge_mm(fitted, radius_mm) is not None:
         return 0.0
     edge = EDGE_OVER_H * fitted.data.gel.thickness_mm
-    start, _ = straight_line(fitted, radius_mm, edge, poisson_ratio=poisson_ratio, beta=0.0)
+    start, _ = straight_line(fitted, radius_mm, edge_mm=edge, poisson_ratio=poisson_ratio, beta=0.0)
     return max(1 / start - 1, 0.0)
 
 
 def _stiffness(poisson_ratio: float, radius_mm: Floats, thickness_mm: float) -> Floats:
-    return punch_stiffness(1.0, poisson_ratio, radius_mm, np.full(radius_mm.size, thickness_mm))
+    return punch_stiffness(
+        1.0, poisson_ratio, radius_mm=radius_mm, thickness_mm=np.full(radius_mm.size, thickness_mm)
+    )

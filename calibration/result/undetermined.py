@@ -15,8 +15,8 @@ Rejected = tuple[tuple[str, str], ...]
 def unfixed_as_json(
     gel: Gel | None,
     points: Sequence[CertifiedPoint],
-    why: str,
     *,
+    why: str,
     law: str,
     clock_offset: Estimate | None = None,
     warnings: Sequence[str] = (),

@@ -161,7 +161,7 @@ def _of_default(fitted: Fit) -> CalibrationResult:
     radius, lines = main_radius(fitted), own_lines(fitted)
     beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
     h_mm = fitted.data.gel.thickness_mm
-    outside = beta_outside_theory(beta, known.poisson_ratio, radius / h_mm)
+    outside = beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
     c, bend = next((c, bend) for one, c, bend in lines if one == radius)
     deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
     return CalibrationResult(

@@ -85,8 +85,8 @@ class Comparison:
 def compare(
     data: Observations,
     effects: Sequence[Effect | str],
-    rng: np.random.Generator,
     *,
+    rng: np.random.Generator,
     bulge: Estimate | None = None,
 ) -> Comparison:
     """The base law, then with each effect added on top of those before.
@@ -106,7 +106,7 @@ def compare(
             continue
         larger = model + effect
         try:
-            one = evaluate(larger, data, rng)
+            one = evaluate(larger, data, rng=rng)
         except Exception as fault:  # a private effect may raise anything; the next one may still do
             left_out.append((effect.key, str(fault) or type(fault).__name__))
             continue
@@ -133,7 +133,7 @@ def base_model(data: Observations) -> Model:
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 
 
-def evaluate(model: Model, data: Observations, rng: np.random.Generator) -> Compared:
+def evaluate(model: Model, data: Observations, *, rng: np.random.Generator) -> Compared:
     """Fit one model and look at what it leaves."""
     return judge(refit_with_pure_noise(fit(model, data)), rng)
 
@@ -141,7 +141,7 @@ def evaluate(model: Model, data: Observations, rng: np.random.Generator) -> Comp
 def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
     """What a fit leaves, in and out of sample."""
     data = fitted.data
-    residual, errors = score_test(fitted, (), rng), fit_errors(fitted)
+    residual, errors = score_test(fitted, (), rng=rng), fit_errors(fitted)
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(

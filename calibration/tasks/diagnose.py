@@ -116,13 +116,15 @@ def _diagnosed(
     for effect in known:
         model = model + effect
     parts = 1 if seen is None else 2
-    found_there = forward_selection(fit_alone(model, data), catalogue, rng, level=LEVEL / parts)
+    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts)
     force = _against_instrument_errors(
         _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
     )
     sight = None
     if seen is not None:
-        sight = _outcome(forward_selection(seen, sighted(seen.data), rng, level=LEVEL / parts), LEFT_LEVEL / parts)
+        sight = _outcome(
+            forward_selection(seen, sighted(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
+        )
     return _determine(force, sight, catalogue, rng)
 
 
@@ -193,14 +195,14 @@ def _determine(
     missing = {key: why for key, why in missing.items() if key not in candidates}
     errors = _errors(base, fitted)
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
-    small = hidden(fitted, [e for e in looked if e.key not in candidates], missing, visible)
+    small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
     return Diagnosis(
         verdict=_verdict(both, flags),
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
         candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
         after=after, covariates=force.searched.last.covariates, score_test=force.searched.first.effects,
         measure_next=plan_next(
-            base, [one.sets for one in both], both[0].odd, left, instead=instead, bias=small.bias
+            base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
         would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
@@ -233,7 +235,7 @@ def _material(
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
     """What the last fit makes `alone`, E's interval reaching to each candidate's and over what may be unseen."""
     force, sight = both
-    averaged, unseen = average_models(alone.youngs_modulus, force.fitted, catalogue)
+    averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
     after = replace(
         after,

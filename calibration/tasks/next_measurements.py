@@ -18,9 +18,9 @@ SURE = 10.0  # std: one that brings more is no better for it
 def plan_next(
     base: Fit,
     sets: Sequence[Sequence[tuple[Candidate, ...]]],
+    *,
     odd: OutlyingPresses,
     left: Unexplained | None,
-    *,
     instead: Sequence[Candidate],
     bias: Mapping[str, float],
 ) -> tuple[NextMeasurement, ...]:
@@ -34,7 +34,7 @@ def plan_next(
     plans = [plan for group in open_sets for plan in manual_checks.of_candidates(group)]
     for group in sets[0] or ([tuple(instead)] if instead else []):  # of forces: a picture is no press
         if len(group) > 1:
-            plans += measure_next(base, group[0], group[1:])
+            plans += measure_next(base, group[0], rivals=group[1:])
             break
     worth = [plan for plan in plans if plan.separation_sigma > WORTH]
     worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)

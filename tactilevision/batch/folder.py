@@ -106,7 +106,7 @@ class DepthJob:
         std_mm = np.full(height.depth_mm.shape, np.nan) if height.std_mm is None else height.std_mm
         fields = {MAPS: height} | ({STDS: replace(height, depth_mm=std_mm)} if self.with_std else {})
         if self.scratch is not None:
-            write_frame(self.scratch, number, {f"{kind}_mm": masked(one) for kind, one in fields.items()})
+            write_frame(self.scratch, number, fields={f"{kind}_mm": masked(one) for kind, one in fields.items()})
             return
         for kind, one in fields.items():
             write_tiff(self._path(name, kind), one, quantity=QUANTITIES[kind])
@@ -150,9 +150,9 @@ def reconstruct_folder(
         if scratch is not None:
             about = {"mm_per_px": list(sensor.mm_per_px), "quantity": "depth into the gel"}
             fields = dict.fromkeys((f"{kind}_mm" for kind in kinds), "mm")
-            begin_frames(scratch, names, fields, shape=(sensor.height_px, sensor.width_px), about=about)
+            begin_frames(scratch, names, fields=fields, shape=(sensor.height_px, sensor.width_px), about=about)
 
-    done = run_job(recording, job, journal, workers=workers, progress=progress, begin=begin)
+    done = run_job(recording, job, journal=journal, workers=workers, progress=progress, begin=begin)
     rows = tuple(FrameResult.of(row) for row in done)
     if scratch is not None:
         end_frames(scratch, out / STORE)

@@ -91,8 +91,8 @@ class Journal:
 def run_job(
     recording: Recording,
     job: Job,
-    journal: Journal,
     *,
+    journal: Journal,
     workers: int | None = None,
     progress: Progress | None = None,
     begin: Callable[[], None] | None = None,

@@ -39,7 +39,7 @@ def assemble_certificate(measurements: RecordingMeasurements) -> Certificate:
         if name not in measurements.clock_outliers and all(one.reason == "dropped_frames" for one in against)
     ]
     ratios = {name: pile_up.ratio for name, pile_up in pile_ups.items()}
-    events = apply_travel_scale(measurements, events, ratios, sound)
+    events = apply_travel_scale(measurements, events, pile_up_ratios=ratios, sound=sound)
     evidence = _press_evidence(measurements, events, pile_ups)
     findings = _findings(measurements, evidence)
     points = _points(measurements, events, pile_ups, evidence, findings)
@@ -92,7 +92,7 @@ def _with_presses(
     seen = [(evidence[point.press], point) for point in certificate.points if point.press in evidence]
     scale = certificate.depth_scale
     curves = [
-        press_curve(one.track, one.force, point, touch=one.touch, offset_s=one.offset_s, depth_scale=scale)
+        press_curve(one.track, one.force, point=point, touch=one.touch, offset_s=one.offset_s, depth_scale=scale)
         for one, point in seen
     ]
     recording, reconstructor = measurements.recording, measurements.reconstructor
@@ -100,7 +100,8 @@ def _with_presses(
         certificate,
         curves=tuple(curve for curve in curves if curve is not None),
         evidence={
-            point.press: evidence_of(recording, reconstructor, one, findings[point.press]) for one, point in seen
+            point.press: evidence_of(recording, reconstructor, press_evidence=one, findings=findings[point.press])
+            for one, point in seen
         },
     )
 
@@ -110,7 +111,8 @@ def _findings(
 ) -> dict[str, tuple[Finding, ...]]:
     statistics = recording_statistics(press_evidence)
     return {
-        name: _clock_finding(measurements, name) + rejection_reasons(evidence, statistics, measurements.forces)
+        name: _clock_finding(measurements, name)
+        + rejection_reasons(evidence, statistics, forces=measurements.forces)
         for name, evidence in press_evidence.items()
     }
 
@@ -144,7 +146,7 @@ def _evidence(
     if touch is not None and touch.onset.gain > DETECTION_CHI2:
         event_s = touch.time_s
     elif events is not None and window is not None and np.isfinite(expected):
-        due = force_crossing(window, float(events.bevel_contact.law.force(expected)), 0.0)
+        due = force_crossing(window, float(events.bevel_contact.law.force(expected)), level_std_N=0.0)
         event_s = due.time_s - measurements.offset_s if due is not None else float("nan")
     return PressEvidence(track=track, force=window, touch=touch, event=event, event_s=event_s, depth_mm=expected,
                 distance_mm=events.bevel_contact.distance_mm if events else track.indenter.bevel_distance_mm,

@@ -55,19 +55,21 @@ def certify(recording: Recording, reconstructor: Reconstructs, *, progress: Prog
     assert forces is not None
     offset = _first_offset(recording, forces, tracks)
     windows = _windows(recording, forces, tracks, offset.value or 0.0)
-    bevel_contacts = search_bevel_contacts(tracks, windows, offset.value or 0.0)
+    bevel_contacts = search_bevel_contacts(tracks, windows, offset_s=offset.value or 0.0)
     if recording.clock_offset_s is None and offset.value is not None:
         # again, now that the frames that feel the bevel are known
         level = subtract_tares(forces, (window.tare for window in windows.values() if window is not None))
         seen = _seen(tracks, windows, bevel_contacts, recording.sensor.gel)
         offset = estimate_offset(list(seen.values()), level, start_s=offset.value)
         windows = _windows(recording, forces, tracks, offset.value or 0.0)
-        bevel_contacts = search_bevel_contacts(tracks, windows, offset.value or 0.0, before=bevel_contacts)
-    offset, notes = allow_for_repeats(offset, repeated_share(repeats), recording.frame_times_s)
+        bevel_contacts = search_bevel_contacts(
+            tracks, windows, offset_s=offset.value or 0.0, before=bevel_contacts
+        )
+    offset, notes = allow_for_repeats(offset, repeated_share(repeats), times_s=recording.frame_times_s)
     clock_outliers = {}
     if offset.value is not None:
         clock_outliers = clock_jumps(
-            _seen(tracks, windows, bevel_contacts, recording.sensor.gel), forces, offset.value
+            _seen(tracks, windows, bevel_contacts, recording.sensor.gel), forces, offset_s=offset.value
         )
         notes = (*notes, *clock_jump_warnings(clock_outliers))
     rest_s = dict(zip(tracks, rests(recording.presses), strict=True))
@@ -109,7 +111,7 @@ def _track_all(
         first, last = free_span(recording.presses, k)
         first, last = max(first, press.start_s - _MARGIN_S), min(last, press.end_s + _MARGIN_S)
         near = _look_ahead(recording, reconstructor, (first, last), indenter)
-        frames = iter_frames(recording, first, last)
+        frames = iter_frames(recording, first, end_s=last)
         if recording.frames_path is not None and recording.frames_path.is_file():
             frames = note_repeats(frames, repeats)
         found[press.press] = track(frames, reconstructor, press=press, indenter=indenter, near=near)
@@ -127,7 +129,7 @@ def _look_ahead(
         return None
     best, top = None, 0.0
     for row in rows[np.linspace(0, rows.size - 1, _TRIAL_FRAMES).astype(int)]:
-        frame = next(iter_frames(recording, float(times[row]), float(times[row])))
+        frame = next(iter_frames(recording, float(times[row]), end_s=float(times[row])))
         face = None if isinstance(frame, BadFrame) else find_footprint(reconstructor.height_map(frame), indenter)
         if face is not None and face.depth_mm > top:
             best, top = face, face.depth_mm

@@ -19,7 +19,11 @@ from tactilevision.records import HeightMap, Pair
 
 
 def evidence_of(
-    recording: Recording, reconstructor: Reconstructs, press_evidence: PressEvidence, findings: tuple[Finding, ...]
+    recording: Recording,
+    reconstructor: Reconstructs,
+    *,
+    press_evidence: PressEvidence,
+    findings: tuple[Finding, ...],
 ) -> Evidence:
     """Evidence of one press; its event's frame is read and reconstructed once more.
 

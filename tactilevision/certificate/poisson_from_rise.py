@@ -57,10 +57,10 @@ class _Slopes:
     depth_mm: float
 
 
-def fit_nu(recording: Recording, reconstructor: Reconstructor, certificate: Certificate) -> SurfaceFit | None:
+def fit_nu(recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate) -> SurfaceFit | None:
     """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
     gel = recording.sensor.gel
-    views = surfaces_beside_punch(recording, reconstructor, certificate) if gel is not None else []
+    views = surfaces_beside_punch(recording, reconstructor, certificate=certificate) if gel is not None else []
     if gel is None or not views:
         return None
     settings = SurfaceFitSettings(
@@ -77,10 +77,10 @@ def fit_nu(recording: Recording, reconstructor: Reconstructor, certificate: Cert
 
 
 def with_nu(
-    recording: Recording, reconstructor: Reconstructor, certificate: Certificate
+    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
 ) -> tuple[Certificate, Estimate | None]:
     """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel."""
-    found, gel = fit_nu(recording, reconstructor, certificate), recording.sensor.gel
+    found, gel = fit_nu(recording, reconstructor, certificate=certificate), recording.sensor.gel
     if found is None or gel is None:
         return certificate, None
     if found.left_out:
@@ -89,10 +89,10 @@ def with_nu(
     stated = math.inf if gel.poisson_ratio is None else gel.poisson_ratio_std or STATED_STD
     if (found.poisson_ratio.std or math.inf) > stated:
         return certificate, found.poisson_ratio
-    return with_pile_up(certificate, recording, found.poisson_ratio), found.poisson_ratio
+    return with_pile_up(certificate, recording, poisson_ratio=found.poisson_ratio), found.poisson_ratio
 
 
-def with_pile_up(certificate: Certificate, recording: Recording, poisson_ratio: Estimate) -> Certificate:
+def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:
     """The certificate with the bevel's touch corrected by the rise that belongs to this Poisson's ratio.
 
     The rise that the frames show stays part of it. As it is where nu has no value or the bevel's place is unknown.
@@ -111,7 +111,7 @@ def with_pile_up(certificate: Certificate, recording: Recording, poisson_ratio: 
             continue
         pile_up = combine(old.seen, computed)
         if indenter.bevel_distance_mm is None:
-            pile_up = blur_place(pile_up, known, indenter, distance_mm=distance)
+            pile_up = blur_place(pile_up, known, indenter=indenter, distance_mm=distance)
         depth = point.depth_uncorrected_mm / (1 + pile_up.ratio)
         scale_std, tilt_std = point.details.travel_scale_std, point.details.tilt_std_mm
         std = depth_std(
@@ -129,7 +129,7 @@ def with_pile_up(certificate: Certificate, recording: Recording, poisson_ratio: 
 
 
 def surfaces_beside_punch(
-    recording: Recording, reconstructor: Reconstructor, certificate: Certificate
+    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
 ) -> list[SurfaceView]:
     """One view for each accepted press of a flat cylinder that left a curve and a footprint.
 
@@ -199,7 +199,7 @@ def _view(
     x = (np.arange(columns) - (columns - 1) / 2)[None, :] * scale[0] - face.centre_mm[0]
     y = (np.arange(rows) - (rows - 1) / 2)[:, None] * scale[1] - face.centre_mm[1]
     beside = (np.hypot(x, y) > indenter.radius_mm + WALL_MM) & (slopes.share > SOUND)
-    depth = weighted(slopes.dz_dx, slopes.dz_dy, beside.astype(np.float64), mm_per_px=scale)
+    depth = weighted(slopes.dz_dx, slopes.dz_dy, weights=beside.astype(np.float64), mm_per_px=scale)
     if indenter.bevel is not None:
         along = SIDES[indenter.bevel]
         start = indenter.bevel_distance_mm or indenter.radius_mm + 2 * BEFORE_BEVEL_MM

@@ -75,7 +75,7 @@ class RecordingStatistics:
 
 
 def rejection_reasons(
-    evidence: PressEvidence, statistics: RecordingStatistics, forces: ForceSeries
+    evidence: PressEvidence, statistics: RecordingStatistics, *, forces: ForceSeries
 ) -> tuple[Finding, ...]:
     """All that speaks against a press, the main reason first."""
     findings = [check(evidence, statistics, forces) for check in ORDER]

@@ -97,7 +97,7 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     gel, certificate = taken.recording.sensor.gel, taken.certificate
     clock, notes = (certificate.clock_offset, certificate.warnings) if certificate else (None, ())
     warnings = (*taken.recording.warnings, *notes)
-    return unfixed_as_json(gel, taken.points, why, law=law, clock_offset=clock, warnings=warnings)
+    return unfixed_as_json(gel, taken.points, why=why, law=law, clock_offset=clock, warnings=warnings)
 
 
 def _write(outcome: Outcome, folder: Path) -> None:
@@ -114,13 +114,15 @@ def _write(outcome: Outcome, folder: Path) -> None:
         write_curves(folder, certificate.curves)
     write_json(folder / "calibration.json", outcome.content)
     with console.progress_bar("drawing") as progress:
-        fits = pictures.of_fit(result, taken.points, folder) if result is not None else []
-        presses = pictures.of_presses(recording, certificate, folder, progress) if certificate else []
+        fits = pictures.of_fit(result, taken.points, folder=folder) if result is not None else []
+        presses = (
+            pictures.of_presses(recording, certificate, folder=folder, progress=progress) if certificate else []
+        )
     notes = [*recording.warnings, *(certificate.warnings if certificate else ())]
     title, why = f"Calibration of {recording.name}", str(outcome.fault)
     write_text(
         folder / "report.html",
-        calibration_page(title, result, taken.points, figures=fits, presses=presses, notes=notes, why=why),
+        calibration_page(title, result, points=taken.points, figures=fits, presses=presses, notes=notes, why=why),
     )
 
 

@@ -66,7 +66,7 @@ def depth(
             branches = reconstruct_tree(
                 path,
                 out,
-                read=lambda one: source.open_branch(one, sensor, reference),
+                read=lambda one: source.open_branch(one, sensor, reference=reference),
                 light=light,
                 form=form.value,
                 workers=workers,
@@ -77,10 +77,10 @@ def depth(
         content = {"passed_over": refused, "faces_certified": False}
         _tell(rows, out, f"SOURCE/{maps}")
     else:
-        recording = source.open_source(path, sensor, reference)
+        recording = source.open_source(path, sensor, reference=reference)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
-            anchor = source.open_face_correction(recording, reconstructor, calibration)
+            anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
         with console.progress_bar("frames") as progress:
             rows = reconstruct_folder(
                 recording,

@@ -71,8 +71,11 @@ def diagnose(
         if apply:
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
-        pictures = evidence(found, surfaces, stage)
-        write_text(stage / "report.html", diagnosis_page(title, found, pictures, drawn_cards(found, own, stage)))
+        pictures = evidence(found, surfaces, folder=stage)
+        write_text(
+            stage / "report.html",
+            diagnosis_page(title, found, figures=pictures, cards=drawn_cards(found, own, folder=stage)),
+        )
     console.warn(found.after.warnings)
     console.say(*summary(found), f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
@@ -99,7 +102,7 @@ def compare(
     own = _private(private)
     taken, bulge = _with_nu(take(recordings))
     rng = np.random.default_rng(seed)
-    found = method.compare(_data(taken), [*_known(known), *own], rng, bulge=bulge)
+    found = method.compare(_data(taken), [*_known(known), *own], rng=rng, bulge=bulge)
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]
@@ -108,7 +111,7 @@ def compare(
         write_json(stage / "comparison.json", found.as_json())
         _keep_history(recordings, steps, stage, out)
         drawn = draw.draw_waterfall(
-            names, [model.held_out_N for model in found.models], found.models[-1].repeatability_N
+            names, [model.held_out_N for model in found.models], repeatability_N=found.models[-1].repeatability_N
         )
         style.save_png(drawn, stage / "error.png")
     console.say(*(_model_line(name, model) for name, model in zip(names, found.models, strict=True)))

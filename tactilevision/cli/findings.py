@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"
 
 
-def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> list[Picture]:
+def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], *, folder: Path) -> list[Picture]:
     """Where the model fails, how the error falls, what the picture says, what can be told apart."""
     from calibration.report.drawing import confusability, drawn_points, fitted_lines, own_offsets, residual_panels
     from tactilevision.plots import diagnosis as draw
@@ -30,21 +30,29 @@ def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> 
         words = (
             "How far each press lies from the others, as an offset of its depth; red: it cannot be one of them."
         )
-        kept.append(keep(draw.draw_offsets(offsets), folder / "presses.png", words))
+        kept.append(keep(draw.draw_offsets(offsets), folder / "presses.png", caption=words))
     panels = draw.draw_residuals(residual_panels(found.base, found.covariates_before))
     kept.append(
-        keep(panels, folder / "residuals.png", f"What the plain law leaves, the most telling first ({RED_IS}).")
+        keep(
+            panels,
+            folder / "residuals.png",
+            caption=f"What the plain law leaves, the most telling first ({RED_IS}).",
+        )
     )
     names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
     if len(found.held_out) > 1:
-        fall = draw.draw_waterfall(names[: len(found.held_out)], found.held_out, found.errors.floor)
+        fall = draw.draw_waterfall(
+            names[: len(found.held_out)], found.held_out, repeatability_N=found.errors.floor
+        )
         words = "Error on presses left out of the fit; dashed: the repeatability, how far like presses scatter."
-        kept.append(keep(fall, folder / "error.png", words))
+        kept.append(keep(fall, folder / "error.png", caption=words))
     kept += _of_the_picture(found, reliefs, folder)
     for name, fitted in (("before", found.base), ("after", found.fitted)):
         if name == "before" or fitted is not found.base:
             drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
-            kept.append(keep(drawn, folder / f"fit_{name}.png", f"The measurements and the model, {name}."))
+            kept.append(
+                keep(drawn, folder / f"fit_{name}.png", caption=f"The measurements and the model, {name}.")
+            )
     table = confusability(found)
     if table is not None:
         drawn = draw.draw_confusability(*table)
@@ -52,7 +60,7 @@ def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Path) -> 
             keep(
                 drawn,
                 folder / "confusability.png",
-                "By how many std each row's effect, if it "
+                caption="By how many std each row's effect, if it "
                 "is there, parts from the best that the column's could do instead; below 3 they look alike.",
             )
         )
@@ -70,15 +78,15 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Pa
             "The depth that the picture gives, of each face and of the slopes beside it, over the certified one;"
         )
         words = f"{words} 1 is right. {picture_lacks(found)}".strip()
-        kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png", words))
+        kept.append(keep(draw.draw_sighting(seen), folder / "reconstructed.png", caption=words))
     for number, one in enumerate(reliefs):
         p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
-        drawn = draw.draw_residual_map(one.residual_mm, one.axis, one.count)
-        kept.append(keep(drawn, folder / f"height_map_{number}.png", f"What the height maps leave ({p})."))
+        drawn = draw.draw_residual_map(one.residual_mm, one.axis, count=one.count)
+        kept.append(keep(drawn, folder / f"height_map_{number}.png", caption=f"What the height maps leave ({p})."))
     return kept
 
 
-def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> list[Drawn]:
+def drawn_cards(found: Diagnosis, private: Sequence[Effect], *, folder: Path) -> list[Drawn]:
     """Each candidate with what it would leave, over what is left."""
     from calibration.report.diagnosis_report import Drawn
     from calibration.report.drawing import cards
@@ -89,7 +97,7 @@ def drawn_cards(found: Diagnosis, private: Sequence[Effect], folder: Path) -> li
         picture = None
         if card.overlay is not None:
             words = f"What the plain law leaves, and what {_words(card.key)} alone would."
-            picture = keep(draw_overlay(card.overlay), folder / "candidates" / f"{card.key}.png", words)
+            picture = keep(draw_overlay(card.overlay), folder / "candidates" / f"{card.key}.png", caption=words)
         made.append(Drawn(card, picture))
     return made
 

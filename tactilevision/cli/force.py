@@ -47,14 +47,14 @@ def force(
 
     material = read_material(calibration)
     offset = read_clock_offset(calibration)
-    recording = source.open_source(path, sensor, reference)
+    recording = source.open_source(path, sensor, reference=reference)
     if recording.sensor.gel is not None:
         check_gel(calibration, recording.sensor.gel)
     with console.progress_bar("calibrating the light"):
         reconstructor = source.open_reconstructor(recording, method)
     console.warn([*recording.warnings, *reconstructor.warnings])
-    anchor = source.open_face_correction(recording, reconstructor, calibration)
-    job = replace(force_job(recording, reconstructor, material, out, form=form.value), anchor=anchor)
+    anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
+    job = replace(force_job(recording, reconstructor, material=material, out=out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
     read = [row for row in rows if row.read]
@@ -64,7 +64,7 @@ def force(
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
-    beside = write_beside(recording, rows, out / "beside")
+    beside = write_beside(recording, rows, folder=out / "beside")
     if beside is not None:
         console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
     content |= {"sensitivity": _figures(recording, job, rows, out / "figures", most=pictures)}
@@ -151,7 +151,7 @@ def _figures(
     strength = _strength(rows)
     for number in moments.telling(recording, strength, most=most):
         solved = job.solve(read_frame(recording, number))
-        figure = draw.draw_force(solved.found, solved.height, solved.shear)
+        figure = draw.draw_force(solved.found, solved.height, shear=solved.shear)
         style.save_png(figure, folder / f"{Path(rows[number].frame).stem}_force.png")
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:

@@ -56,7 +56,7 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     if taken.certificate is None or taken.reconstructor is None:
         return taken, None
     with console.progress_bar("reading the gel beside the punch"):
-        certificate, found = with_nu(taken.recording, taken.reconstructor, taken.certificate)
+        certificate, found = with_nu(taken.recording, taken.reconstructor, certificate=taken.certificate)
     return replace(taken, certificate=certificate), found
 
 

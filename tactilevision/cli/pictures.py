@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from tactilevision.records import CertifiedPoint
 
 
-def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], folder: Path) -> list[Picture]:
+def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: Path) -> list[Picture]:
     """Force against depth with the fitted law, and E over nu."""
     from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
     words = "Certified points and the fitted law; bars and bands are 95 % intervals."
-    return [keep(drawn, folder / "fit.png", words), _material(result, folder / "material.png")]
+    return [keep(drawn, folder / "fit.png", caption=words), _material(result, folder / "material.png")]
 
 
 def _material(result: CalibrationResult, path: Path) -> Picture:
@@ -37,7 +37,7 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
     words = "One punch fixes the curve; what is known of ν picks the part of it."
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
-        return keep(indentation.draw_material(*plain), path, words)
+        return keep(indentation.draw_material(*plain), path, caption=words)
     from calibration.result.joint_region import joint_picture
     from tactilevision.plots.joint import draw_joint
 
@@ -45,10 +45,12 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
     routes = [(band.name, band.interval, band.used) for band in seen.bands]
     words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks,"
     words += " where no edge is stated up to a rounded one."
-    return keep(draw_joint(seen.curve, seen.region, seen.best, routes=routes), path, words)
+    return keep(draw_joint(seen.curve, seen.region, best=seen.best, routes=routes), path, caption=words)
 
 
-def of_presses(recording: Recording, certificate: Certificate, folder: Path, progress: Progress) -> list[Picture]:
+def of_presses(
+    recording: Recording, certificate: Certificate, *, folder: Path, progress: Progress
+) -> list[Picture]:
     """One strip for each press that left evidence."""
     from tactilevision.errors import RecordingError
     from tactilevision.recording import read_frame
@@ -64,13 +66,13 @@ def of_presses(recording: Recording, certificate: Certificate, folder: Path, pro
                     rgb = rectify(recording.sensor, read_frame(recording, evidence.frame_index).rgb)
                 except RecordingError:
                     rgb = None  # a torn frame has no picture; the strip says so
-            figure = draw_press(evidence, point, rgb)
+            figure = draw_press(evidence, point, rgb=rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
             pictures.append(
                 keep(
                     figure,
                     folder / "presses" / picture_name(point.press, number),
-                    f"Press {point.press}: " + (words or "nothing against it."),
+                    caption=f"Press {point.press}: " + (words or "nothing against it."),
                 )
             )
         progress(number, len(certificate.points))
@@ -92,7 +94,7 @@ def of_history(rows: Sequence[HistoryRow], folder: Path) -> None:
     style.save_png(drawn, folder / "history.png")
 
 
-def keep(figure: Figure, path: Path, caption: str) -> Picture:
+def keep(figure: Figure, path: Path, *, caption: str) -> Picture:
     """Write a figure and give it to the report."""
     style.save_png(figure, path)
     return Picture(style.data_uri(path), caption)

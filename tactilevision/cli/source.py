@@ -30,7 +30,7 @@ MethodOption = Annotated[
 ]
 
 
-def open_source(path: Path, sensor: str | None, reference: Path | None) -> Recording:
+def open_source(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
     """Read a recording, or a bare folder of frames where its sensor and reference are named."""
     from tactilevision.recording import layout, read_folder, read_recording, require
 
@@ -47,12 +47,12 @@ def is_tree(path: Path) -> bool:
     return path.is_dir() and find_sources(path) not in ((path,), ())
 
 
-def open_branch(path: Path, sensor: str | None, reference: Path | None) -> Recording:
+def open_branch(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
     """A source in a tree: a recording knows its own sensor and reference."""
     from tactilevision.recording import layout
 
     own = (path / layout.SETTINGS).is_file()
-    return open_source(path, None if own else sensor, None if own else reference)
+    return open_source(path, None if own else sensor, reference=None if own else reference)
 
 
 def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
@@ -67,14 +67,14 @@ def open_reconstructor(recording: Recording, method: str | None) -> Reconstructo
 
 
 def open_face_correction(
-    recording: Recording, reconstructor: Reconstructor, calibration: Path | None
+    recording: Recording, reconstructor: Reconstructor, *, calibration: Path | None
 ) -> FaceDepthCorrection:
     """What holds the faces of presses that `calibration` certified; a warning where it knows too few."""
     from tactilevision.certificate.depth.face_depth import NO_CORRECTION, face_depth_correction, read_certified
 
     if calibration is None:
         return NO_CORRECTION
-    anchor = face_depth_correction(recording, reconstructor, read_certified(calibration))
+    anchor = face_depth_correction(recording, reconstructor, certified=read_certified(calibration))
     if anchor is NO_CORRECTION:
         points = calibration.parent / "points.csv"
         console.warn([f"{points} certifies too few faces of this recording: depths are the picture's own"])

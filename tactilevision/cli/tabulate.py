@@ -53,7 +53,7 @@ def tabulate(
             bar(progress.done, progress.total, f"({_words(progress.left_s)} left)")
 
         now = solve(cases, folder, workers=workers, report=report)
-    merge(cases, folder, out / "punch.npz", notes={"grid": _card(grid)})
+    merge(cases, folder, out=out / "punch.npz", notes={"grid": _card(grid)})
     console.say(f"{len(cases)} cases, {now} of them solved now; wrote {out / 'punch.npz'}, its card and punch.csv")
     console.hand_over({"cases": len(cases), "solved_now": now, "table": str(out / "punch.npz")}, json)
 

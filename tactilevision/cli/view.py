@@ -61,7 +61,7 @@ def view(
     if _is_tiff(path):
         height = _read_tiff(path, mm_per_px)
     else:
-        opened = _Opened(source.open_source(path, sensor, reference), method)
+        opened = _Opened(source.open_source(path, sensor, reference=reference), method)
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
@@ -106,7 +106,7 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
         "normals": draw.draw_normals(height),
     }
     if rgb is not None:
-        figures["frame"] = draw.draw_overlay(rgb, height, None)
+        figures["frame"] = draw.draw_overlay(rgb, height, footprint=None)
     if other is not None:
         title = f"{height.name} minus {other.name}"
         figures[f"minus_{Path(other.name).stem}"] = draw.draw_difference(other, height, title=title)

@@ -37,7 +37,7 @@ def strip_places(reach_mm: float) -> Floats:
     return np.linspace(-count, count, 2 * count + 1) * STEP_MM
 
 
-def strip(field: npt.NDArray[Any], centre_px: Pair, px_per_mm: Pair, *, side: str, reach_mm: float) -> Floats:
+def strip(field: npt.NDArray[Any], centre_px: Pair, *, px_per_mm: Pair, side: str, reach_mm: float) -> Floats:
     """Mean of `field` (H, W[, C]) over the strip's width at strip_places(reach_mm), (S[, C]); NaN out of view."""
     s, t = np.meshgrid(strip_places(reach_mm), np.arange(-HALF_WIDTH_MM, HALF_WIDTH_MM + 1e-9, STEP_MM))
     along, across = SIDES[side], (-SIDES[side][1], SIDES[side][0])
@@ -82,7 +82,7 @@ def _mean(strips: Floats, s: Floats, first: float, last: float) -> Floats | None
 
 
 def picture_signal(
-    colours: Floats, s: Floats, depth_mm: Floats, *, distance_mm: float, onset: Onset
+    colours: Floats, s: Floats, *, depth_mm: Floats, distance_mm: float, onset: Onset
 ) -> Floats | None:
     """Change of the colours (N, S, 3) beside the bevel's edge, along the change that follows a first onset.
 

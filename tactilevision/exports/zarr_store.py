@@ -45,8 +45,8 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
 def begin_frames(
     scratch: Path,
     frames: Sequence[str],
-    fields: Mapping[str, str],
     *,
+    fields: Mapping[str, str],
     shape: tuple[int, int],
     about: Mapping[str, Any],
 ) -> None:
@@ -64,7 +64,7 @@ def begin_frames(
         listed[:] = names
 
 
-def write_frame(scratch: Path, number: int, fields: Mapping[str, Singles]) -> None:
+def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
     """One frame's fields; (rows, columns) each."""
     with told_as_output(scratch):
         group = _opened(str(scratch))

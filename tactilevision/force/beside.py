@@ -23,7 +23,7 @@ from tactilevision.records import Curve, Press
 MIN_COUNT = 4  # frames of a press that make a curve
 
 
-def write_beside(recording: Recording, rows: Sequence[FrameForce], folder: Path) -> Path | None:
+def write_beside(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
     """Write the recording of curves into `folder`; None where no press has enough frames with both."""
     presses, curves = [], []
     for press in recording.presses:

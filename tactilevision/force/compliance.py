@@ -50,7 +50,7 @@ class GelCompliance:
     def normal_block(self, cells: Cells) -> Floats:
         """(C, C), depth by pressure."""
         block = self.layer.normal_block(cells)
-        return block if self.sides is None else self.sides.add_normal(block, self.grid, cells)
+        return block if self.sides is None else self.sides.add_normal(block, self.grid, cells=cells)
 
     def depth(self, cells: Cells, traction: Floats) -> Floats:
         """Depth (rows, columns) everywhere that `traction` (3 or 1, C) at `cells` makes; sides left out."""
@@ -94,7 +94,9 @@ class GelCompliance:
             return none
         normal_alone = len(like) == len(cells)
         return (
-            sides.add_normal(none, self.grid, cells) if normal_alone else sides.add(none, self.grid, cells, cells)
+            sides.add_normal(none, self.grid, cells=cells)
+            if normal_alone
+            else sides.add(none, self.grid, cells, cells)
         )
 
     @cached_property

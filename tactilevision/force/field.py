@@ -107,11 +107,11 @@ class ForceField:
         """Whether anything may touch: quick, so that a free gel costs no shear. Raises as a call does."""
         if self.compliance is None:
             self.compliance = self._set_up(height.depth_mm.shape)
-        seen = observe(self.compliance.grid, height, None, noise=self._noise, inside=self.compliance.inside)
-        return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)) > 0
+        seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
+        return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
 
     def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
-        grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, self.settings.spacing_mm)
+        grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, spacing_mm=self.settings.spacing_mm)
         nu, sides = self.material.poisson_ratio, self.settings.sides
         made = gel_compliance(self.gel, grid, poisson_ratio=nu, sides=sides)
         if self.material.covariance is not None:
@@ -120,10 +120,10 @@ class ForceField:
 
     def _free(self, compliance: GelCompliance, height: HeightMap, shear: ShearMap | None) -> TractionMap:
         grid = compliance.grid
-        seen = observe(grid, height, shear, noise=self._noise, inside=compliance.inside)
+        seen = observe(grid, height, shear=shear, noise=self._noise, inside=compliance.inside)
         flags = list(seen.flags)
         flags += [] if compliance.inside.mean() > MAX_OF_VIEW else [SMALL_GEL]
-        cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, seen.known)
+        cells = candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)
         found = self._solve(compliance, seen, cells) if len(cells) else None
         if found is not None and len(found.cells):
             more = self._overlooked(compliance, seen, cells, found)
@@ -148,16 +148,18 @@ class ForceField:
         near = cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8))
         moved = compliance.depth(found.cells, found.traction)
         left = seen.displacement_mm[-1] - moved
-        return overlooked_cells(left, moved, seen.depth_std_mm, seen.known & (near == 0))
+        return overlooked_cells(left, moved, std_mm=seen.depth_std_mm, usable=seen.known & (near == 0))
 
     def _solve(self, compliance: GelCompliance, seen: Observation, cells: Cells) -> Solution:
         u = seen.displacement_mm.reshape(len(seen.displacement_mm), -1)[:, cells]
         nu, adhesive = self.material.poisson_ratio, self.settings.adhesive
         if len(u) == 1:
             return solve_normal(
-                compliance, cells, u[0], float(seen.std_mm[0]), poisson_ratio=nu, adhesive=adhesive
+                compliance, cells, depth_mm=u[0], std_mm=float(seen.std_mm[0]), poisson_ratio=nu, adhesive=adhesive
             )
-        return solve_all(compliance, cells, u, seen.std_mm, poisson_ratio=nu, adhesive=adhesive)
+        return solve_all(
+            compliance, cells, displacement_mm=u, std_mm=seen.std_mm, poisson_ratio=nu, adhesive=adhesive
+        )
 
     def _report(
         self,
@@ -170,7 +172,7 @@ class ForceField:
         grid, parts = compliance.grid, len(found.traction)
         stiffer, by_share = self._stiffening(compliance, seen, found)
         scale = self.material.youngs_modulus_MPa * stiffer
-        weights = wrench_weights(grid, found.cells, parts) * np.tile(scale, parts)
+        weights = wrench_weights(grid, found.cells, parts=parts) * np.tile(scale, parts)
         total = weights @ found.traction.ravel()
         noise = np.repeat(seen.std_mm, len(found.cells))
         variance = self._seen_variance(grid, seen, found, weights, noise)
@@ -213,8 +215,8 @@ class ForceField:
             deep = depth_factors(
                 compliance.grid,
                 found.cells,
-                found.traction[-1],
-                seen.displacement_mm,
+                pressure=found.traction[-1],
+                displacement_mm=seen.displacement_mm,
                 gel=self.gel,
                 poisson_ratio=self.material.poisson_ratio,
             )
@@ -230,8 +232,8 @@ class ForceField:
         stuck = solve_all(
             compliance,
             found.cells,
-            held,
-            np.repeat(seen.std_mm[-1:], 3),
+            displacement_mm=held,
+            std_mm=np.repeat(seen.std_mm[-1:], 3),
             poisson_ratio=self.material.poisson_ratio,
             adhesive=True,
         )

@@ -51,7 +51,9 @@ def force_folder(
     clear_leftovers(store.out)
     seen = way_of_reading(recording, job.reconstructor.height_map)
     journal = Journal(store.out / JOURNAL, fingerprint_of(recording, store, seen, *_what_decides(job)))
-    done = run_job(recording, job, journal, workers=workers, progress=progress, begin=lambda: store.begin(names))
+    done = run_job(
+        recording, job, journal=journal, workers=workers, progress=progress, begin=lambda: store.begin(names)
+    )
     readings = Readings(recording, clock_offset_s)
     rows = tuple(beside(FrameForce.of(row), readings) for row in done)
     store.end(names, [number for number, row in enumerate(rows) if row.read])
@@ -60,8 +62,15 @@ def force_folder(
     return rows
 
 
-def force_job(recording: Recording, reconstructor: Reconstructor, material: Material, out: Path | str, *,
-              settings: ForceSettings | None = None, form: Form = "npz") -> ForceJob:  # fmt: skip
+def force_job(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    material: Material,
+    out: Path | str,
+    settings: ForceSettings | None = None,
+    form: Form = "npz",
+) -> ForceJob:
     """All that a frame needs, made once: compliance, the untouched gel, and where tractions go.
 
     Shear is followed from the first frame of the untouched gel among the recording's references; without one, fx

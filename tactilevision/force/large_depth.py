@@ -33,9 +33,9 @@ THINNEST = 0.5  # of the thickness: deeper than that no factor is known
 def depth_factors(
     grid: NodeGrid,
     cells: np.ndarray[tuple[int], np.dtype[np.intp]],
+    *,
     pressure: Floats,
     displacement_mm: Floats,
-    *,
     gel: Gel,
     poisson_ratio: float,
 ) -> Floats:
@@ -58,7 +58,7 @@ def depth_factors(
     factor = patch_factor(
         np.sqrt(size * grid.cell_mm2 / np.pi),
         depth,
-        stretch,
+        stretch=stretch,
         thickness_mm=gel.thickness_mm,
         poisson_ratio=poisson_ratio,
     )
@@ -66,7 +66,7 @@ def depth_factors(
 
 
 def patch_factor(
-    radius_mm: Floats, depth_mm: Floats, stretch: Floats, *, thickness_mm: float, poisson_ratio: float
+    radius_mm: Floats, depth_mm: Floats, *, stretch: Floats, thickness_mm: float, poisson_ratio: float
 ) -> Floats:
     """The factor of each patch; arrays alike."""
     depth = np.clip(depth_mm, 0, THINNEST * thickness_mm)

@@ -48,7 +48,7 @@ class NodeGrid:
         return self.spacing_mm**2
 
 
-def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, spacing_mm: float) -> NodeGrid:
+def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) -> NodeGrid:
     """As many whole cells as fit into the view. Raises InputError on a scale or spacing that makes no grid."""
     if not all(np.isfinite(s) and s > 0 for s in mm_per_px):
         raise InputError(
@@ -73,7 +73,7 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, spacing_mm: float) -> No
     return NodeGrid(shape, float(spacing_mm), view_px, mm_per_px)
 
 
-def cell_means(grid: NodeGrid, picture: Array, valid: Bools | None) -> tuple[Floats, Bools]:
+def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[Floats, Bools]:
     """Mean of `picture` (H, W) over each cell, and whether enough of the cell is known. Unknown cells are 0."""
     if picture.shape != grid.view_px:
         raise InputError(
@@ -91,7 +91,7 @@ def cell_means(grid: NodeGrid, picture: Array, valid: Bools | None) -> tuple[Flo
     return np.divide(total, share, out=np.zeros(grid.shape), where=known), known
 
 
-def mean_std(grid: NodeGrid, std_mm: float, correlation_px: float) -> float:
+def mean_std(grid: NodeGrid, std_mm: float, *, correlation_px: float) -> float:
     """Standard deviation of a cell's mean where each pixel has `std_mm`, alike over `correlation_px` pixels."""
     pixels = grid.cell_mm2 / (grid.mm_per_px[0] * grid.mm_per_px[1])
     return float(std_mm) / float(np.sqrt(max(1.0, pixels / max(1.0, correlation_px) ** 2)))

@@ -49,7 +49,7 @@ class PixelNoise:
 
 
 def observe(
-    grid: NodeGrid, height: HeightMap, shear: ShearMap | None, *, noise: PixelNoise, inside: Bools
+    grid: NodeGrid, height: HeightMap, *, shear: ShearMap | None, noise: PixelNoise, inside: Bools
 ) -> Observation:
     """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
 
@@ -65,21 +65,21 @@ def observe(
         flags += [*shear.flags, "shear not used: known over less than half of the view, or of its deep part"]
         shear = None
     if shear is not None:
-        depth_px, finite = material_depth(depth_px, finite, shear)
-    depth, known = cell_means(grid, depth_px, finite)
+        depth_px, finite = material_depth(depth_px, finite, shear=shear)
+    depth, known = cell_means(grid, depth_px, valid=finite)
     known &= inside
     std, whole = _depth_std(grid, height, noise, depth, known)
     if shear is None:
         return Observation(depth[None], np.array([std]), known, tuple(flags), whole)
     fields = [_bridged(grid, u, shear.valid, flags) for u in (shear.u_x_mm, shear.u_y_mm)]
     own = _shear_std(grid, shear, depth, known)
-    side = mean_std(grid, own, shear.correlation_px)
+    side = mean_std(grid, own, correlation_px=shear.correlation_px)
     said = tuple(dict.fromkeys([*shear.flags, *flags]))
     alike = shear.correlation_px * float(np.mean(shear.mm_per_px))
     return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
 
 
-def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
+def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
     """Depth (H, W) of the material that was at each pixel of the untouched frame, and where it is known."""
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
@@ -105,7 +105,7 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
     return float(MAD_TO_STD * np.median(np.abs(usable)) / np.sqrt(6)) if usable.size else 0.0
 
 
-def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> float:
+def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
     """Robust size of the depths `away_mm` and more from whatever is half as deep as the deepest cell.
 
     There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
@@ -120,7 +120,7 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
 
-def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, away_mm: float) -> float:
+def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
     """By what factor, at least 1, the gel that lies still is farther from flat than the map's `std_mm` says.
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
@@ -152,15 +152,17 @@ def _depth_std(
     if stated is None and noise.std_mm is not None:
         stated = np.broadcast_to(np.float64(noise.std_mm), height.depth_mm.shape)
     if stated is None:
-        std = max(noise_of_cells(depth, known), unevenness(grid, depth, known, noise.away_mm))
+        std = max(noise_of_cells(depth, known), unevenness(grid, depth, known=known, away_mm=noise.away_mm))
         return std, np.full(grid.shape, std)
     at_cells = np.asarray(stated[_centres(grid)], dtype=np.float64)
     usual = float(np.median(at_cells[known])) if known.any() else 0.0
     at_cells = np.where(np.isfinite(at_cells), at_cells, usual)
-    share = mean_std(grid, 1.0, noise.correlation_px)
+    share = mean_std(grid, 1.0, correlation_px=noise.correlation_px)
     if share < 1:
         return share * usual, share * at_cells
-    return noise_of_cells(depth, known), at_cells * understated(grid, depth, at_cells, known, noise.away_mm)
+    return noise_of_cells(depth, known), at_cells * understated(
+        grid, depth, std_mm=at_cells, known=known, away_mm=noise.away_mm
+    )
 
 
 def _shear_std(grid: NodeGrid, shear: ShearMap, depth: Floats, known: Bools) -> float:
@@ -185,7 +187,7 @@ def _centres(grid: NodeGrid) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]
 
 def _bridged(grid: NodeGrid, field: Array, valid: Bools, flags: list[str]) -> Floats:
     """Cell means; a cell without shear takes that of the nearest cell that has it, and the map is flagged."""
-    means, known = cell_means(grid, field, valid)
+    means, known = cell_means(grid, field, valid=valid)
     if known.all():
         return means
     flags.append("shear bridged where markers are lost")

@@ -45,7 +45,7 @@ class TractionStore:
         """Make the scratch, empty."""
         if self.form == "zarr":
             units = dict.fromkeys(FIELDS, "MPa")
-            begin_frames(self.scratch, frames, units, shape=self.grid.shape, about=self._about())
+            begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
         shape = (len(frames), len(FIELDS), *self.grid.shape)
         np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
@@ -53,7 +53,7 @@ class TractionStore:
     def write(self, number: int, fields: dict[str, Singles]) -> None:
         """One frame's fields, (rows, columns) each."""
         if self.form == "zarr":
-            write_frame(self.scratch, number, fields)
+            write_frame(self.scratch, number, fields=fields)
             return
         stack = np.lib.format.open_memmap(self.scratch, mode="r+")
         stack[number] = np.stack([fields[name] for name in FIELDS])

@@ -40,7 +40,7 @@ class MeasuredForce:
             )
 
 
-def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], parts: int) -> Floats:
+def wrench_weights(grid: NodeGrid, cells: np.ndarray[tuple[int], np.dtype[np.intp]], *, parts: int) -> Floats:
     """(6, parts * C): force and moment by the tractions; parts is 3, or 1 for the normal one alone."""
     row, column = np.divmod(cells, grid.shape[1])
     x, y, one, none = grid.x_mm[column], grid.y_mm[row], np.ones(len(cells)), np.zeros(len(cells))

@@ -115,7 +115,7 @@ def _tukey(residual: Floats, scale_mm: float) -> Floats:
     return tukey_weight(residual, spread)
 
 
-def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
+def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
     """Centre x, y and radius, in the unit of the places (n,), robust to what lies off the circle.
 
     minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
@@ -125,14 +125,14 @@ def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, fl
     terms, squares = np.stack([x, y, np.ones_like(x)]), x * x + y * y
     keep = weight
     for _ in range(2):
-        a, b, c = weighted_solution(terms, squares, keep)
+        a, b, c = weighted_solution(terms, squares, weights=keep)
         radius = float(np.sqrt(max(c + 0.25 * (a * a + b * b), 1e-12)))
         off = np.sqrt((x - 0.5 * a) ** 2 + (y - 0.5 * b) ** 2) - radius
         keep = weight * geman_mcclure_weight(off, 2.0 * residual_std(off))
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
-def weighted_solution(terms: Floats, values: Floats, weights: Floats) -> Floats:
+def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
     """Weighted least squares (3,) of values (n,) in any unit over terms (3, n)."""
     heavy = terms * weights
     normal = heavy @ terms.T + STIFFENING

@@ -52,7 +52,7 @@ class CircularEdge:
     std: Floats
 
 
-def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[CircularEdge]:
     """Sharp round rims about regions that are anywhere steeper than `limit`."""
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
@@ -69,7 +69,7 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list
         at = at[:: max(1, len(at) // ENOUGH)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        rim = _measure(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
+        rim = _measure(slopes, mm_per_px, quick_circle(x, y, weight=squared.ravel()[at].astype(np.float64)))
         if rim is not None:
             found.append(rim)
     return found
@@ -155,7 +155,7 @@ def _waves(sectors: int) -> Floats:
 
 
 def window_of(
-    shape: tuple[int, ...], centre_mm: Pair, mm_per_px: Pair, outer_mm: float
+    shape: tuple[int, ...], centre_mm: Pair, *, mm_per_px: Pair, outer_mm: float
 ) -> tuple[tuple[slice, slice], Floats, Floats]:
     """Rows and columns within `outer_mm` of a centre, and their places x (1, w), y (h, 1) from it in mm."""
     (x0, x1), (y0, y1) = (
@@ -198,7 +198,10 @@ def _harmonics(places: Floats, good: npt.NDArray[np.bool_]) -> tuple[Floats, flo
     off = places - median(places)
     solution, scale = np.zeros(3), residual_std(off)
     for _ in range(4):
-        before, solution = solution, weighted_solution(terms, places, geman_mcclure_weight(off, 2.0 * scale))
+        before, solution = (
+            solution,
+            weighted_solution(terms, places, weights=geman_mcclure_weight(off, 2.0 * scale)),
+        )
         off = places - solution @ terms
         scale = residual_std(off)
         if np.abs(solution - before).max() < CONVERGENCE_TOL * scale:

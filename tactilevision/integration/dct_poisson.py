@@ -49,7 +49,7 @@ class TransformSolver:
 
     def divergence(self, dz_dx: Array, dz_dy: Array) -> Array:
         """Divergence (H, W) of slopes averaged onto the edges, (H, W) each."""
-        return edge_divergence(dz_dx, dz_dy, self.half)
+        return edge_divergence(dz_dx, dz_dy, half=self.half)
 
     def solve(self, right: Array) -> Array:
         """Depth (H, W) of mean 0 whose 5-point Laplacian is `right`, which sums to 0."""
@@ -69,7 +69,7 @@ class TransformSolver:
         return np.asarray(fft.idct(depth, axis=across, norm="ortho", overwrite_x=True))
 
 
-def edge_divergence(dz_dx: Array, dz_dy: Array, half: Array) -> Array:
+def edge_divergence(dz_dx: Array, dz_dy: Array, *, half: Array) -> Array:
     """Divergence (H, W) of slopes (H, W) averaged onto the edges: a central difference, halved at the borders.
 
     `half` (2,) is 1/2 over the step along x and y.

@@ -38,7 +38,7 @@ def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
             value=p.shape,
             remedy="Leave the border free.",
         )
-    right = edge_divergence(p, q, np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
+    right = edge_divergence(p, q, half=np.array([0.5 / step for step in mm_per_px]))[1:-1, 1:-1]
     bend = [
         (2.0 - 2.0 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))) / step**2
         for count, step in zip(right.shape, mm_per_px[::-1], strict=True)

@@ -61,7 +61,9 @@ def integrate(
     if known is not None:
         trust = np.where(known, trust, 0.0)
         dz_dx, dz_dy = np.where(known, dz_dx, 0.0), np.where(known, dz_dy, 0.0)
-    return weighted(dz_dx, dz_dy, trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(slopes.dz_dx.dtype)
+    return weighted(dz_dx, dz_dy, weights=trust, mm_per_px=mm_per_px, tolerance=tolerance).astype(
+        slopes.dz_dx.dtype
+    )
 
 
 def divergence(x_edges: Array, y_edges: Array, mm_per_px: Pair) -> Array:
@@ -86,8 +88,8 @@ def gradient(depth: Array, mm_per_px: Pair) -> tuple[Array, Array]:
 def weighted(
     dz_dx: Array,
     dz_dy: Array,
-    weights: Array,
     *,
+    weights: Array,
     mm_per_px: Pair,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
@@ -103,16 +105,22 @@ def weighted(
     target_y = np.where(w_y > 0, 0.5 * (dz_dy[1:] + dz_dy[:-1]), 0.0)
     w_x, w_y = np.maximum(w_x, FLOOR), np.maximum(w_y, FLOOR)
     return solve_edges(
-        target_x, target_y, w_x, w_y, mm_per_px=mm_per_px, tolerance=tolerance, max_iterations=max_iterations
+        target_x,
+        target_y,
+        w_x=w_x,
+        w_y=w_y,
+        mm_per_px=mm_per_px,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
     )
 
 
 def solve_edges(
     target_x: Array,
     target_y: Array,
+    *,
     w_x: Array,
     w_y: Array,
-    *,
     mm_per_px: Pair,
     tolerance: float = 1e-6,
     max_iterations: int = 500,

@@ -67,13 +67,13 @@ class PunchEdge:
     std_mm: float
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[PunchEdge]:
     """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
-    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit)]
+    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit=limit)]
     return [wall for wall in walls if wall is not None]
 
 
-def restore(slopes: SlopeMap, walls: list[PunchEdge], mm_per_px: Pair) -> None:
+def restore(slopes: SlopeMap, walls: list[PunchEdge], *, mm_per_px: Pair) -> None:
     """Put the law's slopes in place of those that the walls hide, in place.
 
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
@@ -82,7 +82,7 @@ def restore(slopes: SlopeMap, walls: list[PunchEdge], mm_per_px: Pair) -> None:
     half = 0.5 * min(mm_per_px)
     for wall in walls:
         outer, inner = wall.radius_mm + wall.reach_mm, wall.radius_mm + wall.places_mm[0]
-        window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px, outer)
+        window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -110,14 +110,14 @@ def _looked_up(wall: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]
 
 
 def restore_windows(
-    fine: Sequence[Planes], windows: Sequence[Window], valid: Bools, mm_per_px: Pair, limit: float
+    fine: Sequence[Planes], windows: Sequence[Window], *, valid: Bools, mm_per_px: Pair, limit: float
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     found = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        walls = find_punch_edges(slopes, mm_per_px, limit)
-        restore(slopes, walls, mm_per_px)
+        walls = find_punch_edges(slopes, mm_per_px, limit=limit)
+        restore(slopes, walls, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         found += [replace(wall, centre_mm=(wall.centre_mm[0] + left, wall.centre_mm[1] + top)) for wall in walls]
     return found

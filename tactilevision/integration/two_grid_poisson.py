@@ -45,7 +45,7 @@ class TwoGridPoisson:
         self.half = np.array([0.5 / step for step in mm_per_px], np.float32)
         self.bend = np.array([[0, along_y, 0], [along_x, -2 * (along_x + along_y), along_x], [0, along_y, 0]])
 
-    def coarse(self, slopes: Planes, windows: Sequence[Window], fine: Sequence[Planes]) -> Picture:
+    def coarse(self, slopes: Planes, windows: Sequence[Window], *, fine: Sequence[Planes]) -> Picture:
         """Depth (h, w), mean 0, of slopes (2, h, w) and of fine ones (2, rows, columns) for each window."""
         slopes = slopes.copy()
         for (rows, columns), inside in zip(windows, fine, strict=True):
@@ -55,7 +55,7 @@ class TwoGridPoisson:
             for plane, part in zip(slopes, inside, strict=True):
                 cut = part[: size[1] * self.px, : size[0] * self.px]
                 plane[top:down, left:across] = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
-        right = edge_divergence(slopes[0], slopes[1], self.half / np.float32(self.px))
+        right = edge_divergence(slopes[0], slopes[1], half=self.half / np.float32(self.px))
         if right.size > LARGE:
             return np.asarray(transform_solver(self.size, self.coarse_mm, "f").solve(right))
         return _solved(right, self.coarse_mm, ((True, True), (True, True)))
@@ -81,7 +81,7 @@ class TwoGridPoisson:
         if all(side for sides in free for side in sides):
             z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
             return
-        left = edge_divergence(p, q, self.half)
+        left = edge_divergence(p, q, half=self.half)
         left -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
         rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in free)
         z[rows, columns] += _solved(left[rows, columns], self.mm_per_px, (free[0], free[1]))

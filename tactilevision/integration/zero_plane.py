@@ -61,7 +61,7 @@ class ZeroPlane:
 
 
 def find_zero_plane(
-    depth: Depth, untouched: Bools, mm_per_px: Pair, *, thickness_mm: float | None = None
+    depth: Depth, untouched: Bools, *, mm_per_px: Pair, thickness_mm: float | None = None
 ) -> ZeroPlane:
     """The zero plane of `depth` (H, W); `untouched` (h, w) are blocks of it, a coarser picture of the same view.
 
@@ -100,7 +100,7 @@ def _places(count: int, dtype: str) -> Depth:
     return np.linspace(-1, 1, count).astype(dtype)
 
 
-def slope_of(zero: ZeroPlane, shape: tuple[int, ...], mm_per_px: Pair) -> Pair:
+def slope_of(zero: ZeroPlane, shape: tuple[int, ...], *, mm_per_px: Pair) -> Pair:
     """Slope (x, y) of the plane, mm per mm, over a picture (H, W)."""
     across, down = (step * (count - 1) for step, count in zip(mm_per_px, shape[::-1], strict=True))
     return 2.0 * zero.tilt_mm[0] / across, 2.0 * zero.tilt_mm[1] / down

@@ -68,7 +68,7 @@ def softening(
     return np.asarray(np.exp(np.where(d > nodes[-1], beyond, np.interp(d, nodes, line))))
 
 
-def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, poisson_ratio: float) -> Floats:
+def rim_share(depth_mm: npt.ArrayLike, contact: FlatContact, *, poisson_ratio: float) -> Floats:
     """What the pad's rim takes off P at a depth (any shape), over P on a pad of five thicknesses; 0 from there on.
 
     s at this distance, less what it is on such a pad, times the tabulated ratio. Within 10 % of itself. Raises

@@ -24,7 +24,7 @@ FAR = 12.0  # d/h that stands for infinity
 
 def write_table(path: Path = b.TABLE) -> None:
     """Solve the 250 linear problems and 384 presses behind the table and write it with its card; 20 minutes."""
-    linear = np.log(linear_shares(b.A_OVER_H_NODES, b.POISSON_NODES, b.DISTANCES))
+    linear = np.log(linear_shares(b.A_OVER_H_NODES, b.POISSON_NODES, distances=b.DISTANCES))
     deep = depth_ratios()
     with replacing(path) as temporary:
         np.savez(temporary, log_softening=linear, ratio=deep)
@@ -44,20 +44,20 @@ def write_table(path: Path = b.TABLE) -> None:
 
 
 def linear_shares(
-    a_over_h: tuple[float, ...], poisson_ratios: tuple[float, ...], distances: tuple[float, ...]
+    a_over_h: tuple[float, ...], poisson_ratios: tuple[float, ...], *, distances: tuple[float, ...]
 ) -> Floats:
     """s (a/h, nu, d/h) at small strain, the punch frictionless and sharp."""
     shape = len(a_over_h), len(poisson_ratios), len(distances) + 1
     grid = product(a_over_h, poisson_ratios, (*distances, FAR))
-    stiffness = np.array([stiffness_at_touch(nu, a, d) for a, nu, d in grid]).reshape(shape)
+    stiffness = np.array([stiffness_at_touch(nu, a, d_over_h=d) for a, nu, d in grid]).reshape(shape)
     return np.asarray(1 - stiffness[..., :-1] / stiffness[..., -1:])
 
 
-def stiffness_at_touch(poisson_ratio: float, a_over_h: float, d_over_h: float) -> float:
+def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float) -> float:
     """P/(E w) in mm of a sharp sliding punch on a gel of 3 mm whose rim is `d_over_h` from the punch's edge."""
     face = GluedFace(3 * a_over_h, slides=True)
     model = build(PunchProblem(Material(1.0, poisson_ratio), face, 3.0, 3 * (a_over_h + d_over_h)))
-    (state,) = march(equations(model, by_force=False), [1e-4], [])
+    (state,) = march(equations(model, by_force=False), [1e-4], log=[])
     return state.force_N / state.depth_mm
 
 
@@ -72,7 +72,7 @@ def depth_ratio(a_over_h: float, poisson_ratio: float, d_over_h: float, friction
     """The same at one place (w/h,); where one of the two presses ends the last ratio stands."""
     near, wide = (_forces(poisson_ratio, a_over_h, pad, friction) for pad in (a_over_h + d_over_h, WIDE))
     many = min(len(near), len(wide))
-    (small,) = np.diff(linear_shares((a_over_h,), (poisson_ratio,), (WIDE - a_over_h, d_over_h)).ravel())
+    (small,) = np.diff(linear_shares((a_over_h,), (poisson_ratio,), distances=(WIDE - a_over_h, d_over_h)).ravel())
     ratio = (1 - near[:many] / wide[:many]) / small
     return np.append(ratio, np.full(len(b.RATIO_DEPTHS) - many, ratio[-1]))
 
@@ -85,6 +85,6 @@ def _forces(poisson_ratio: float, a_over_h: float, pad_over_h: float, friction: 
 
 def _reached(problem: PunchProblem) -> Iterator[State]:
     try:
-        yield from march(equations(build(problem), by_force=False), b.RATIO_DEPTHS, [])
+        yield from march(equations(build(problem), by_force=False), b.RATIO_DEPTHS, log=[])
     except ConvergenceError:
         return

@@ -46,8 +46,8 @@ SIZES = (9, 16, 8)  # nodes over nu, ln(r/h) and b/r
 def rounded_contact(
     depth_mm: Floats,
     outer_mm: float,
-    edge_mm: float,
     *,
+    edge_mm: float,
     thickness_mm: float,
     poisson_ratio: float,
     sticking: float = 0.0,
@@ -108,14 +108,14 @@ def _table() -> Floats:
     nus = 0.5 + OFFSET - top ** (1 - (places[0] + 1) / 2) * bottom ** ((places[0] + 1) / 2)
     ratios = np.exp(np.log(RATIOS[0]) + (places[1] + 1) / 2 * np.log(RATIOS[1] / RATIOS[0]))
     v = (places[2] + 1) / 2
-    exact = np.array([[exact_ratios(float(n), float(q), v) for q in ratios] for n in nus])  # nu, r/h, 2, v
+    exact = np.array([[exact_ratios(float(n), float(q), v=v) for q in ratios] for n in nus])  # nu, r/h, 2, v
     for axis, place in ((0, places[0]), (1, places[1]), (3, places[2])):
         inverse = np.linalg.inv(chebyshev.chebvander(place, place.size - 1))
         exact = np.moveaxis(np.tensordot(inverse, exact, axes=(1, axis)), 0, axis)
     return np.asarray(np.moveaxis(exact, 2, 0))
 
 
-def exact_ratios(poisson_ratio: float, ratio: float, v: Floats) -> Floats:
+def exact_ratios(poisson_ratio: float, ratio: float, *, v: Floats) -> Floats:
     """What `_of_layer` keeps, without interpolation: at nu, r/h, and b/r = `v` (n,) in (0, 1)."""
     x, weights = gauss(NODES)
     u, u_weights = gauss(KERNEL_NODES, KERNEL_END)

@@ -153,7 +153,7 @@ def _fit(
     rough = _solve(task, task.prior, [whiten(press, WHITE) for press in task.presses])
     task = replace(task, presses=_presses(_centred(task, rough), thickness[0], model, settings))
     white = [whiten(press, WHITE) for press in task.presses]
-    misfits = [residual(w, _joint(task, rough), model)[: len(w.goal)] * WHITE.white_mm for w in white]
+    misfits = [residual(w, _joint(task, rough), model=model)[: len(w.goal)] * WHITE.white_mm for w in white]
     noise = estimate_noise([press.blocks for press in task.presses], misfits, block_mm=settings.block_mm)
     white = [whiten(press, noise) for press in task.presses]
     fit = _report(task, _solve(task, rough, white), white, noise)
@@ -184,7 +184,7 @@ def _centred(task: _Task, theta: Floats) -> list[SurfaceView]:
     moved = []
     for press in task.presses:
         view = press.blocks.view
-        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), task.model)[-2:]
+        x, y = unknowns(whiten(press, WHITE), _joint(task, theta), model=task.model)[-2:]
         moved.append(replace(view, centre_mm=(view.centre_mm[0] + float(x), view.centre_mm[1] + float(y))))
     return moved
 
@@ -216,7 +216,7 @@ def _residuals(
     task: _Task, theta: Floats, white: Sequence[WhitePress], *, rise_factor: float = 1.0
 ) -> list[Floats]:
     joint = _joint(task, theta)
-    return [residual(press, joint, task.model, rise_factor=rise_factor) for press in white]
+    return [residual(press, joint, model=task.model, rise_factor=rise_factor) for press in white]
 
 
 def _solve(task: _Task, theta: Floats, white: Sequence[WhitePress]) -> Floats:

@@ -76,7 +76,7 @@ class ProfileSource(Protocol):
     def __hash__(self) -> int: ...
 
 
-def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, a_over_h: float) -> tuple[Floats, Floats]:
+def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> tuple[Floats, Floats]:
     """(rise, u_r) per unit of depth at r/a >= 1 (any shape), by quadrature; some ten microseconds a point."""
     from scipy.special import j0, j1
 
@@ -209,7 +209,7 @@ def punch_case(depth_mm: float, *, radius_mm: float, thickness_mm: float, poisso
     return PunchCase(float(poisson_ratio), radius / thickness, depth_mm / thickness)
 
 
-def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, a_over_h: float) -> Floats:
+def punch_pressure(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: float) -> Floats:
     """Pressure over its mean, p/p_mean, at r/a in [0, 1) (any shape); it grows like 1/sqrt(1 - r) to the edge.
 
     The mean is P/(pi a^2) = 2 E* kappa w/(pi a).
@@ -251,5 +251,5 @@ def _profile_spline(poisson_ratio: float, a_over_h: float) -> BSpline:
     from scipy.interpolate import make_interp_spline
 
     s = np.linspace(0, np.sqrt(REACH), SPLINE_NODES)
-    rise, outward = exact_profile(1 + s**2 / a_over_h, poisson_ratio, a_over_h)
+    rise, outward = exact_profile(1 + s**2 / a_over_h, poisson_ratio, a_over_h=a_over_h)
     return make_interp_spline(s, np.stack([rise, outward], axis=-1), k=5)

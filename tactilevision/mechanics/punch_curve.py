@@ -85,7 +85,7 @@ def tabulated_curve(contact: FlatContact, material: Material, deepest_mm: float)
         if reach <= 0:
             return None
         ended = "" if reach >= deepest_mm * (1 - 1e-9) else "the table ends here"
-        return PunchCurve(depths, punch_force(depths, contact, material), "table", ended)
+        return PunchCurve(depths, punch_force(depths, contact, material=material), "table", ended)
     except InputError:
         return None
 

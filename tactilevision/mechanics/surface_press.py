@@ -71,7 +71,7 @@ def true_depth(press: Press, gain: float) -> float:
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
-def profile(press: Press, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
+def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
     """Depth over the face's depth on the press's radial grid, blurred; `rise_factor` scales the gel beside it."""
     radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
     a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may stray
@@ -144,7 +144,7 @@ def whiten(press: Press, noise: NoiseModel) -> WhitePress:
     )
 
 
-def residual(white: WhitePress, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
+def residual(white: WhitePress, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
     """What is left after the press's own unknowns have been fitted, (n + UNKNOWNS + 1,), in standard deviations.
 
     The last ones are what the priors of the unknowns and the certified depth add.
@@ -153,13 +153,13 @@ def residual(white: WhitePress, joint: Joint, model: ProfileModel, *, rise_facto
     return np.asarray(goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=None)[0])
 
 
-def unknowns(white: WhitePress, joint: Joint, model: ProfileModel) -> Floats:
+def unknowns(white: WhitePress, joint: Joint, *, model: ProfileModel) -> Floats:
     """The press's own unknowns (UNKNOWNS,), in the order given above."""
     return np.asarray(np.linalg.lstsq(*_system(white, joint, model, 1.0), rcond=None)[0])
 
 
 def _system(white: WhitePress, joint: Joint, model: ProfileModel, rise_factor: float) -> tuple[Floats, Floats]:
-    view, depth = white.press.blocks.view, profile(white.press, joint, model, rise_factor=rise_factor)
+    view, depth = white.press.blocks.view, profile(white.press, joint, model=model, rise_factor=rise_factor)
     slope = white.press.depth_mm * np.gradient(depth, white.press.blocks.r_mm[1])
     profiled = [white.mean @ depth, -(white.mean_x @ slope), -(white.mean_y @ slope)]
     columns = np.column_stack([profiled[0], white.plain, profiled[1], profiled[2]])

@@ -91,8 +91,8 @@ class Calibration:
 def calibrate_from_balls(
     reference: Reference,
     pictures: Sequence[BallPicture],
-    mm_per_px: Pair,
     *,
+    mm_per_px: Pair,
     fit: Fitter,
     rng: np.random.Generator | None = None,
 ) -> Calibration:
@@ -114,18 +114,18 @@ def calibrate_from_balls(
     direction = float(np.median(direction_error_deg(found, touching.slopes)))
     error = float(np.sqrt(_mean_square(found, touching)))
     relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    doubt = scale_uncertainty(way, touching, still, ridge=ridge, law=law, others=others)
+    doubt = scale_uncertainty(way, touching, untouched_samples=still, ridge=ridge, law=law, others=others)
     light = slope_observability(touching)
     cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
     touched = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
     warnings += coverage(cover) + _hidden(light)
     warnings += radii_apart(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
-        lambda group: gains_without(np.array(group), way, touching, still, ridge=ridge),
+        lambda group: gains_without(np.array(group), way, contact=touching, untouched_samples=still, ridge=ridge),
     )
     unsure = {number: off for number, (_, off) in doubt.unseen.items()}
     names = [picture.name for picture in pictures]
-    warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names, unsure=unsure)
+    warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names=names, unsure=unsure)
     card = MethodCard(
         method=law.name,
         balls=len(contact),
@@ -170,7 +170,7 @@ def _choose(
 ) -> tuple[tuple[Fitter, float], tuple[Floats, list[ColourLaw]]]:
     """The way to fit, and its ridge, that tells balls left out best; slopes (N, 2) and laws without them."""
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(way, contact, untouched_samples, ridge) for way, ridge in ways]
+    scores = [held_out(way, contact, untouched_samples=untouched_samples, ridge=ridge) for way, ridge in ways]
     best = int(np.argmin([_relative_miss(found, contact) for found, _ in scores]))
     return ways[best], scores[best]
 
@@ -200,17 +200,17 @@ def _collect(
             seen, _, valid = change.measure(picture.rgb)
             if marks is not None:
                 valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
-            ball = locate(seen, valid, picture, mm_per_px)
+            ball = locate(seen, valid, picture=picture, mm_per_px=mm_per_px)
         except InputError as fault:
             warnings.append(f"{name} left out: {fault.what}")
             balls.append(None)
             continue
         balls.append(ball)
         contact.append(
-            inside_ball(seen, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+            inside_ball(seen, ball, mm_per_px=mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
         )
         untouched_samples.append(
-            untouched(seen, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+            untouched(seen, ball, mm_per_px=mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
         )
     return balls, warnings, contact, untouched_samples
 
@@ -228,11 +228,11 @@ def _measure_background(
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
             seen, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px))
+            sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 
 
-def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:
+def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
     """The ball of one picture whose colour change (3, H, W) is known."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(
@@ -277,7 +277,7 @@ def _contact_in_reference(
     strange, away = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
-            far = far_from(ball, change.reference.shape, mm_per_px).astype(np.uint8)
+            far = far_from(ball, change.reference.shape, mm_per_px=mm_per_px).astype(np.uint8)
             free = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
             away += free
             strange += free & ~tracker.measure(picture.rgb).untouched

@@ -80,7 +80,7 @@ def load_method(path: Path | str) -> CalibratedMethod:
     return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
 
 
-def save_network(network: Network, card: Mapping[str, Any], path: Path | str) -> Path:
+def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
     """Write a network that goes with no reference of its own: `path` (.onnx) and the card beside it."""
     target = Path(path).with_suffix(".onnx")
     content = dict(card) | {"format": FORMAT, "method": network.name} | _save_network(network, target)

@@ -146,7 +146,7 @@ def draw_offsets(shown: Offsets) -> Figure:
 
 
 @style.house_look
-def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], repeatability_N: float) -> Figure:
+def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], *, repeatability_N: float) -> Figure:
     """The held-out error from the base model to the last effect added, and the repeatability."""
     figure, (axes,) = style.new_figure(1.8 + 1.5 * len(names), 3.2)
     bars = axes.bar(range(len(names)), 1e3 * np.array(held_out_N), color=style.BLUE, width=0.6)
@@ -229,7 +229,7 @@ def draw_sighting(seen: Sighting) -> Figure:
 
 
 @style.house_look
-def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
+def draw_residual_map(residual_mm: Floats, axis: Floats, *, count: int) -> Figure:
     """The mean residual height map about the punch's axis; white where nothing is compared."""
     figure, (axes,) = style.new_figure(4.4, 3.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))

@@ -58,7 +58,7 @@ class _Stage:
 
     def __init__(self, shots: Sequence[Shot], title: str) -> None:
         first = shots[0].height
-        self.figure, (self.frame, self.above, self.course) = style.new_strip(12, 3.7, (1.25, 1.5, 1))
+        self.figure, (self.frame, self.above, self.course) = style.new_strip(12, 3.7, shares=(1.25, 1.5, 1))
         self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
         self.peak = np.array([_peak(shot.height) for shot in shots])
         top = max(float(np.nanmax(self.peak, initial=0.0)), 0.02)

@@ -27,7 +27,7 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
     above.set_title(titled(height, title or height.name or "Depth of the gel's surface"))
     row, column = deepest_place(height)
-    cut_lines(cuts, height, row, column)
+    cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
     return figure
 
@@ -36,12 +36,12 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
 def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
     """The rectified frame with the depth's contours, the depth from above, and two cuts: one strip."""
     figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
-    overlay(frame, rgb, height, None)
+    overlay(frame, rgb, height=height, footprint=None)
     frame.set_title(titled(height, title or height.name))
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
     row, column = deepest_place(height)
-    cut_lines(cuts, height, row, column)
+    cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
     above.set_title("Depth of the gel's surface")
     return figure
@@ -122,10 +122,10 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
 
 
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, title: str = "") -> Figure:
+def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, title: str = "") -> Figure:
     """The rectified frame with the contours of the depth and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
-    overlay(axes, rgb, height, footprint)
+    overlay(axes, rgb, height=height, footprint=footprint)
     axes.set_title(titled(height, title or height.name))
     return figure
 
@@ -198,7 +198,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     return image
 
 
-def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
+def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
     """Depth along x and along y through one place, with the standard deviation as a band where it is known."""
     cuts = (
         ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
@@ -229,7 +229,7 @@ def _lit(down_x: Floats, down_y: Floats) -> Floats:
     return np.asarray(np.clip(light, 0, 1))
 
 
-def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | None) -> None:
+def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint | None) -> None:
     """Draw a frame, the contours of its depth, and the circle of the indenter's face, in mm on the picture."""
     extent = extent_mm(height)
     axes.imshow(rgb, extent=extent)

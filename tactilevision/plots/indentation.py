@@ -52,10 +52,10 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
     secant = cloud.force_N / cloud.depth_mm
     secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / np.abs(cloud.depth_mm)
     depth_bar, force_bar = 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N
-    scatter(force, cloud, cloud.depth_mm, cloud.force_N, bars=(depth_bar, force_bar))
-    scatter(stiffness, cloud, strain, secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
+    scatter(force, cloud, x=cloud.depth_mm, y=cloud.force_N, bars=(depth_bar, force_bar))
+    scatter(stiffness, cloud, x=strain, y=secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
     left = cloud.force_N - cloud.fitted_N
-    scatter(rest, cloud, strain, 1e3 * left, bars=(None, 1e3 * force_bar))
+    scatter(rest, cloud, x=strain, y=1e3 * left, bars=(None, 1e3 * force_bar))
     for line, colour in zip(lines, style.CYCLE, strict=False):
         low, high = line.force_N - 1.96 * line.force_std_N, line.force_N + 1.96 * line.force_std_N
         for axes, x, scale in (
@@ -75,7 +75,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
 
 
 def scatter(
-    axes: Axes, cloud: PointCloud, x: Floats, y: Floats, *, bars: tuple[Floats | None, Floats | None]
+    axes: Axes, cloud: PointCloud, *, x: Floats, y: Floats, bars: tuple[Floats | None, Floats | None]
 ) -> None:
     """Points with bars; those that were left out of the fit are hollow."""
     for mask, colour, face, label in (

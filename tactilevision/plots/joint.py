@@ -24,7 +24,7 @@ ROW = 0.055  # of the height of the picture, for each route's bar
 
 @style.house_look
 def draw_joint(
-    curve: Floats, region: Floats, best: Pair | None, *, routes: Sequence[tuple[str, Pair, bool]]
+    curve: Floats, region: Floats, *, best: Pair | None, routes: Sequence[tuple[str, Pair, bool]]
 ) -> Figure:
     """`curve` (n, 2) of (nu, E); `region` (k, 2) the outline of 95 %; `routes` (name, 95 % interval, used)."""
     figure, (axes,) = style.new_figure(7.2, 4.6)

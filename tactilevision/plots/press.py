@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 @style.house_look
-def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> Figure:
+def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) -> Figure:
     """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
-    figure, (frame, depth, bevel, force) = style.new_strip(12, 2.7, (1.25, 1.4, 1, 1))
+    figure, (frame, depth, bevel, force) = style.new_strip(12, 2.7, shares=(1.25, 1.4, 1, 1))
     figure.subplots_adjust(wspace=0.4)  # room for the numbers of a signal that is all noise
     verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
     height = evidence.height_map
@@ -29,7 +29,7 @@ def draw_press(evidence: Evidence, point: CertifiedPoint, rgb: Bytes | None) -> 
             axes.set_axis_off()
     else:
         if rgb is not None:
-            overlay(frame, rgb, height, evidence.footprint)
+            overlay(frame, rgb, height=height, footprint=evidence.footprint)
         image = depth_image(depth, height)
         figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.8, pad=0.02)
         for axes in (frame, depth):

@@ -70,7 +70,7 @@ def new_figure(width_in: float, height_in: float, *, rows: int = 1, columns: int
     return figure, list(grid.ravel())
 
 
-def new_strip(width_in: float, height_in: float, shares: Sequence[float]) -> tuple[Figure, list[Axes]]:
+def new_strip(width_in: float, height_in: float, *, shares: Sequence[float]) -> tuple[Figure, list[Axes]]:
     """A row of axes whose widths are in the ratio of `shares`, at fixed places: for many figures, quickly."""
     from matplotlib.figure import Figure
 

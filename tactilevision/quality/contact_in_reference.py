@@ -30,7 +30,7 @@ BORDER = 2  # blocks along the border of the picture, which do not count
 
 
 def check_reference(
-    likeness: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+    likeness: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> tuple[str, ...]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
@@ -38,7 +38,7 @@ def check_reference(
     """
     if likeness.moved is not None or likeness.touched is not None:
         return ()
-    likeness.touched = contact_in_reference(likeness.method, height_map, pictures)
+    likeness.touched = contact_in_reference(likeness.method, height_map, pictures=pictures)
     if likeness.touched is None:
         return ()
     x, y = likeness.touched
@@ -49,7 +49,7 @@ def check_reference(
 
 
 def contact_in_reference(
-    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+    method: ReferencedMethod, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> Pair | None:
     """Where (x, y in px) the reference of `method` shows a contact, by rectified `pictures` (H, W, 3) of its run.
 

@@ -63,7 +63,7 @@ class ReferenceMatch:
         """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
         gain_std = self.method.card.held_out_gain_std
         told = other_light(
-            light, self.method.reference, self.method.relative_error if gain_std is None else gain_std
+            light, self.method.reference, scale_error=self.method.relative_error if gain_std is None else gain_std
         )
         self.elsewhere = bool(told)
         return told

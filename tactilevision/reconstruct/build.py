@@ -69,7 +69,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     if method is None and not recording.balls:
         return _uncalibrated(recording, flats)
     if method is not None and not isinstance(method, str):
-        return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
+        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
     fit = PHOTOMETRIC[method or DEFAULT]
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     pictures = [
@@ -82,26 +82,26 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         )
         for ball in recording.balls
     ]
-    calibration = calibrate_from_balls(reference, pictures, sensor.mm_per_px, fit=fit)
-    return tuned(sensor, calibration, pictures, free_frames(recording))
+    calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
+    return tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
 
 
 def tuned(
-    sensor: Sensor, calibration: Calibration, pictures: Sequence[BallPicture], free: Sequence[Bytes]
+    sensor: Sensor, calibration: Calibration, *, pictures: Sequence[BallPicture], free: Sequence[Bytes]
 ) -> Reconstructor:
     """The reconstructor of a calibration, made to fit rectified frames of the free gel, its errors measured.
 
     How far untouched gel is from flat is told, place by place, by the `free` frames where there are enough of
     them, else by the ball pictures.
     """
-    gain = seen_gain_std(calibration.method, pictures, calibration.balls, sensor.mm_per_px)
+    gain = seen_gain_std(calibration.method, pictures, balls=calibration.balls, mm_per_px=sensor.mm_per_px)
     card = dataclasses.replace(calibration.method.card, sensor=sensor.kind, seen_gain_std=gain)
-    card = card.extended(held_out_depth(calibration, pictures, sensor.mm_per_px, seen_gain=gain))
+    card = card.extended(held_out_depth(calibration, pictures, mm_per_px=sensor.mm_per_px, seen_gain=gain))
     card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
     method = dataclasses.replace(calibration.method, card=card)
     settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.quiet is method.quiet:
-        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
         settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
@@ -110,13 +110,13 @@ def tuned(
         settled = settled.with_card(dataclasses.replace(settled.card, untouched_std_mm=std_mm))
     reader = Reconstructor(sensor, settled)
     usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
-    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, calibration.balls)
+    terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, balls=calibration.balls)
     settled = settled.with_card(dataclasses.replace(settled.card, baseline=usual, depth_terms_mm=terms))
     return Reconstructor(sensor, settled, calibration=calibration)
 
 
 def depth_terms_mm(
-    reader: Reconstructor, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]
+    reader: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
 ) -> dict[str, float]:
     """What each term adds to the deviation of depth under a ball: rms in mm, the median over ball pictures."""
     found = []
@@ -145,7 +145,7 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
     if path.with_suffix(".npz").is_file():
         method = load_method(path)
         _check_kind(method.card, sensor)
-        return with_flats(sensor, method, flats) if flats else Reconstructor(sensor, method)
+        return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
     if path.with_suffix(".onnx").is_file():
         return _without_balls(sensor, path, flats)
     raise InputError(
@@ -201,20 +201,20 @@ def _family(kind: str) -> str:
 
 
 def untouched_rms_mm(
-    reconstructor: Reconstructor, pictures: Sequence[BallPicture], balls: Sequence[Ball | None]
+    reconstructor: Reconstructor, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None]
 ) -> float:
     """How far from flat untouched gel comes out: the median over ball pictures, away from the ball, mm."""
     found = []
     for picture, ball in list(zip(pictures, balls, strict=True))[:MAX_WAVES]:
         if ball is not None:
             height = reconstructor.rectified_map(picture.rgb)
-            away = far_from(ball, height.depth_mm.shape, reconstructor.sensor.mm_per_px) & height.valid
+            away = far_from(ball, height.depth_mm.shape, mm_per_px=reconstructor.sensor.mm_per_px) & height.valid
             if away.any():
                 found.append(float(np.sqrt(np.mean(np.square(height.depth_mm[away])))))
     return float(np.median(found)) if found else 0.0
 
 
-def with_flats(sensor: Sensor, method: PhotometricMethod, flats: Sequence[Bytes]) -> Reconstructor:
+def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Bytes]) -> Reconstructor:
     """A reconstructor of a ready method against rectified pictures of the untouched gel as it is today.
 
     Warns where the method was made in another light. Raises InputError where it was made for another view.

@@ -105,11 +105,13 @@ class Reconstructor:
         look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
         walls: list[PunchEdge] = []
         if self.readable is not None and look.steepest >= self.readable:
-            walls = restore_windows(look.fine, look.windows, look.valid, self.sensor.mm_per_px, self.readable)
-        coarse = grids.coarse(look.coarse, look.windows, look.fine)
+            walls = restore_windows(
+                look.fine, look.windows, valid=look.valid, mm_per_px=self.sensor.mm_per_px, limit=self.readable
+            )
+        coarse = grids.coarse(look.coarse, look.windows, fine=look.fine)
         self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
         level(coarse, self.zero)
-        tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
+        tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
         surface = grids.whole(coarse, look.windows, look.fine, tilt=tilt)
         std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
         return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
@@ -128,7 +130,7 @@ class Reconstructor:
         if self.likeness is not None:
             self.warnings += (
                 *self.likeness.look(pictures),
-                *check_reference(self.likeness, self.rectified_map, pictures),
+                *check_reference(self.likeness, self.rectified_map, pictures=pictures),
             )
 
     def _std_mm(
@@ -150,13 +152,15 @@ class Reconstructor:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
-        walls = find_punch_edges(slopes, self.sensor.mm_per_px, self.readable)
-        restore(slopes, walls, self.sensor.mm_per_px)
+        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable)
+        restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls
 
     def _zero_plane(self, depth: npt.NDArray[Any], untouched: Bools, mm_per_px: Pair) -> ZeroPlane:
         gel = self.sensor.gel
-        return find_zero_plane(depth, untouched, mm_per_px, thickness_mm=gel.thickness_mm if gel else None)
+        return find_zero_plane(
+            depth, untouched, mm_per_px=mm_per_px, thickness_mm=gel.thickness_mm if gel else None
+        )
 
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def read_folder(
-    path: Path | str, sensor: Sensor | Path | str | None = None, reference: Path | str | None = None
+    path: Path | str, sensor: Sensor | Path | str | None = None, *, reference: Path | str | None = None
 ) -> Recording:
     """Take pictures as they are: in the order of their names, without times.
 
@@ -45,12 +45,12 @@ def read_folder(
     frames_path, names = _frames_of(root)
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
     white_level = settings.white_level if settings else None
-    size, seen = first_look(frames_path, names, white_level)
+    size, seen = first_look(frames_path, names, white_level=white_level)
     warnings += seen + _cut_short(frames_path, len(names))
     check_references(size, flats[:1])
     if not isinstance(sensor, Sensor):
         assert settings is not None
-        sensor, notes = build_sensor(settings, place, size)
+        sensor, notes = build_sensor(settings, place, frame_size_px=size)
         warnings += notes
     return Recording(
         path=root,

@@ -21,7 +21,7 @@ _AHEAD = 4  # frames read ahead of their use
 
 
 def iter_frames(
-    recording: Recording, start_s: float = -math.inf, end_s: float = math.inf
+    recording: Recording, start_s: float = -math.inf, *, end_s: float = math.inf
 ) -> Iterator[Frame | BadFrame]:
     """Stream the frames with start_s <= time <= end_s, in order, as they are on disk (not rectified).
 

@@ -33,7 +33,7 @@ def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
     of a kind that is not read.
     """
     path = Path(path)
-    return as_rgb(read_stored(path), path, white_level)
+    return as_rgb(read_stored(path), path, white_level=white_level)
 
 
 def read_stored(path: Path) -> npt.NDArray[Any]:
@@ -54,7 +54,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
     return picture
 
 
-def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:
+def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None = None) -> Bytes:
     """Bring an array (H, W, 3) in the order red, green, blue to 8 bits; `path` is for the messages."""
     if picture.ndim == 2 or (picture.ndim == 3 and picture.shape[2] in (1, 2)):
         raise RecordingError(

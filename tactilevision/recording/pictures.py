@@ -160,7 +160,7 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
 
 
 def first_look(
-    frames_path: Path, names: Sequence[str], white_level: float | None = None
+    frames_path: Path, names: Sequence[str], *, white_level: float | None = None
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
     """(width, height) of the first picture that can be read, and warnings. Raises where none of the first can."""
     if frames_path.is_file():
@@ -172,7 +172,7 @@ def first_look(
         for name in names:
             with suppress(TornImageError):
                 stored = read_stored(frames_path / name)
-                height, width, _ = as_rgb(stored, frames_path / name, white_level).shape
+                height, width, _ = as_rgb(stored, frames_path / name, white_level=white_level).shape
                 return (width, height), _doubts_of_depth(stored, name, white_level)
     raise RecordingError(
         f"none of the first pictures can be read: {', '.join(names[:_MAX_TRIALS]) or 'there is none'}",

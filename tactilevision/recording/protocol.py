@@ -73,7 +73,7 @@ def read_curves(path: Path) -> tuple[tuple[Curve, ...], Table]:
     curves = []
     for label, listed in rows_of.items():
         rows = np.array(listed)
-        check_time(table, table.numbers["time_s"][rows], rows)
+        check_time(table, table.numbers["time_s"][rows], rows=rows)
         z_mm = table.numbers["z_mm"][rows] if "z_mm" in table.numbers else None
         extra = {name: column[rows] for name, column in table.extra.items()}
         curves.append(

@@ -102,8 +102,8 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     else:
         names, times, warnings = _unlisted(frames_path)
     white = settings.sensor.white_level
-    size, seen = pictures.first_look(frames_path, names, white) if frames_path else (None, ())
-    sensor, notes = build_sensor(settings.sensor, toml, size)
+    size, seen = pictures.first_look(frames_path, names, white_level=white) if frames_path else (None, ())
+    sensor, notes = build_sensor(settings.sensor, toml, frame_size_px=size)
     flats = pictures.find_flats(root)
     balls, ball_notes = pictures.find_balls(root)
     if size is not None:
@@ -167,7 +167,7 @@ def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Record
         tables.append(read[1])
 
     if present(layout.FORCES):
-        keep("forces", read_forces(root / layout.FORCES, settings.force, toml))
+        keep("forces", read_forces(root / layout.FORCES, settings.force, toml=toml))
         found["force_std_N"] = found["forces"].std_N
         if not settings.force.std_N:
             found["warnings"] = (f"{toml.name}: [force] std_N is left out: it was estimated from {layout.FORCES}",)

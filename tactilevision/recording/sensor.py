@@ -23,7 +23,7 @@ Size = tuple[int, int]
 
 
 def build_sensor(
-    settings: SensorSettings, toml: Path, frame_size_px: Size | None
+    settings: SensorSettings, toml: Path, *, frame_size_px: Size | None
 ) -> tuple[Sensor, tuple[str, ...]]:
     """The sensor, and what a person should know about it.
 

@@ -36,7 +36,7 @@ def read_frame_table(path: Path) -> Table:
     return table
 
 
-def read_forces(path: Path, settings: ForceSettings, toml: Path) -> tuple[ForceSeries, Table]:
+def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
     """forces.csv turned into the rectified frame's axes.
 
     force = R reading, with R of [force] rotation. Torque turns with det(R) R, since it is an axial vector;
@@ -66,7 +66,7 @@ def read_stage(path: Path) -> tuple[StageSeries, Table]:
     return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
 
 
-def check_time(table: Table, time_s: Floats, rows: Floats | None = None) -> None:
+def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
     """Raise where time goes backwards from one row to the next; `rows` are the rows of `time_s` in the table."""
     back = np.flatnonzero(np.diff(time_s) < 0)
     if back.size:

@@ -30,7 +30,10 @@ def write_recording(recording: Recording) -> None:
     folder = recording.path
     if recording.frame_names:
         tables.write_frame_table(
-            folder, recording.frame_names, recording.frame_times_s, extra=_extra(recording, layout.FRAME_TABLE)
+            folder,
+            recording.frame_names,
+            times_s=recording.frame_times_s,
+            extra=_extra(recording, layout.FRAME_TABLE),
         )
     if recording.forces is not None:
         tables.write_forces(folder, recording.forces, extra=_extra(recording, layout.FORCES))

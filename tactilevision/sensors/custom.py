@@ -39,7 +39,7 @@ def sensor_from_corners(
     across = 0.5 * (np.hypot(*(corner[1] - corner[0])) + np.hypot(*(corner[2] - corner[3])))
     down = 0.5 * (np.hypot(*(corner[3] - corner[0])) + np.hypot(*(corner[2] - corner[1])))
     scale = mm_per_px or (float(size_mm[0] / across), float(size_mm[1] / down))
-    return _sensor(maps_from_corners(corners_px, size_mm, scale), scale, has_markers)
+    return _sensor(maps_from_corners(corners_px, size_mm, mm_per_px=scale), scale, has_markers)
 
 
 def sensor_from_grid(
@@ -55,10 +55,10 @@ def sensor_from_grid(
     else:
         across = down = 1.0  # maps_from_grid says what is wrong
     scale = mm_per_px or (spacing_mm / across, spacing_mm / down)
-    return _sensor(maps_from_grid(points_px, spacing_mm, scale), scale, has_markers)
+    return _sensor(maps_from_grid(points_px, spacing_mm, mm_per_px=scale), scale, has_markers)
 
 
-def find_grid(rgb: Bytes, rows: int, columns: int) -> Floats:
+def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
     """The dots of a grid (rows, columns, 2) in a raw picture, from the top left, row by row.
 
     Dots may be dark on bright or bright on dark. Raises InputError where not all of them are found.

@@ -51,7 +51,7 @@ def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.intege
     return np.asarray(column, np.float32), np.asarray(row, np.float32)
 
 
-def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, mm_per_px: Pair) -> Maps:
+def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: Pair) -> Maps:
     """Maps from four clicks: where the corners of a rectangle of `size_mm` lie in the raw picture.
 
     `corners_px` (x, y) run top left, top right, bottom right, bottom left. Straight lines must be straight in the
@@ -72,7 +72,7 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, mm_per_px: Pair
     )
 
 
-def maps_from_grid(points_px: Floats, spacing_mm: float, mm_per_px: Pair) -> Maps:
+def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
     """Maps from a grid pressed into the gel: its crossings (x, y) in the raw picture, `points_px` (rows, cols, 2).
 
     Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that

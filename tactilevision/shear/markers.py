@@ -59,7 +59,7 @@ def find_markers(rgb: Bytes) -> Floats:
     return np.asarray(places[kept])
 
 
-def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None = None) -> MarkerMotion:
+def follow_markers(before_px: Floats, after_px: Floats, *, guess_px: Floats | None = None) -> MarkerMotion:
     """Match markers of one frame (N, 2) to those of another (M, 2). `guess_px` (N, 2): motion known from
     earlier.
     """
@@ -85,7 +85,7 @@ def follow_markers(before_px: Floats, after_px: Floats, guess_px: Floats | None 
     return MarkerMotion(before_px, motion, found)
 
 
-def spread_motion(motion: MarkerMotion, shape: tuple[int, int], step_px: int) -> tuple[Floats, Floats]:
+def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int) -> tuple[Floats, Floats]:
     """Motion (H, W, 2) in pixels at every pixel, and its standard deviation (H, W) by leaving out markers in turn.
 
     The deviation at a place is that of the markers round about: near a contact's edge it is greater.

@@ -92,9 +92,9 @@ def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: b
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
-def marker_motion(reference: Bytes, frame: Bytes, guess_px: Floats | None = None) -> MarkerMotion:
+def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
     """The markers of `reference` and how each moved, for drawing and for following from frame to frame."""
-    return follow_markers(find_markers(reference), find_markers(frame), guess_px)
+    return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
 
 
 def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
@@ -104,7 +104,7 @@ def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:
     flags = (f"{LOST}: {len(places) - found} of {len(places)}",) if found < 0.9 * len(places) else ()
     if found < MIN_COUNT:
         return _nothing(shape, mm_per_px, flags)
-    dense, std_px = spread_motion(motion, shape, STEP_PX)
+    dense, std_px = spread_motion(motion, shape, step_px=STEP_PX)
     spacing = float(np.sqrt(np.prod(np.ptp(places, axis=0)) / len(places)))
     return ShearMap(
         u_x_mm=dense[..., 0] * mm_per_px[0],

@@ -74,7 +74,7 @@ def _surface(radius_mm: float, contact_mm: float, thickness_mm: float, nu: float
     terms = np.linalg.lstsq(sunk, ball, rcond=None)[0]
     spread = powers @ terms * da
     reach = np.linspace(0.0, 1.0, 90) ** 2 * FAR * thickness_mm
-    beside = [layer_surface(nu, one / thickness_mm, (contact_mm + reach) / thickness_mm)[0] for one in a]
+    beside = [layer_surface(nu, one / thickness_mm, radii=(contact_mm + reach) / thickness_mm)[0] for one in a]
     return float(spread.sum()), contact_mm + reach, fade(reach / thickness_mm) * (spread @ np.array(beside))
 
 
@@ -83,7 +83,7 @@ def _below(r: float, powers: Floats, contact_mm: float, thickness_mm: float, nu:
     nodes, weights = np.polynomial.legendre.leggauss(8)
     angle = np.pi / 4 * (nodes + 1)
     a = r * np.sin(angle)
-    g = np.array([layer_surface(nu, one / thickness_mm, np.array([r / thickness_mm]))[0][0] for one in a])
+    g = np.array([layer_surface(nu, one / thickness_mm, radii=np.array([r / thickness_mm]))[0][0] for one in a])
     step = np.pi / 4 * weights * r * np.cos(angle)
     orders = 2 * np.arange(powers.shape[1]) + 1
     return np.asarray(((1 - g) * step) @ (a[:, None] / contact_mm) ** orders)

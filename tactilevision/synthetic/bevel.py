@@ -33,7 +33,7 @@ class Bevel:
         ex, ey = _SIDES[self.side]
         return np.asarray(ex * x + ey * y), np.asarray(-ey * x + ex * y)
 
-    def area(self, centre_mm: Pair, reach_mm: Pair, beside_mm: float) -> Area:
+    def area(self, centre_mm: Pair, reach_mm: Pair, *, beside_mm: float) -> Area:
         """The rectangle from before the edge to behind it (`reach_mm`) and `beside_mm` past both of its ends."""
         ex, ey = _SIDES[self.side]
         middle = self.distance_mm + 0.5 * (reach_mm[1] - reach_mm[0])
@@ -46,7 +46,7 @@ class Bevel:
         slope = np.tan(np.deg2rad(self.angle_deg))
         return np.asarray(face_mm - self.height_mm - (s - self.distance_mm) * slope)
 
-    def gap_mm(self, profile: PunchProfile, face_mm: float, tilt: Pair = (0.0, 0.0)) -> float:
+    def gap_mm(self, profile: PunchProfile, face_mm: float, *, tilt: Pair = (0.0, 0.0)) -> float:
         """Smallest distance between the bevel and the gel that rises towards it; below 0 they overlap."""
         s = self.distance_mm + np.linspace(0.0, 1.0, 21)
         s, t = np.meshgrid(s, np.linspace(-self.half_width_mm, self.half_width_mm, 41))
@@ -59,13 +59,13 @@ class Bevel:
         from scipy.optimize import brentq
 
         def gap(w: float) -> float:
-            return self.gap_mm(profile, w, tilt)
+            return self.gap_mm(profile, w, tilt=tilt)
 
         return float(brentq(gap, 0.0, 2.0 * self.height_mm + 0.5, xtol=1e-9))
 
 
 def bevel_dent(
-    free: Singles, bevel: Bevel, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
+    free: Singles, bevel: Bevel, *, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
 ) -> Singles:
     """What the bevel adds (H, W) mm to the depth of the free surface (H, W) mm.
 

@@ -70,7 +70,7 @@ class Camera:
         index = np.clip(light * np.float32(_STEPS) + np.float32(0.5), 0, _STEPS).astype(np.uint16)
         return np.asarray(_response(self.gamma)[index] + np.float32(0.5)).astype(np.uint8)
 
-    def picture(self, surface: Surface, rng: np.random.Generator, time_s: float = 0.0) -> Bytes:
+    def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
         """One frame (H, W, 3) of a surface."""
         return self.expose(self.ideal(surface, time_s), rng)
 
@@ -82,7 +82,9 @@ class Camera:
 
     def _reflected(self, surface: Surface, grid: Grid, time_s: float) -> Singles:
         slopes = self.slope_response.shown(_slopes(surface, grid), time_s)
-        return reflect(_shines(self.lights, grid, self.grid), self._gains(time_s), slopes, self.finish)
+        return reflect(
+            _shines(self.lights, grid, self.grid), self._gains(time_s), slopes=slopes, finish=self.finish
+        )
 
     def _draw_finely(self, light: Singles, surface: Surface, area: Area, time_s: float) -> None:
         part, fine = _window(self.grid, area)
@@ -103,7 +105,7 @@ def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
 
 @lru_cache(maxsize=8)
 def _shines(lights: tuple[Light, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
-    return tuple(shine(light, grid, reference) for light in lights)
+    return tuple(shine(light, grid, reference=reference) for light in lights)
 
 
 @lru_cache(maxsize=8)

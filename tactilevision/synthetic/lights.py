@@ -54,7 +54,7 @@ class Shine:
     colour: Triple
 
 
-def shine(light: Light, grid: Grid, reference: Grid) -> Shine:
+def shine(light: Light, grid: Grid, *, reference: Grid) -> Shine:
     """The light on a grid; `reference` is the whole pad, on which its brightness is defined."""
     x, y, z, strength = _rays(light, grid)
     _, _, z_all, strength_all = _rays(light, reference)
@@ -79,7 +79,9 @@ def _rays(light: Light, grid: Grid) -> tuple[Singles, Singles, Singles, Singles]
     return _single(dx / root), _single(dy / root), _single(dz / root), _single(beam / squared)
 
 
-def reflect(shines: tuple[Shine, ...], gains: Floats, slopes: tuple[Singles, Singles], finish: Finish) -> Singles:
+def reflect(
+    shines: tuple[Shine, ...], gains: Floats, *, slopes: tuple[Singles, Singles], finish: Finish
+) -> Singles:
     """Linear light (H, W, 3) that reaches the camera from slopes dz/dx, dz/dy, each lamp times its gain."""
     p, q = slopes
     up = 1 / np.sqrt(1 + p * p + q * q)

@@ -55,7 +55,9 @@ class PlannedPress:
         """True force (T, 3) at evenly spaced times on the camera's clock."""
         depth = self.motion.at(time_s)
         normal = law.force_N(self.profile, depth) * self.gain
-        normal = normal + bevel_force_N(self.bevel, self.profile, law.reduced_modulus_MPa, depth)
+        normal = normal + bevel_force_N(
+            self.bevel, self.profile, reduced_modulus_MPa=law.reduced_modulus_MPa, depths_mm=depth
+        )
         if time_s.size > 1:
             normal = law.relaxed(normal, float(time_s[1] - time_s[0]))
         return np.column_stack([self.tangential[0] * normal, self.tangential[1] * normal, normal])
@@ -124,8 +126,21 @@ def _press(
     aside = _direction(rng) * ratio
     centre = _centre(options, rng, cut=fault == "border")
     gain = 1 + rig.gain_std * rng.standard_normal()
-    return PlannedPress(label, indenter[0], fault, move(protocol, touch, deepest), protocol, centre, slope,
-                        profile, bevel, touch, 0.0, float(gain), (float(aside[0]), float(aside[1])))  # fmt: skip
+    return PlannedPress(
+        label,
+        indenter[0],
+        fault,
+        move(protocol, touch, deepest_mm=deepest),
+        protocol,
+        centre,
+        slope,
+        profile,
+        bevel,
+        touch,
+        0.0,
+        float(gain),
+        (float(aside[0]), float(aside[1])),
+    )
 
 
 def _placed(press: PlannedPress, start_s: float, released_s: float, *, free_after_s: float) -> PlannedPress:

@@ -13,13 +13,13 @@ from tactilevision.synthetic.options import GelOptions
 _AVERAGED = 16  # frames in one reference picture: the gel stands still, so one averages
 
 
-def picture_still(camera: Camera, surface: BallPress | Flat, rng: np.random.Generator) -> Bytes:
+def picture_still(camera: Camera, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
     """A reference picture: the mean of several frames, raw geometry, (H, W, 3) uint8."""
     return camera.expose(camera.ideal(surface), rng, averaged=_AVERAGED)
 
 
 def plan_balls(
-    count: int, radii_mm: tuple[float, ...], half_mm: Pair, gel: GelOptions, rng: np.random.Generator
+    count: int, radii_mm: tuple[float, ...], *, half_mm: Pair, gel: GelOptions, rng: np.random.Generator
 ) -> tuple[BallPress, ...]:
     """Ball presses over the whole field, by a sequence that fills it evenly (R2), radii in turn."""
     start = rng.random(2)

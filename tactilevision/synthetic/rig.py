@@ -69,7 +69,7 @@ class Motion:
         return ["free" if face <= 0 else word for face, word in zip(self.at(time_s), words, strict=True)]
 
 
-def move(protocol: Protocol, touch_mm: float, deepest_mm: float) -> Motion:
+def move(protocol: Protocol, touch_mm: float, *, deepest_mm: float) -> Motion:
     """Air, ramp to the bevel's touch, the dwell there, on to the deepest point, hold, release, air."""
     legs = [(protocol.free_s, -protocol.gap_mm, "free")]
     if touch_mm < deepest_mm:
@@ -114,7 +114,7 @@ class GelLaw:
         return np.asarray((1 - share) * force_N + share * branch)
 
 
-def bevel_force_N(bevel: Bevel, profile: PunchProfile, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
+def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
     """Force (T,) N on the bevel at depths (T,) mm of the face."""
     along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
     away = np.hypot(bevel.distance_mm, along)

@@ -122,15 +122,15 @@ def _pictured(record: Recording, scenario: Scenario, progress: Progress) -> Reco
     frames = writing.FrameWriter(folder, options)
     for press, times in plan:
         for time_s in times:
-            frames.add(worn.picture(press.surface(float(time_s)), rng, float(time_s)), float(time_s))
+            frames.add(worn.picture(press.surface(float(time_s)), rng, time_s=float(time_s)), float(time_s))
             progress(done := done + 1, total)
     if options.torn_frame:
         frames.tear(_unimportant(plan))
-    records = writing.ball_records(folder, balls, camera.grid, stated=options.state_balls)
+    records = writing.ball_records(folder, balls, grid=camera.grid, stated=options.state_balls)
     flats = [folder / layout.FLATS / f"{i:02d}.png" for i in range(options.flats)]
     stills = [(path, Flat()) for path in flats] + list(zip((r.path for r in records), balls, strict=True))
     for path, surface in stills:
-        writing.write_picture(path, picture_still(camera, surface, rng))
+        writing.write_picture(path, picture_still(camera, surface, rng=rng))
         progress(done := done + 1, total)
     names, times_s = tuple(frames.names), np.array(frames.times_s)
     return replace(record, frame_names=names, frame_times_s=times_s, balls=records)
@@ -148,7 +148,7 @@ def _balls(scenario: Scenario) -> tuple[BallPress, ...]:
     return plan_balls(
         scenario.options.balls,
         scenario.options.ball_radii_mm,
-        half,
-        scenario.options.gel,
-        stream(scenario.seed, 5),
+        half_mm=half,
+        gel=scenario.options.gel,
+        rng=stream(scenario.seed, 5),
     )

@@ -99,7 +99,7 @@ def _press(press: PlannedPress) -> Press:
 
 
 def ball_records(
-    folder: Path, balls: tuple[BallPress, ...], grid: Grid, *, stated: bool
+    folder: Path, balls: tuple[BallPress, ...], *, grid: Grid, stated: bool
 ) -> tuple[BallRecord, ...]:
     """Rows of the balls' table; with `stated` also where each ball is, in rectified pixels."""
     records = []

@@ -57,7 +57,7 @@ class Band:
 
 
 def held_out_depth(
-    calibration: Calibration, pictures: Sequence[BallPicture], mm_per_px: Pair, *, seen_gain: float
+    calibration: Calibration, pictures: Sequence[BallPicture], *, mm_per_px: Pair, seen_gain: float
 ) -> dict[str, Any]:
     """Entries of a card: the dents' ratio to the true ones (median, scatter over balls), their rms error in mm.
 
@@ -69,7 +69,7 @@ def held_out_depth(
             methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
-        found, true = dent_mm(depth, ball, mm_per_px)
+        found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
         balls.append(Known(true, found, float(np.hypot(gain, seen_gain)) * true, ball.contact_radius_px))
     if not balls:
         return {}
@@ -115,20 +115,22 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def seen_gain_std(
-    method: CalibratedMethod, pictures: Sequence[BallPicture], balls: Sequence[Ball | None], mm_per_px: Pair
+    method: CalibratedMethod, pictures: Sequence[BallPicture], *, balls: Sequence[Ball | None], mm_per_px: Pair
 ) -> float:
     """Scatter of the depth scale over the balls that a method was made from: 1.48 times the median from 1."""
     gains, rng = [], np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
     for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
         if ball is not None:
             change, _, valid = method.change.measure(picture.rgb)
-            seen = inside_ball(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
+            seen = inside_ball(
+                change, ball, mm_per_px=mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng
+            )
             found = method.law.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
     return mad_std(np.array(gains), centre=1.0)
 
 
-def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, mm_per_px: Pair) -> Pair:
+def dent_mm(depth: npt.NDArray[np.floating[Any]], ball: Ball, *, mm_per_px: Pair) -> Pair:
     """Depth of the contact's middle over its rim: as found in `depth` (H, W), and as the ball has it."""
     y, x = np.indices(depth.shape, dtype=np.float64)
     r = np.hypot((x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1])

@@ -76,7 +76,7 @@ class DepthError:
             method.noise * np.float32(1.0 if card.frame_noise is None else card.frame_noise), mm_per_px
         )
         waves_mm = card.untouched_depth_rms_mm or 0.0
-        free = free_variance(noise, waves_mm, np.array(card.untouched_std_mm or [[0.0]], np.float32))
+        free = free_variance(noise, waves_mm, untouched_std=np.array(card.untouched_std_mm or [[0.0]], np.float32))
         self.noise_mm2, self.free_mm2 = (whole[::every, ::every].copy() for whole in (noise, free))
         size = (self.free_mm2.shape[1], self.free_mm2.shape[0])
         gain = np.asarray(place_gain_std(card, method.relative_error) ** 2, np.float32)
@@ -91,8 +91,8 @@ class DepthError:
         light = self._light(evidence, total.shape)
         if light is not None:
             total += light
-        add_edge_variance(total, evidence.edges, self._step_mm)
-        add_steep_variance(total, few, self._hidden_mm(few, evidence))
+        add_edge_variance(total, evidence.edges, mm_per_point=self._step_mm)
+        add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
         cv2.sqrt(total, dst=total)
         return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
@@ -105,8 +105,8 @@ class DepthError:
         few = self._on_grid(depth_mm)
         scale = scale_variance(few, self.gain_square)
         light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
-        add_edge_variance(edges, evidence.edges, self._step_mm)
-        add_steep_variance(steep, few, self._hidden_mm(few, evidence))
+        add_edge_variance(edges, evidence.edges, mm_per_point=self._step_mm)
+        add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
         variances = (
             scale,
             np.maximum(self._leaked(scale) - scale, 0.0),

@@ -70,7 +70,7 @@ def leakage_share(
         scale = np.square(cv2.resize(np.asarray(gain, np.float32), depth.shape[::-1]) * depth)
         reach = [USUAL_THICKNESS_MM / step for step in mm_per_px]
         nearby = cv2.GaussianBlur(scale, (0, 0), reach[0], sigmaY=reach[1])
-        radii = radii_from(ball, depth.shape, mm_per_px)
+        radii = radii_from(ball, depth.shape, mm_per_px=mm_per_px)
         away_mm = (radii - 1.0) * ball.contact_radius_px * mm_per_px[0]
         beside = (radii > RIM) & (away_mm < USUAL_THICKNESS_MM)
         beside_sum += float(variance[beside].mean())

@@ -24,7 +24,7 @@ Picture = npt.NDArray[np.float32]
 BLOCK_PX = 16  # px: grid on which the depth of untouched gel is kept; its waves are longer
 
 
-def free_variance(noise_mm2: Picture, waves_mm: float, untouched_std: Floats) -> Picture:
+def free_variance(noise_mm2: Picture, waves_mm: float, *, untouched_std: Floats) -> Picture:
     """Variance (H, W) mm² of free gel: this term and that of noise, `noise_mm2` (H, W) mm², together.
 
     `waves_mm` is one deviation for all places, `untouched_std` (h, w) mm one for each block.

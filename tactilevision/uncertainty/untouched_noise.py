@@ -26,7 +26,7 @@ Array = npt.NDArray[np.floating[Any]]
 SAMPLED = 4000  # pixels, about, that tell how rough a map is
 
 
-def untouched_std(height: HeightMap, error: DepthError | None, every: int = 1) -> Array | None:
+def untouched_std(height: HeightMap, error: DepthError | None, *, every: int = 1) -> Array | None:
     """Standard deviation (h, w) in mm of depth where nothing touches, of every `every`th pixel each way.
 
     `error` is that of the method which made the map; None: the map's own deviation, which may itself be None.

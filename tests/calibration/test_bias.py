@@ -66,10 +66,10 @@ def test_an_effect_that_shows_only_beyond_its_range_is_not_testable() -> None:
     fit_ = pure(presses_with_noise())
     effects: list[Effect] = [DepthZero(), ForceGain()]
     end = largest(DepthZero())
-    seen = hidden(fit_, effects, {"force_gain": "it is E"}, {"depth_zero": end / 2})
+    seen = hidden(fit_, effects, missing={"force_gain": "it is E"}, visible={"depth_zero": end / 2})
     assert set(seen.why) == {"force_gain"}
     assert set(seen.below) == {"depth_zero"}
-    beyond = hidden(fit_, effects, {}, {"depth_zero": 1.3 * end, "force_gain": np.inf})
+    beyond = hidden(fit_, effects, missing={}, visible={"depth_zero": 1.3 * end, "force_gain": np.inf})
     assert set(beyond.why) == {"depth_zero", "force_gain"}
     assert "from 0.065 mm on" in beyond.why["depth_zero"]
     assert "takes all of it" in beyond.why["force_gain"]

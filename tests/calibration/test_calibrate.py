@@ -194,7 +194,7 @@ def edged(edge_mm: float | None, *, true_mm: float = 0.1) -> Measured:
     """Finite elements of a sliding punch with a rounded edge, of which `edge_mm` is stated."""
     gel = Gel(3.0, shape="disc", radius_mm=30.0, poisson_ratio=0.48, poisson_ratio_std=0.0)
     depth = np.linspace(0.06, 0.45, 14)
-    force = punch_force(depth, FlatContact(2.5, true_mm, 3.0, 0.0), Material(0.2, 0.48))
+    force = punch_force(depth, FlatContact(2.5, true_mm, 3.0, 0.0), material=Material(0.2, 0.48))
     measured = points_of(depth, force, gel=gel)
     punch = {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=edge_mm)}
     return replace(measured, recording=replace(measured.recording, indenters=punch))  # type: ignore[type-var]
@@ -217,7 +217,7 @@ def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) 
     gel = Gel(3.0, shape="disc", radius_mm=30.0, poisson_ratio=0.48, poisson_ratio_std=0.0)
     depth = np.linspace(0.03, 0.3, 10)
     measured = points_of(
-        depth, punch_force(depth, FlatContact(2.5, 0.05, 3.0, friction), Material(0.2, 0.48)), gel=gel
+        depth, punch_force(depth, FlatContact(2.5, 0.05, 3.0, friction), material=Material(0.2, 0.48)), gel=gel
     )
     open_, sharp = calibrate(measured).youngs_modulus, {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)}
     stated = replace(measured, recording=replace(measured.recording, indenters=sharp))  # type: ignore[type-var]

@@ -140,7 +140,7 @@ def test_an_effect_that_finds_no_minimum_leaves_the_comparison_and_the_next_one_
 
     data = presses(8)
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
-    found = compare(shifted, [Stubborn(), "depth_zero"], np.random.default_rng(0))
+    found = compare(shifted, [Stubborn(), "depth_zero"], rng=np.random.default_rng(0))
     assert [model.name for model in found.models] == ["flat_punch", "flat_punch + depth_zero"]
     ((key, why),) = found.left_out
     assert (key, why) == ("stubborn", "it failed: ConvergenceError: this one never settles")
@@ -229,7 +229,7 @@ def test_theory_beta_at_the_thinner_gel_is_as_finite_elements_have_it() -> None:
 def test_compare_shows_the_error_fall_to_the_floor() -> None:
     data = presses()
     shifted = measured(data, MODEL.predict(TRUTH, data.shifted(0.02)), np.random.default_rng(3))
-    base, better = compare(shifted, ["depth_zero"], np.random.default_rng(0)).models
+    base, better = compare(shifted, ["depth_zero"], rng=np.random.default_rng(0)).models
     assert better.name == "flat_punch + depth_zero"
     assert better.held_out_N < 0.8 * base.held_out_N
     assert better.held_out_N == pytest.approx(better.repeatability_N, rel=0.25)

@@ -44,11 +44,11 @@ def test_the_askew_punch_pushes_more_than_its_mean_depth_and_ends_upright() -> N
 def test_pull_off_pays_for_the_face_by_the_layers_own_energy() -> None:
     """dU/da = 2 pi a W at the limit, U = K w^2/2, for a/h where the half-space would be wrong by half."""
     a, h, work = 2.5, 3.0, 2e-4
-    pair = punch_stiffness(0.2, 0.48, np.array([a - 0.01, a + 0.01]), np.full(2, h))
+    pair = punch_stiffness(0.2, 0.48, radius_mm=np.array([a - 0.01, a + 0.01]), thickness_mm=np.full(2, h))
     limit = float(np.sqrt(4 * np.pi * a * work / (np.diff(pair)[0] / 0.02)))
     depth = np.concatenate([[0.3], -limit * np.array([0.8, 1.25])])
     force = (Model(FlatPunch()) + EFFECTS["adhesion"]).predict(np.append(LAW, work), one_press(depth))
-    stiffness = punch_stiffness(0.2, 0.48, np.array([a]), np.array([h]))[0]
+    stiffness = punch_stiffness(0.2, 0.48, radius_mm=np.array([a]), thickness_mm=np.array([h]))[0]
     assert force[1] == pytest.approx(-0.8 * stiffness * limit, rel=0.03)
     assert force[2] == pytest.approx(0, abs=0.02 * stiffness * limit)
 
@@ -82,7 +82,7 @@ def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
     data = observations([np.full(3, 0.3)] * 3, [indenter()] * 3, time_s=time, place_mm=[(0, 0), (0, 0), (5, 0)])
     data = replace(data, presses=replace(data.presses, rest_s=np.full(3, 20.0)))
     force = np.tile([0.0, 1.0, 1.0], 3)
-    found = carried(force, 25.0, data)
+    found = carried(force, 25.0, data=data)
     first = 1 - np.exp(-10 / 25)
     left = first * np.exp(-20 / 25)
     np.testing.assert_allclose(found[[2, 3, 5]], [first, left, first + left * np.exp(-10 / 25)], rtol=1e-6)

@@ -129,7 +129,7 @@ def test_the_jacobian_of_a_fit_is_the_difference_quotient(effect: Effect) -> Non
     data = data_for(effect)
     model = Model(FlatPunch()) + effect
     values = np.concatenate([BASE, effect.starts(data)[0]])
-    about, _ = linearise(model, values, data)
+    about, _ = linearise(model, values, data=data)
     problem = Problem(model, data, model.parameters(data), Whitener(data, Noise(1.0, stated=False), about))
     jacobian = problem.jacobian(values)
     step = 1e-4 * effect.parameters[0].scale

@@ -27,7 +27,7 @@ def test_a_wave_in_the_depth_is_measured_in_size_and_length() -> None:
     data = presses(16)
     wave = 0.03 * np.sin(2 * np.pi * data.depth_mm / 0.2)
     fitted = pure(measured(data, MODEL.predict(TRUTH, data) + wave, np.random.default_rng(0)))
-    left = describe(fitted, score_test(fitted, (), np.random.default_rng(0), draws=49).covariates)
+    left = describe(fitted, score_test(fitted, (), rng=np.random.default_rng(0), draws=49).covariates)
     assert left.size_N == pytest.approx(0.03 / np.sqrt(2), rel=0.5)
     assert 0.02 < left.length_mm < 0.12, "a sine's length scale lies below a quarter of its period"
     assert left.covariates[0].startswith(("w", "1/w"))
@@ -43,7 +43,7 @@ def test_jumps_at_random_depths_show_in_the_scatter_and_heavy_tails_do_not() -> 
     found = []
     for force in (clean + tails, clean - drop + 0.004 * rng.standard_normal(RICH.size)):
         fitted = refit_with_pure_noise(fit(law, RICH.with_force(force)))
-        seen = score_test(fitted, (), np.random.default_rng(0), draws=99)
+        seen = score_test(fitted, (), rng=np.random.default_rng(0), draws=99)
         found.append({c.key: c.p for c in seen.covariates}[SCATTER])
     assert found[0] > 0.05 > 0.01 > found[1]
 
@@ -63,7 +63,7 @@ def drawn_surface(seed: int, tilt: float = 0.0) -> Surface:
     """The exact surface of a press of .4 mm in the middle of a picture, with 3 um of noise and a tilt (mm/mm)."""
     y, x = np.mgrid[-8:8:161j, -8:8:161j]
     r = np.hypot(x, y)
-    rise, _ = exact_profile(np.maximum(r / 2.5, 1.001), 0.48, 2.5 / 3)
+    rise, _ = exact_profile(np.maximum(r / 2.5, 1.001), 0.48, a_over_h=2.5 / 3)
     rng = np.random.default_rng(seed)
     depth = np.where(r < 2.5, 0.4, -0.4 * rise) + tilt * x + 0.003 * rng.standard_normal(r.shape)
     height = HeightMap(depth, np.ones(r.shape, bool), (0.1, 0.1), np.full(r.shape, 0.003))

@@ -25,7 +25,7 @@ def of_radii(friction: float, seed: int, counts: dict[float, int]) -> tuple[Meas
     points, indenters, begins = [], {}, {}
     for radius, count in counts.items():
         depth = DEPTH[-count:]
-        force = punch_force(depth, FlatContact(radius, 0.05, THICK, friction), GEL)
+        force = punch_force(depth, FlatContact(radius, 0.05, THICK, friction), material=GEL)
         begins[radius] = float(np.polyfit(depth / THICK, force / depth, 1)[1]) if count > 1 else np.nan
         one = points_of(depth, force + STD_N * rng.standard_normal(count), radius_mm=radius, gel=Gel(THICK))
         name = f"R{radius:g}"

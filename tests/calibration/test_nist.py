@@ -54,7 +54,7 @@ def solve(name: str, start: Floats) -> Minimum:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(np.nan_to_num(curve(x, b) - y, nan=1e3, posinf=1e3, neginf=-1e3))
 
-    return minimise(residual, start[None], box, tolerance=1e-15)
+    return minimise(residual, start[None], box=box, tolerance=1e-15)
 
 
 @pytest.mark.parametrize("which", ["start1", "start2"])

@@ -41,7 +41,7 @@ def test_finite_elements_bend_within_what_theory_allows(friction: float) -> None
     """A curve of the table, fitted by the bent law on its own, ends inside the bounds and within its error."""
     data = observations([np.linspace(0.01, 0.59, 30)], [indenter()])
     contact = FlatContact(2.5, 0.0, 3.0, friction)
-    force = punch_force(data.depth_mm, contact, Material(0.2, 0.48))
+    force = punch_force(data.depth_mm, contact, material=Material(0.2, 0.48))
     found = fit(Model(FlatPunch(bent=True)), data.with_force(force))
     low, high = found.parameters[-1].bounds
     assert low < found.values[-1] < high

@@ -37,7 +37,7 @@ def test_more_terms_come_before_a_second_effect() -> None:
     force = (MODEL + Viscoelasticity(terms=3)).predict(values, data)
     fitted = pure(measured(data, force, np.random.default_rng(1)))
     looked = [EFFECTS[key] for key in ("clock_offset", "viscoelasticity", "stiffening", "mullins")]
-    found = forward_selection(fitted, looked, np.random.default_rng(0), level=0.05)
+    found = forward_selection(fitted, looked, rng=np.random.default_rng(0), level=0.05)
     assert [step.best.effect.key for step in found.steps] == ["viscoelasticity"]
     effect = found.steps[0].best.effect
     assert isinstance(effect, Viscoelasticity)

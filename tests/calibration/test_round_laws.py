@@ -103,7 +103,9 @@ STUCK = {  # finite elements of balls: P_stick/P_free - 1 at w/h = .1 .15 .2, by
 @pytest.mark.parametrize("case", STUCK)
 def test_a_ball_that_sticks_pushes_back_as_elements_say(case: tuple[float, float]) -> None:
     ratio, nu = case
-    np.testing.assert_allclose(stuck_surplus(nu, ratio, np.array([0.1, 0.15, 0.2])), STUCK[case], rtol=0.36)
+    np.testing.assert_allclose(
+        stuck_surplus(nu, ratio, w_over_h=np.array([0.1, 0.15, 0.2])), STUCK[case], rtol=0.36
+    )
 
 
 def test_a_gel_that_sticks_to_the_ball_lies_inside_the_interval() -> None:

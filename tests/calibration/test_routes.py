@@ -117,7 +117,7 @@ def test_a_sharp_punch_that_slides_freely_is_within_theory() -> None:
     """The tables' own force: without friction a nearly incompressible gel gives way as it is pressed."""
     contact, material = FlatContact(1.5, 0.0, 3.0, 0.0), Material(0.2, 0.48)
     strain = np.linspace(0.05, 0.2, 8)
-    slope, start = np.polyfit(strain, punch_force(3 * strain, contact, material) / strain, 1)
+    slope, start = np.polyfit(strain, punch_force(3 * strain, contact, material=material) / strain, 1)
     allowed = admissible_range.beta_range((0.475, 0.485), 0.5)
     assert allowed is not None
     assert allowed[0] <= slope / start < 0

@@ -129,13 +129,16 @@ def test_a_planted_zero_is_named_and_clean_data_are_not_accused() -> None:
     quiet = 0
     for seed in range(6):
         found = score_test(
-            pure(measured(data, clean, np.random.default_rng(seed))), effects, np.random.default_rng(0), draws=99
+            pure(measured(data, clean, np.random.default_rng(seed))),
+            effects,
+            rng=np.random.default_rng(0),
+            draws=99,
         )
         quiet += min(s.p_adjusted for s in found.effects) > 0.05
     assert quiet >= 4
     shifted = MODEL.predict(TRUTH, data.shifted(0.012))
     found = score_test(
-        pure(measured(data, shifted, np.random.default_rng(9))), effects, np.random.default_rng(0), draws=99
+        pure(measured(data, shifted, np.random.default_rng(9))), effects, rng=np.random.default_rng(0), draws=99
     )
     assert found.effects[0].key == "depth_zero"
     assert found.effects[0].p_adjusted < 1e-3
@@ -158,7 +161,7 @@ def test_p_values_far_beyond_the_draws_are_not_understated(dof: int) -> None:
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:
     data = presses()
     fitted = pure(measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(6)))
-    visible = score_test(fitted, [DepthZero()], np.random.default_rng(0), draws=49).visible["depth_zero"]
+    visible = score_test(fitted, [DepthZero()], rng=np.random.default_rng(0), draws=49).visible["depth_zero"]
     again = fit(MODEL + DepthZero(), data.with_force(fitted.force_N), noise=fitted.noise, tolerances=False)
     assert visible == pytest.approx(3.6 * again.std("depth_zero.offset_mm"), rel=0.1)
 

@@ -54,7 +54,7 @@ def seen(seed: int, *, gain: Floats | float = 1.0, ceiling: float = np.inf) -> O
 def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
     """mm, of slopes no steeper than the light shows them."""
     places = np.linspace(*ring, FINE + 1)
-    model = profile_model(0.48, 2.5 / 3, depth / 3)
+    model = profile_model(0.48, 2.5 / 3, deepest=depth / 3)
     rise = depth * seen_profile(1 + places / 2.5, PunchCase(0.48, 2.5 / 3, depth / 3, 0.25), source=model.source)
     slope, step = np.diff(rise) / np.diff(places), np.diff(places)
     return float(np.sum(step * (ceiling * np.tanh(slope / ceiling) if np.isfinite(ceiling) else slope)))
@@ -71,7 +71,7 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
 def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[str, Any], truth: float) -> None:
     fitted = fit_vision_depth(seen(3, **fault))
     assert fitted is not None
-    found = forward_selection(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, sighted(fitted.data), rng=np.random.default_rng(0), level=0.025)
     assert [step.best.effect.key for step in found.steps] == [key]
     first = found.steps[0].best.effect.parameters[0].name
     low, high = found.current.estimate(f"{key}.{first}").interval95 or (0.0, 0.0)
@@ -83,7 +83,7 @@ def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> 
     fitted = fit_vision_depth(seen(4))
     assert fitted is not None
     assert {"slope", "azimuth beside the face", "order", "w"} <= {c.name for c in covariates(fitted.data)}
-    found = forward_selection(fitted, sighted(fitted.data), np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, sighted(fitted.data), rng=np.random.default_rng(0), level=0.025)
     assert not found.steps
     assert found.last.lack_of_fit > 0.005
 

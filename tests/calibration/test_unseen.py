@@ -46,7 +46,7 @@ def fitted(effect: str = "", size: float = 0.0) -> Fit:
 
 def allowed(one: Fit, *keys: str) -> tuple[Estimate, Estimate, tuple[UndetectedEffect, ...]]:
     alone = determine_material(one).youngs_modulus
-    return alone, *average_models(alone, one, [EFFECTS[key] for key in keys or EFFECTS])
+    return alone, *average_models(alone, one, effects=[EFFECTS[key] for key in keys or EFFECTS])
 
 
 def test_radii_that_exclude_a_wrong_thickness_leave_the_interval_as_it_is() -> None:

@@ -165,8 +165,8 @@ def test_a_clock_that_jumps_is_named_with_its_presses() -> None:
     rng = np.random.default_rng(3)
     seen, forces = presses(0.05, rng, relaxing=0.2)
     labels = [f"P{k}" for k in range(len(seen))]
-    assert clock_jumps(dict(zip(labels, seen, strict=True)), forces, 0.05) == {}
+    assert clock_jumps(dict(zip(labels, seen, strict=True)), forces, offset_s=0.05) == {}
     late = [replace(one, time_s=one.time_s - 0.5) if k < 2 else one for k, one in enumerate(seen)]
-    clock_outliers = clock_jumps(dict(zip(labels, late, strict=True)), forces, 0.05)
+    clock_outliers = clock_jumps(dict(zip(labels, late, strict=True)), forces, offset_s=0.05)
     assert clock_outliers == pytest.approx({"P0": 0.5, "P1": 0.5}, abs=0.05)
     assert "P0 (+0." in next(clock_jump_warnings(clock_outliers))

@@ -77,7 +77,7 @@ def certified() -> tuple[Certified, ...]:
 
 def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
-    anchor = face_depth_correction(recording, Short(), certified())
+    anchor = face_depth_correction(recording, Short(), certified=certified())
     assert anchor is not NO_CORRECTION
     for depth in (0.2, 0.4, 0.55):
         frame = Frame(np.full((*map(int, SIZE[::-1]), 3), round(100 * depth), np.uint8), 12.0)
@@ -91,7 +91,7 @@ def test_faces_come_out_as_deep_as_the_certificate_says_and_the_gel_beside_stays
 
 def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
-    anchor = face_depth_correction(recording, Short(), certified())
+    anchor = face_depth_correction(recording, Short(), certified=certified())
     assert anchor is not NO_CORRECTION
     between = Short().height_map(Frame(np.full((120, 160, 3), 40, np.uint8), 7.0))
     assert anchor(between) is between
@@ -101,13 +101,15 @@ def test_frames_of_no_certified_press_are_left_as_they_were(tmp_path: Path) -> N
 
 def test_another_recording_or_too_few_faces_make_no_anchor(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
-    assert face_depth_correction(recording, Short(), certified()[:2]) is NO_CORRECTION
+    assert face_depth_correction(recording, Short(), certified=certified()[:2]) is NO_CORRECTION
     assert (
-        face_depth_correction(recording, Short(), [replace(one, time_s=one.time_s + 100) for one in certified()])
+        face_depth_correction(
+            recording, Short(), certified=[replace(one, time_s=one.time_s + 100) for one in certified()]
+        )
         is NO_CORRECTION
     )
     assert (
-        face_depth_correction(recording, Short(), [replace(one, press="x") for one in certified()])
+        face_depth_correction(recording, Short(), certified=[replace(one, press="x") for one in certified()])
         is NO_CORRECTION
     )
 
@@ -124,7 +126,7 @@ def test_only_accepted_presses_of_a_table_that_can_be_read_count(tmp_path: Path)
 
 
 def test_maps_on_disk_hold_the_faces_too(tmp_path: Path) -> None:
-    anchor = face_depth_correction(recorded(tmp_path), Short(), certified())
+    anchor = face_depth_correction(recorded(tmp_path), Short(), certified=certified())
     frame = Frame(np.full((*map(int, SIZE[::-1]), 3), 40, np.uint8), 12.0, "20.png")
     peaks = []
     for held in (NO_CORRECTION, anchor):

@@ -51,7 +51,7 @@ def test_a_dwell_gives_the_mean_of_two_hundred_readings() -> None:
     rng = np.random.default_rng(0)
     time = np.arange(0, 4, 0.005)
     force = np.array([0.01, 0.0, 1.3]) + STD * rng.standard_normal((time.size, 3))
-    found = force_in_dwell(time, force, (0.5, 3.5), event_s=0.5)
+    found = force_in_dwell(time, force, dwell_s=(0.5, 3.5), event_s=0.5)
     assert found is not None
     assert found.dwell
     assert found.readings == 200
@@ -124,20 +124,23 @@ def test_an_event_in_a_dwell_is_read_there_and_one_on_the_ramp_is_not() -> None:
     series = stepped(np.random.default_rng(1), relaxing=0.0)
     window = force_window(series, Press("1", "A1", 0.5, 5.0), free_s=(0.0, 6.0), offset_s=0.0)
     assert window is not None
-    resting, moving = force_crossing(window, 1.0, 0.005), force_crossing(window, 0.6, 0.005)
+    resting, moving = (
+        force_crossing(window, 1.0, level_std_N=0.005),
+        force_crossing(window, 0.6, level_std_N=0.005),
+    )
     assert resting is not None
     assert moving is not None
     assert resting.time_s == pytest.approx(2.0, abs=0.05)
     assert moving.time_s == pytest.approx(1.6, abs=0.01)
     assert moving.dwell_s is None
-    mean, fit = event_force(window, series, resting), event_force(window, series, moving)
+    mean, fit = event_force(window, series, crossed=resting), event_force(window, series, crossed=moving)
     assert mean is not None
     assert fit is not None
     assert mean.dwell
     assert mean.force_N[2] == pytest.approx(1.0, abs=0.01)
     assert not fit.dwell
     assert fit.force_N[2] == pytest.approx(0.6, abs=0.012)
-    assert force_crossing(window, 2.0, 0.005) is None
+    assert force_crossing(window, 2.0, level_std_N=0.005) is None
 
 
 def test_the_zero_is_read_on_both_sides_though_it_drifts_and_after_a_first_try() -> None:

@@ -92,7 +92,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Made], Recordi
 
 def test_walls_that_cannot_be_read_do_not_reach_nu(scene: tuple[list[Made], Recording]) -> None:
     made, record = scene
-    views = surfaces_beside_punch(record, cast(Reconstructor, Slopes(made)), certified(made, record))
+    views = surfaces_beside_punch(record, cast(Reconstructor, Slopes(made)), certificate=certified(made, record))
     assert [view.name for view in views] == ["1", "2", "3"]
     settings = SurfaceFitSettings(guard_mm=1.2, gain_std=0.01, bowl_std_per_mm=3e-4)
     fit = fit_poisson_ratio(views, thickness_mm=3.0, model=EXACT, settings=settings)
@@ -101,7 +101,9 @@ def test_walls_that_cannot_be_read_do_not_reach_nu(scene: tuple[list[Made], Reco
 
 def test_bevel_and_wall_are_left_out(scene: tuple[list[Made], Recording]) -> None:
     made, record = scene
-    (view, *_) = surfaces_beside_punch(record, cast(Reconstructor, Slopes(made)), certified(made, record))
+    (view, *_) = surfaces_beside_punch(
+        record, cast(Reconstructor, Slopes(made)), certificate=certified(made, record)
+    )
     rows, columns = view.valid.shape
     x = (np.arange(columns) - (columns - 1) / 2) * view.mm_per_px[0] - CENTRE[0]
     y = (np.arange(rows) - (rows - 1) / 2) * view.mm_per_px[1] - CENTRE[1]
@@ -115,26 +117,28 @@ def test_rejected_presses_are_not_looked_at(scene: tuple[list[Made], Recording])
     made, record = scene
     certificate = certified(made, record)
     spoiled = tuple(replace(p, accepted=p.press == "2", reason="tilt") for p in certificate.points)
-    views = surfaces_beside_punch(record, cast(Reconstructor, Slopes(made)), replace(certificate, points=spoiled))
+    views = surfaces_beside_punch(
+        record, cast(Reconstructor, Slopes(made)), certificate=replace(certificate, points=spoiled)
+    )
     assert [view.name for view in views] == ["2"]
 
 
 def test_depth_follows_the_rise_of_the_nu_that_was_found(scene: tuple[list[Made], Recording]) -> None:
     made, record = scene
     before = certified(made, record)
-    low, high = (with_pile_up(before, record, Estimate(nu, 0.004, None, "1")) for nu in (0.46, 0.49))
+    low, high = (with_pile_up(before, record, poisson_ratio=Estimate(nu, 0.004, None, "1")) for nu in (0.46, 0.49))
     for old, a, b in zip(before.points, low.points, high.points, strict=True):
         assert b.depth_mm < a.depth_mm, "a gel that rises more meets the bevel at a smaller depth"
         assert a.depth_mm / b.depth_mm == pytest.approx(1 + 0.03 * 1.1, abs=0.006)
         assert a.depth_std_mm < 0.02 * old.depth_mm
     ratio = low.points[0].depth_mm / before.points[0].depth_mm
     assert low.curves[0].depth_mm == pytest.approx(ratio * before.curves[0].depth_mm)
-    assert with_pile_up(before, record, Estimate(None, None, (0.4, 0.5), "1", "noise")) is before
+    assert with_pile_up(before, record, poisson_ratio=Estimate(None, None, (0.4, 0.5), "1", "noise")) is before
 
 
 def test_presses_beyond_the_profiles_are_named_and_not_extrapolated(tmp_path: Path) -> None:
     made = line_up([Made(height) for height in (0.2, 0.35, 0.95)])
     record = recording(tmp_path, made)[0]
-    certificate, nu = with_nu(record, cast(Reconstructor, Slopes(made)), certified(made, record))
+    certificate, nu = with_nu(record, cast(Reconstructor, Slopes(made)), certificate=certified(made, record))
     assert nu is not None
     assert any("presses 3 lies beyond" in line for line in certificate.warnings)

@@ -32,7 +32,7 @@ def share_of(frames: list[Frame]) -> float:
 def test_copied_frames_widen_the_clocks() -> None:
     share = share_of(film(np.random.default_rng(0), group=12))
     assert share == pytest.approx(0.9, abs=0.03)
-    offset, notes = allow_for_repeats(Estimate(0.02, 0.001, (0.018, 0.022), "s"), share, TIMES)
+    offset, notes = allow_for_repeats(Estimate(0.02, 0.001, (0.018, 0.022), "s"), share, times_s=TIMES)
     assert offset.value == 0.02
     assert offset.std == pytest.approx(1 / 14, rel=0.01)
     assert offset.interval95 is not None
@@ -47,7 +47,7 @@ def test_frames_seen_anew_do_not(still: bool) -> None:
     if still:  # a picture without noise is the same throughout, and no group of pictures begins anywhere
         frames = [Frame(frames[0].rgb, float(time)) for time in TIMES]
     found = Estimate(0.02, 0.001, (0.018, 0.022), "s")
-    assert allow_for_repeats(found, share_of(frames), TIMES) == (found, ())
+    assert allow_for_repeats(found, share_of(frames), times_s=TIMES) == (found, ())
 
 
 def test_too_few_frames_say_nothing() -> None:

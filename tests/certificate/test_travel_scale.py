@@ -212,7 +212,7 @@ def test_a_stop_on_the_way_is_no_part_of_the_travel() -> None:
     assert window is not None
     assert contact_point(window, 1.2345 + 0.45 / 0.25 + 1.0) is None
     since = 1.2345 + 0.2 / 0.25
-    moved = moving_s(window, since, np.array([since, since + 0.4, since + 1.9]))
+    moved = moving_s(window, since, time_s=np.array([since, since + 0.4, since + 1.9]))
     assert moved == pytest.approx([0.0, 0.4, 0.9], abs=0.06)
 
 

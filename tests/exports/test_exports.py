@@ -113,8 +113,8 @@ def test_an_unknown_format_is_named(tmp_path: Path, height: HeightMap) -> None:
 def test_a_store_that_cannot_be_filled_is_an_output_error(tmp_path: Path) -> None:
     """As on a full disk: the folder of an array's chunks is a file."""
     scratch = tmp_path / "store"
-    begin_frames(scratch, ["a", "b"], {"depth_mm": "mm"}, shape=(4, 5), about={})
+    begin_frames(scratch, ["a", "b"], fields={"depth_mm": "mm"}, shape=(4, 5), about={})
     (scratch / "depth_mm" / "1.0.0").mkdir()
-    write_frame(scratch, 0, {"depth_mm": np.zeros((4, 5), np.float32)})
+    write_frame(scratch, 0, fields={"depth_mm": np.zeros((4, 5), np.float32)})
     with pytest.raises(OutputError, match="cannot be written"):
-        write_frame(scratch, 1, {"depth_mm": np.zeros((4, 5), np.float32)})
+        write_frame(scratch, 1, fields={"depth_mm": np.zeros((4, 5), np.float32)})

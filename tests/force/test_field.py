@@ -152,10 +152,17 @@ def test_an_untouched_gel_is_no_contact(field: ForceField) -> None:
 def test_cells_that_all_would_pull_are_no_contact(field: ForceField) -> None:
     assert field.compliance is not None
     cells = np.array([300, 301, 302])
-    sunk = solve_normal(field.compliance, cells, np.full(3, -0.1), 0.001, poisson_ratio=0.48)
+    sunk = solve_normal(field.compliance, cells, depth_mm=np.full(3, -0.1), std_mm=0.001, poisson_ratio=0.48)
     assert len(sunk.cells) == 0
     u = np.concatenate([np.zeros((2, 3)), np.full((1, 3), -0.1)])
-    assert len(solve_all(field.compliance, cells, u, np.full(3, 0.001), poisson_ratio=0.48).cells) == 0
+    assert (
+        len(
+            solve_all(
+                field.compliance, cells, displacement_mm=u, std_mm=np.full(3, 0.001), poisson_ratio=0.48
+            ).cells
+        )
+        == 0
+    )
 
 
 def test_a_contact_cut_by_the_border_is_flagged_and_less_sure(field: ForceField) -> None:

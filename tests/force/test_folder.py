@@ -64,7 +64,9 @@ def recorded(folder: Path) -> Recording:
 def test_every_frame_has_its_row_and_every_good_one_its_tractions(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     seen: list[tuple[int, int]] = []
-    job = force_job(recording, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")
+    job = force_job(
+        recording, cast(Reconstructor, Known(recording.sensor)), material=Material(0.2, 0.48), out=tmp_path / "out"
+    )
     rows = force_folder(recording, job, workers=1, progress=lambda done, whole: seen.append((done, whole)))
     assert seen[-1] == (5, 5)
     assert [row.frame for row in rows] == list(recording.frame_names)
@@ -93,14 +95,14 @@ def test_what_was_cut_off_goes_on_and_zarr_holds_the_same(tmp_path: Path) -> Non
         if done == 2:
             raise KeyboardInterrupt
 
-    job = force_job(recording, known, material, tmp_path / "npz")
+    job = force_job(recording, known, material=material, out=tmp_path / "npz")
     with pytest.raises(KeyboardInterrupt):
         force_folder(recording, job, workers=1, progress=stop)
     assert not (tmp_path / "npz" / "tractions.npz").exists(), "half a result is none"
     told: list[int] = []
     force_folder(recording, job, workers=1, progress=lambda done, whole: told.append(done))
     assert told == [2, 3, 4, 5]
-    stored = force_job(recording, known, material, tmp_path / "zarr", form="zarr")
+    stored = force_job(recording, known, material=material, out=tmp_path / "zarr", form="zarr")
     force_folder(recording, stored, workers=1)
     group = zarr.open_group(str(tmp_path / "zarr" / "tractions.zarr"), mode="r")
     with np.load(tmp_path / "npz" / "tractions.npz", allow_pickle=False) as stacks:
@@ -121,9 +123,14 @@ def test_another_material_starts_anew(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         force_folder(
-            recording, force_job(recording, known, Material(0.2, 0.48), tmp_path / "out"), workers=1, progress=stop
+            recording,
+            force_job(recording, known, material=Material(0.2, 0.48), out=tmp_path / "out"),
+            workers=1,
+            progress=stop,
         )
-    rows = force_folder(recording, force_job(recording, known, Material(0.4, 0.48), tmp_path / "out"), workers=1)
+    rows = force_folder(
+        recording, force_job(recording, known, material=Material(0.4, 0.48), out=tmp_path / "out"), workers=1
+    )
     assert rows[2].resultant_N[2] == pytest.approx(1.0, rel=0.08)
 
 
@@ -143,4 +150,6 @@ def test_a_gel_that_is_not_described_is_asked_for(tmp_path: Path) -> None:
     recording = recorded(tmp_path)
     bare = replace(recording, sensor=replace(recording.sensor, gel=None))
     with pytest.raises(InputError, match="thickness"):
-        force_job(bare, cast(Reconstructor, Known(recording.sensor)), Material(0.2, 0.48), tmp_path / "out")
+        force_job(
+            bare, cast(Reconstructor, Known(recording.sensor)), material=Material(0.2, 0.48), out=tmp_path / "out"
+        )

@@ -23,7 +23,7 @@ from tactilevision.records import Press
 def test_a_force_map_says_each_axis_and_its_deviation(tmp_path: Path, sheared: bool) -> None:
     height, shear = measured(hertz(2.0, (1.0, 0.5), (0.1, 0.0, 0.5)))
     found = ForceField(GEL, MATERIAL, SCALE)(height, shear if sheared else None)
-    figure = draw_force(found, height, shear if sheared else None)
+    figure = draw_force(found, height, shear=shear if sheared else None)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert any("fz" in title and "±" in title for title in titles)
     assert any("not measured" in title for title in titles) != sheared

@@ -12,7 +12,7 @@ from tactilevision.force.nodes import cell_means, lay_grid, mean_std
 
 
 def test_on_a_deep_gel_a_cell_moves_as_a_loaded_square_on_a_half_space() -> None:
-    grid = lay_grid((40, 40), (0.1, 0.1), 0.5)
+    grid = lay_grid((40, 40), (0.1, 0.1), spacing_mm=0.5)
     cells = layer_cells(grid, thickness_mm=20.0, poisson_ratio=0.4)
     own = cells.normal_block(np.array([0]))[0, 0]
     mean = (4 * np.log(1 + np.sqrt(2)) - 4 / 3 * (np.sqrt(2) - 1)) * 0.5 * (1 - 0.4**2) / np.pi
@@ -21,7 +21,7 @@ def test_on_a_deep_gel_a_cell_moves_as_a_loaded_square_on_a_half_space() -> None
 
 
 def test_a_wide_even_load_sinks_by_the_constrained_modulus() -> None:
-    grid = lay_grid((64, 64), (0.5, 0.5), 0.5)
+    grid = lay_grid((64, 64), (0.5, 0.5), spacing_mm=0.5)
     cells = layer_cells(grid, thickness_mm=1.0, poisson_ratio=0.3)
     every = np.arange(64 * 64)
     middle = np.array([32 * 64 + 32])
@@ -30,36 +30,36 @@ def test_a_wide_even_load_sinks_by_the_constrained_modulus() -> None:
 
 
 def test_compliance_is_symmetric_and_positive_definite() -> None:
-    grid = lay_grid((60, 60), (0.1, 0.1), 0.5)
+    grid = lay_grid((60, 60), (0.1, 0.1), spacing_mm=0.5)
     block = layer_cells(grid, thickness_mm=3.0, poisson_ratio=0.49).block(np.arange(144), np.arange(144))
     assert np.abs(block - block.T).max() < 1e-12 * np.abs(block).max()
     assert np.linalg.eigvalsh(block).min() > 0
 
 
 def test_cell_means_of_a_plane_are_its_values_at_the_middles() -> None:
-    grid = lay_grid((47, 61), (0.13, 0.11), 0.5)
+    grid = lay_grid((47, 61), (0.13, 0.11), spacing_mm=0.5)
     x = (np.arange(61) - 30) * 0.13
     y = (np.arange(47) - 23) * 0.11
     plane = 0.3 * x[None, :] - 0.2 * y[:, None]
-    means, known = cell_means(grid, plane, None)
+    means, known = cell_means(grid, plane, valid=None)
     assert known.all()
     # Overlaps weigh whole pixels, so a tilt is off by less than a pixel's own step.
     assert np.abs(means - (0.3 * grid.x_mm[None, :] - 0.2 * grid.y_mm[:, None])).max() < 0.3 * 0.13 / 2
 
 
 def test_noise_of_a_mean_falls_with_pixels_until_they_are_alike() -> None:
-    grid = lay_grid((100, 100), (0.1, 0.1), 0.5)
-    assert mean_std(grid, 0.01, 1.0) == pytest.approx(0.002)
-    assert mean_std(grid, 0.01, 50.0) == pytest.approx(0.01)
+    grid = lay_grid((100, 100), (0.1, 0.1), spacing_mm=0.5)
+    assert mean_std(grid, 0.01, correlation_px=1.0) == pytest.approx(0.002)
+    assert mean_std(grid, 0.01, correlation_px=50.0) == pytest.approx(0.01)
 
 
 def test_a_scale_or_spacing_that_makes_no_grid_is_refused() -> None:
     with pytest.raises(InputError, match="scale in mm"):
-        lay_grid((100, 100), (float("nan"), 0.1), 0.5)
+        lay_grid((100, 100), (float("nan"), 0.1), spacing_mm=0.5)
     with pytest.raises(InputError, match="above a pixel"):
-        lay_grid((100, 100), (0.6, 0.6), 0.5)
+        lay_grid((100, 100), (0.6, 0.6), spacing_mm=0.5)
     with pytest.raises(InputError, match="less than 4 cells"):
-        lay_grid((10, 10), (0.1, 0.1), 0.5)
+        lay_grid((10, 10), (0.1, 0.1), spacing_mm=0.5)
 
 
 def test_roughness_leaves_a_constant_alone_and_sees_a_step() -> None:
@@ -74,8 +74,8 @@ def test_a_single_deep_cell_is_noise_and_a_group_is_a_contact() -> None:
     depth[3, 3] = 0.1
     depth[10:13, 10:13] = 0.1
     known, std = np.ones((20, 20), dtype=bool), np.full((20, 20), 0.001)
-    assert len(candidate_cells(depth, std, known)) == 9
-    assert len(candidate_cells(depth, std, ~known)) == 0
+    assert len(candidate_cells(depth, std, known=known)) == 9
+    assert len(candidate_cells(depth, std, known=~known)) == 0
 
 
 def test_where_the_map_is_less_sure_more_is_asked_for() -> None:
@@ -83,6 +83,6 @@ def test_where_the_map_is_less_sure_more_is_asked_for() -> None:
     depth[2:5, 2:5] = depth[10:13, 10:13] = 0.1
     std = np.full((20, 20), 0.005)
     std[:6, :6] = 0.03  # a corner that the light hardly reaches
-    kept = candidate_cells(depth, std, np.ones((20, 20), dtype=bool))
+    kept = candidate_cells(depth, std, known=np.ones((20, 20), dtype=bool))
     assert len(kept) == 9
     assert kept.min() >= 200

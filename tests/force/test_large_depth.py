@@ -13,15 +13,16 @@ ONE = np.array([2.5])
 
 def test_without_depth_or_stretch_nothing_is_corrected() -> None:
     none = np.zeros(1)
-    assert patch_factor(ONE, none, none, thickness_mm=3.0, poisson_ratio=0.48)[0] == 1.0
-    small = patch_factor(ONE, none + 1e-6, none, thickness_mm=3.0, poisson_ratio=0.48)[0]
+    assert patch_factor(ONE, none, stretch=none, thickness_mm=3.0, poisson_ratio=0.48)[0] == 1.0
+    small = patch_factor(ONE, none + 1e-6, stretch=none, thickness_mm=3.0, poisson_ratio=0.48)[0]
     assert 0 < small - 1 < 1e-6
 
 
 def test_a_narrow_contact_hardly_feels_the_thickness_and_a_wide_one_all_of_it() -> None:
     depth, none = np.array([0.3]), np.zeros(1)
     narrow, wide = (
-        patch_factor(np.array([a]), depth, none, thickness_mm=3.0, poisson_ratio=0.48)[0] for a in (0.3, 8.0)
+        patch_factor(np.array([a]), depth, stretch=none, thickness_mm=3.0, poisson_ratio=0.48)[0]
+        for a in (0.3, 8.0)
     )
     assert narrow < 1.002
     assert wide > 1.1
@@ -29,7 +30,7 @@ def test_a_narrow_contact_hardly_feels_the_thickness_and_a_wide_one_all_of_it() 
 
 def test_a_patch_that_stretches_by_a_twentieth_is_as_a_wider_one() -> None:
     none = np.zeros(1)
-    stretched = patch_factor(ONE, none, none + 0.05, thickness_mm=3.0, poisson_ratio=0.48)[0]
+    stretched = patch_factor(ONE, none, stretch=none + 0.05, thickness_mm=3.0, poisson_ratio=0.48)[0]
     assert 1.03 < stretched < 1.07
 
 

@@ -25,7 +25,7 @@ DISC = Gel(2.0, shape="disc", radius_mm=6.0)
 @pytest.mark.parametrize("gel", [SMALL, DISC], ids=["rectangle", "disc"])
 def test_a_linear_motion_has_no_force_inside_and_a_rigid_one_none_at_all(gel: Gel) -> None:
     mesh = gel_mesh(gel, 2.5)
-    matrix = stiffness(mesh.nodes_mm, mesh.elements, 0.49)
+    matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=0.49)
     x, y, z = mesh.nodes_mm.T
     turn = np.column_stack([-y, x, np.zeros_like(x)]).ravel()
     assert np.abs(matrix @ turn).max() < 1e-9
@@ -48,7 +48,7 @@ def test_a_squeezed_block_does_not_lock() -> None:
     sunk = []
     for nu in (0.499, 0.49999):
         mesh = gel_mesh(SMALL, 2.5)
-        matrix = stiffness(mesh.nodes_mm, mesh.elements, nu)[mesh.free][:, mesh.free]
+        matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=nu)[mesh.free][:, mesh.free]
         load = np.zeros(len(mesh.free))
         load[2 : 3 * mesh.per_layer : 3] = 1.0
         sunk.append(float(load @ splu(matrix.tocsc()).solve(load)))
@@ -79,7 +79,7 @@ def test_the_derivative_by_poissons_ratio_holds_near_a_side(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
-    grid = lay_grid((60, 60), (0.1, 0.1), 0.75)
+    grid = lay_grid((60, 60), (0.1, 0.1), spacing_mm=0.75)
     gel = Gel(1.0, shape="rectangle", size_mm=(6.5, 6.5))
     cells = np.array([25, 26, 33, 34, 1, 2])
     low, middle, high = (gel_compliance(gel, grid, poisson_ratio=nu) for nu in (0.466, 0.47, 0.474))
@@ -98,7 +98,7 @@ def test_a_gel_wide_against_its_thickness_is_an_unbounded_layer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path))
-    grid = lay_grid((40, 40), (0.1, 0.1), 0.5)
+    grid = lay_grid((40, 40), (0.1, 0.1), spacing_mm=0.5)
     assert gel_compliance(Gel(0.5, shape="disc", radius_mm=15.0), grid, poisson_ratio=0.48).sides is None
     near = gel_compliance(Gel(1.0, shape="rectangle", size_mm=(6.0, 6.0)), grid, poisson_ratio=0.48)
     middle, edge = np.array([27]), np.array([24])
@@ -120,13 +120,13 @@ def test_a_table_is_kept_read_again_and_made_anew_where_it_is_torn(
         return np.arange(3.0)
 
     for _ in range(2):
-        assert store.kept("thing", ("key", 1), make).tolist() == [0, 1, 2]
+        assert store.kept("thing", ("key", 1), make=make).tolist() == [0, 1, 2]
     assert len(calls) == 1
     (path,) = tmp_path.glob("*.npz")
     path.write_bytes(path.read_bytes()[:40])
-    assert store.kept("thing", ("key", 1), make).tolist() == [0, 1, 2]
+    assert store.kept("thing", ("key", 1), make=make).tolist() == [0, 1, 2]
     assert len(calls) == 2
-    store.kept("thing", ("key", 2), make)
+    store.kept("thing", ("key", 2), make=make)
     assert len(calls) == 3
 
 
@@ -136,4 +136,4 @@ def test_the_cache_follows_the_environment(tmp_path: Path, monkeypatch: pytest.M
     assert store.cache_folder() == tmp_path / "tactilevision"
     monkeypatch.setenv("TACTILEVISION_CACHE", str(tmp_path / "file"))
     (tmp_path / "file").write_text("in the way")
-    assert store.kept("thing", "key", lambda: np.ones(2)).tolist() == [1, 1]
+    assert store.kept("thing", "key", make=lambda: np.ones(2)).tolist() == [1, 1]

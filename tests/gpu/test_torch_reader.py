@@ -29,7 +29,7 @@ def calibrated(name: str, marks: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)], may_have_marks=marks)
-    method = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=FITS[name]).method
+    method = calibrate_from_balls(reference, shots, mm_per_px=(MM_PER_PX, MM_PER_PX), fit=FITS[name]).method
     return subtract_background(method, [flat(rng) for _ in range(8)])
 
 

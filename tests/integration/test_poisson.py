@@ -176,7 +176,7 @@ def test_it_says_what_is_wrong() -> None:
         weighted(
             rng.normal(size=(40, 40)),
             rng.normal(size=(40, 40)),
-            rng.uniform(size=(40, 40)) ** 8,
+            weights=rng.uniform(size=(40, 40)) ** 8,
             mm_per_px=(1.0, 1.0),
             tolerance=1e-9,
             max_iterations=2,
@@ -187,6 +187,8 @@ def test_it_starts_from_where_it_is_told() -> None:
     rng = np.random.default_rng(2)
     t_x, t_y = rng.normal(size=(20, 29)), rng.normal(size=(19, 30))
     w_x, w_y = rng.uniform(0.1, 1, size=(20, 29)), rng.uniform(0.1, 1, size=(19, 30))
-    cold = solve_edges(t_x, t_y, w_x, w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9)
-    warm = solve_edges(t_x, t_y, w_x, w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9, max_iterations=2, start=cold)
+    cold = solve_edges(t_x, t_y, w_x=w_x, w_y=w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9)
+    warm = solve_edges(
+        t_x, t_y, w_x=w_x, w_y=w_y, mm_per_px=(1.0, 1.0), tolerance=1e-9, max_iterations=2, start=cold
+    )
     assert warm == pytest.approx(cold, abs=1e-6)

@@ -63,8 +63,8 @@ def test_the_hidden_step_is_found(w: float, blur_px: float) -> None:
     depth = punch(w)
     slopes = photographed(depth, blur_px)
     true, plain = true_over_gel(depth), face_over_gel(slopes)
-    walls = find_punch_edges(slopes, (STEP, STEP), LIMIT)
-    restore(slopes, walls, (STEP, STEP))
+    walls = find_punch_edges(slopes, (STEP, STEP), limit=LIMIT)
+    restore(slopes, walls, mm_per_px=(STEP, STEP))
     found = face_over_gel(slopes)
     assert len(walls) == 1
     assert walls[0].radius_mm == pytest.approx(2.0, abs=0.03)
@@ -76,7 +76,7 @@ def test_the_hidden_step_is_found(w: float, blur_px: float) -> None:
 def test_a_tilted_face_keeps_its_tilt() -> None:
     depth = punch(0.6, tilt=(0.02, -0.01))
     slopes = photographed(depth)
-    restore(slopes, find_punch_edges(slopes, (STEP, STEP), LIMIT), (STEP, STEP))
+    restore(slopes, find_punch_edges(slopes, (STEP, STEP), limit=LIMIT), mm_per_px=(STEP, STEP))
     surface = integrate(slopes, (STEP, STEP))
     x, y = places()
     face = np.hypot(x, y) < 1.5
@@ -89,19 +89,19 @@ def test_a_face_cut_by_the_border_is_restored_too() -> None:
     centre = (0.9, 5.9)
     depth = punch(0.6, centre=centre)
     slopes = photographed(depth)
-    walls = find_punch_edges(slopes, (STEP, STEP), LIMIT)
-    restore(slopes, walls, (STEP, STEP))
+    walls = find_punch_edges(slopes, (STEP, STEP), limit=LIMIT)
+    restore(slopes, walls, mm_per_px=(STEP, STEP))
     assert len(walls) == 1
     assert face_over_gel(slopes, centre) == pytest.approx(true_over_gel(depth, centre), rel=0.05)
 
 
 def test_a_wall_is_restored_in_the_window_that_holds_it() -> None:
     slopes, whole = (photographed(punch(0.6)) for _ in range(2))
-    walls = find_punch_edges(whole, (STEP, STEP), LIMIT)
-    restore(whole, walls, (STEP, STEP))
+    walls = find_punch_edges(whole, (STEP, STEP), limit=LIMIT)
+    restore(whole, walls, mm_per_px=(STEP, STEP))
     windows = [(slice(30, 170), slice(52, 194)), (slice(0, 20), slice(0, 20))]
     fine = [np.stack([slopes.dz_dx[window], slopes.dz_dy[window]]) for window in windows]
-    found = restore_windows(fine, windows, np.ones(SHAPE, np.bool_), (STEP, STEP), LIMIT)
+    found = restore_windows(fine, windows, valid=np.ones(SHAPE, np.bool_), mm_per_px=(STEP, STEP), limit=LIMIT)
     assert len(found) == len(walls) == 1
     assert found[0].centre_mm == pytest.approx(walls[0].centre_mm, abs=0.1 * STEP)
     assert found[0].radius_mm == pytest.approx(walls[0].radius_mm, abs=0.1 * STEP)
@@ -116,12 +116,12 @@ def test_what_has_no_sharp_round_edge_is_left_alone() -> None:
     ridge = np.maximum(0.6 - 0.7 * np.abs(x + 0.4 * y), 0.0)
     noise = np.random.default_rng(1).normal(0, 0.02, x.shape)
     for depth in (ball, cone, ridge, noise):
-        assert find_punch_edges(photographed(np.asarray(depth)), (STEP, STEP), LIMIT) == []
+        assert find_punch_edges(photographed(np.asarray(depth)), (STEP, STEP), limit=LIMIT) == []
 
 
 def test_gentle_slopes_cost_nothing() -> None:
     slopes = photographed(punch(0.1))
     before = slopes.dz_dx.copy()
-    assert find_circular_edges(slopes, (STEP, STEP), LIMIT) == []
-    restore(slopes, [], (STEP, STEP))
+    assert find_circular_edges(slopes, (STEP, STEP), limit=LIMIT) == []
+    restore(slopes, [], mm_per_px=(STEP, STEP))
     assert np.array_equal(slopes.dz_dx, before)

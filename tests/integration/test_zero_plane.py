@@ -26,7 +26,7 @@ def test_an_added_plane_is_taken_off_and_the_punch_keeps_its_tilt() -> None:
     depth, untouched = scene()
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
     tilted = depth + 0.3 + 0.01 * x - 0.02 * y
-    zero = find_zero_plane(tilted, untouched, (STEP, STEP), thickness_mm=3.0)
+    zero = find_zero_plane(tilted, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0)
     level(tilted, zero)
     assert np.abs(tilted - depth).max() < 1.5e-3
     face = depth > 0.3
@@ -36,7 +36,7 @@ def test_an_added_plane_is_taken_off_and_the_punch_keeps_its_tilt() -> None:
 @pytest.mark.parametrize("thickness_mm", [None, 2.0, 3.0, 4.5])
 def test_the_rise_beside_a_contact_is_not_taken_for_zero(thickness_mm: float | None) -> None:
     depth, untouched = scene()
-    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=thickness_mm)
+    zero = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=thickness_mm)
     assert abs(zero.offset_mm) < 2.5e-3
     plain = float(np.mean(depth[::10, ::10][untouched]))
     assert abs(zero.offset_mm) < 0.4 * abs(plain)
@@ -45,7 +45,7 @@ def test_the_rise_beside_a_contact_is_not_taken_for_zero(thickness_mm: float | N
 def test_without_contact_it_is_the_plane() -> None:
     x = np.arange(SHAPE[1])[None, :] * STEP
     depth = np.repeat(0.1 - 0.01 * x, SHAPE[0], axis=0)
-    zero = find_zero_plane(depth, np.ones((16, 24), np.bool_), (STEP, STEP))
+    zero = find_zero_plane(depth, np.ones((16, 24), np.bool_), mm_per_px=(STEP, STEP))
     level(depth, zero)
     assert np.abs(depth).max() < 1e-8
 
@@ -56,14 +56,14 @@ def test_its_uncertainty_covers_its_error() -> None:
     for _ in range(60):
         coarse = rng.normal(0.0, 0.004, (4, 6))
         wave = np.kron(coarse, np.ones((40, 40)))
-        zero = find_zero_plane(wave, np.ones((16, 24), np.bool_), (STEP, STEP))
+        zero = find_zero_plane(wave, np.ones((16, 24), np.bool_), mm_per_px=(STEP, STEP))
         misses.append(zero.offset_mm / zero.std_mm)
     assert 0.4 < np.std(misses) < 1.6
 
 
 def test_with_nothing_untouched_it_says_so_by_its_uncertainty() -> None:
     depth, untouched = scene()
-    zero = find_zero_plane(depth, np.zeros_like(untouched), (STEP, STEP))
+    zero = find_zero_plane(depth, np.zeros_like(untouched), mm_per_px=(STEP, STEP))
     assert zero.share == 0.0
     assert zero.std_mm == pytest.approx(float(np.std(depth)), rel=0.2)
 
@@ -72,8 +72,8 @@ def test_a_flat_face_is_not_taken_for_untouched_gel() -> None:
     depth, untouched = scene()
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP
     face = (np.hypot(x - 12.0, y - 8.0) < 1.6)[5::10, 5::10]
-    with_face = find_zero_plane(depth, untouched | face, (STEP, STEP), thickness_mm=3.0)
-    without = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=3.0)
+    with_face = find_zero_plane(depth, untouched | face, mm_per_px=(STEP, STEP), thickness_mm=3.0)
+    without = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0)
     assert with_face.offset_mm == pytest.approx(without.offset_mm, abs=1e-9)
 
 
@@ -86,7 +86,7 @@ def test_the_wide_rise_beside_a_large_ball_is_not_taken_for_zero(
     grid = Grid(np.arange(-13.5, 13.6, STEP), np.arange(-10.0, 10.1, STEP))
     depth = BallPress(20.0, contact_mm, thickness_mm, poisson_ratio, centre).depth_mm(grid)
     untouched = grid.distance(centre)[5::10, 5::10] > contact_mm + 0.6
-    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=told_mm)
+    zero = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=told_mm)
     assert float(depth.min()) < -0.06
     assert abs(zero.offset_mm) < 0.003, "with the decay held at .75 h: .006, .013, .018"
     assert abs(zero.offset_mm) < 2.0 * zero.std_mm
@@ -98,6 +98,6 @@ def test_a_face_that_covers_most_of_the_picture_is_not_taken_for_the_gel(share: 
     x = np.repeat(np.arange(SHAPE[1])[None, :] * STEP, SHAPE[0], axis=0)
     depth = np.where(x > edge, 0.3, -0.03 * np.exp(-(edge - x) / 2.7))
     untouched = np.abs(x - edge)[5::10, 5::10] > 0.6
-    zero = find_zero_plane(depth, untouched, (STEP, STEP), thickness_mm=3.0)
+    zero = find_zero_plane(depth, untouched, mm_per_px=(STEP, STEP), thickness_mm=3.0)
     level(depth, zero)
     assert abs(float(depth[x > edge].mean()) - 0.3) < 0.02

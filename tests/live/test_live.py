@@ -30,7 +30,7 @@ def calibrated() -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = ball_pictures(8, rng)
     reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, shots, SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
+    return calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]).method
 
 
 def stream(renew: float = 0.0) -> Stream:

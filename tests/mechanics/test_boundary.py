@@ -47,7 +47,7 @@ def test_off_centre_tends_to_the_centre_and_grows_outwards() -> None:
 @pytest.mark.slow
 def test_table_agrees_with_fresh_solutions_between_its_nodes() -> None:
     for nu, alpha, d in ((0.48, 1.0, 1.2), (0.465, 0.7, 0.6), (0.43, 2.5 / 3, 2.5)):
-        fresh = linear_shares((alpha,), (nu,), (d,)).item()
+        fresh = linear_shares((alpha,), (nu,), distances=(d,)).item()
         ours = softening(3 * d, radius_mm=3 * alpha, thickness_mm=3.0, poisson_ratio=nu)
         assert float(ours) == pytest.approx(fresh, rel=0.03)
 
@@ -63,7 +63,7 @@ def test_a_ratio_of_the_table_is_what_elements_give_today() -> None:
 def share(depth_mm: float, pad_radius_mm: float, friction: float) -> float:
     """For the paper's punch."""
     contact = FlatContact(2.5, 0.05, 3.0, friction, pad_radius_mm=pad_radius_mm)
-    return float(rim_share(depth_mm, contact, 0.48))
+    return float(rim_share(depth_mm, contact, poisson_ratio=0.48))
 
 
 def test_a_wide_pad_is_the_tables_own_and_the_share_grows_from_there() -> None:

@@ -36,7 +36,7 @@ def test_displaced_volume_is_that_of_the_compressed_layer(nu: float, alpha: floa
     t, weights = np.polynomial.legendre.leggauss(200)
     s, weights = (t + 1) / 2 * np.sqrt(20), weights / 2 * np.sqrt(20)
     r = 1 + s**2 / alpha
-    rise, _ = exact_profile(r, nu, alpha)
+    rise, _ = exact_profile(r, nu, a_over_h=alpha)
     volume = np.pi - 2 * np.pi * np.sum(weights * rise * r * 2 * s / alpha)
     one_over_M = (1 + nu) * (1 - 2 * nu) / (1 - nu)
     assert volume == pytest.approx(2 * solve_punch(nu, alpha).kappa / (1 - nu**2) / alpha * one_over_M, abs=2e-5)
@@ -49,7 +49,7 @@ def test_pressure_carries_the_force_and_has_the_stated_transform(nu: float, alph
     punch = solve_punch(nu, alpha)
     t, weights = np.polynomial.legendre.leggauss(120)
     angle, weights = (t + 1) * np.pi / 4, weights * np.pi / 4  # r = sin(angle) takes the edge's singularity away
-    density = punch_pressure(np.sin(angle), nu, alpha) * np.sin(angle) * np.cos(angle) * weights
+    density = punch_pressure(np.sin(angle), nu, a_over_h=alpha) * np.sin(angle) * np.cos(angle) * weights
     assert density.sum() == pytest.approx(0.5, rel=1e-10)
     xi = np.array([0.5, 3.0, 20.0])
     transform = j0(np.multiply.outer(xi, np.sin(angle))) @ density / density.sum()
@@ -60,7 +60,7 @@ def test_shallow_punch_tends_to_the_half_space() -> None:
     r, nu = np.array([1.0, 1.3, 2.0, 4.0]), 0.3
     half_space = -2 / np.pi * np.arcsin(1 / r)
     outward = -(1 - 2 * nu) / (np.pi * (1 - nu)) / r
-    first, second = (np.array(exact_profile(r, nu, alpha)) for alpha in (0.1, 0.05))
+    first, second = (np.array(exact_profile(r, nu, a_over_h=alpha)) for alpha in (0.1, 0.05))
     np.testing.assert_allclose(2 * second - first, [half_space, outward], atol=0.005)
     assert second[0][0] == pytest.approx(-1, abs=1e-9)  # the gel meets the punch's edge at every a/h
 
@@ -77,7 +77,7 @@ def test_profile_is_the_transform_of_pressure_and_compliance(nu: float, alpha: f
     density = 2 / np.pi * punch.transform(xi) * xi / alpha / (1 - nu)
     rise = [-_averaged(np.asarray(density * part.normal * j0(xi * place)), xi) for place in r]
     outward = [-_averaged(np.asarray(density * part.coupling * j1(xi * place)), xi) for place in r]
-    np.testing.assert_allclose(exact_profile(r, nu, alpha), [rise, outward], atol=3e-5)
+    np.testing.assert_allclose(exact_profile(r, nu, a_over_h=alpha), [rise, outward], atol=3e-5)
 
 
 def _averaged(density: Floats, xi: Floats) -> float:
@@ -97,17 +97,17 @@ def test_spline_holds_its_stated_error() -> None:
     s = np.random.default_rng(5).uniform(0, np.sqrt(20), 200)
     for nu, alpha, error in [(0.3, 0.2, 3e-6), (0.48, 2.5 / 3, 3e-6), (0.5, 10.0, 3e-6), (0.4, 0.05, 1e-4)]:
         r = 1 + s**2 / alpha
-        fast, exact = linear_profile(r, PunchCase(nu, alpha)), exact_profile(r, nu, alpha)
+        fast, exact = linear_profile(r, PunchCase(nu, alpha)), exact_profile(r, nu, a_over_h=alpha)
         assert max(np.abs(f - e).max() for f, e in zip(fast, exact, strict=True)) < error
         far = np.array([1 + 20.5 / alpha])
-        assert np.abs(exact_profile(far, nu, alpha)).max() < 3e-6
+        assert np.abs(exact_profile(far, nu, a_over_h=alpha)).max() < 3e-6
         assert linear_profile(far, PunchCase(nu, alpha))[0] == 0
 
 
 def test_camera_sees_the_surface_where_it_went() -> None:
     r = np.linspace(2.6, 12, 40)
     for depth in (0.05, 0.4):
-        rise, outward = exact_profile(r / 2.5, 0.48, 2.5 / 3)
+        rise, outward = exact_profile(r / 2.5, 0.48, a_over_h=2.5 / 3)
         seen = seen_rise(r + depth * outward, depth, poisson_ratio=0.48, **PUNCH)
         np.testing.assert_allclose(seen, depth * rise, atol=2e-5 * depth)
 
@@ -128,10 +128,10 @@ def test_another_source_is_taken_as_it_is() -> None:
 
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="r = a"):
-        exact_profile(0.5, 0.4, 1.0)
+        exact_profile(0.5, 0.4, a_over_h=1.0)
     with pytest.raises(InputError, match="depth"):
         surface_rise(5.0, 3.0, poisson_ratio=0.48, **PUNCH)
     with pytest.raises(InputError, match="Poisson"):
         surface_rise(5.0, 0.3, poisson_ratio=0.52, **PUNCH)
     with pytest.raises(InputError, match="pressure"):
-        punch_pressure(1.0, 0.4, 1.0)
+        punch_pressure(1.0, 0.4, a_over_h=1.0)

@@ -45,7 +45,7 @@ def test_camera_sees_the_profile_of_another_solver() -> None:
 def test_correction_to_linear_theory_is_small_where_it_should_be() -> None:
     # without friction and at no depth only the edge radius and the pad's radius are left: some 3 % of the rise
     for nu in (0.42, 0.47, 0.49):
-        found, linear = table_profile(RADII, PunchCase(nu, 2.5 / 3)), exact_profile(RADII, nu, 2.5 / 3)
+        found, linear = table_profile(RADII, PunchCase(nu, 2.5 / 3)), exact_profile(RADII, nu, a_over_h=2.5 / 3)
         np.testing.assert_allclose(found[0], linear[0], atol=0.007)
         np.testing.assert_allclose(found[1], linear[1], atol=0.012)
 
@@ -75,7 +75,7 @@ def test_presses_out_of_range_are_left_out_and_named() -> None:
         0.477,
         np.random.default_rng(12),
         depths_mm=(0.3, 0.9),
-        source=lambda r, case: exact_profile(r, 0.477, 2.5 / 3),
+        source=lambda r, case: exact_profile(r, 0.477, a_over_h=2.5 / 3),
     )
     fit = fit_poisson_ratio(made, thickness_mm=THICKNESS_MM, model=TABULATED)
     assert fit.left_out == ("1",)
@@ -91,8 +91,8 @@ def test_model_is_chosen_by_what_the_table_holds() -> None:
 
 @pytest.mark.parametrize(("nu", "alpha", "deepest"), [(0.2, 0.8, 0.1), (0.48, 0.1, 0.1), (0.48, 0.8, 0.3)])
 def test_linear_theory_stands_in_beyond_the_table(nu: float, alpha: float, deepest: float) -> None:
-    assert profile_model(nu, alpha, deepest) is LINEAR
-    assert profile_model(0.48, 0.8, 0.1) is TABULATED
+    assert profile_model(nu, alpha, deepest=deepest) is LINEAR
+    assert profile_model(0.48, 0.8, deepest=0.1) is TABULATED
 
 
 def test_beyond_the_solved_depths_the_surface_goes_on_smoothly() -> None:

@@ -38,7 +38,7 @@ def pictures(count: int, seed: int = 1) -> list[BallPicture]:
 def calibrated(name: str) -> Calibration:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng) for _ in range(3)])
-    return calibrate_from_balls(reference, pictures(12), SCALE, fit=FITS[name])
+    return calibrate_from_balls(reference, pictures(12), mm_per_px=SCALE, fit=FITS[name])
 
 
 def test_balls_are_found_to_a_fraction_of_a_pixel() -> None:
@@ -99,7 +99,7 @@ def test_a_known_centre_is_taken_as_a_start() -> None:
         BallPicture(shot.rgb, RADIUS_MM, in_px(centre), contact / MM_PER_PX)
         for shot, (centre, contact) in zip(pictures(6), presses(6, np.random.default_rng(1)), strict=True)
     ]
-    found = calibrate_from_balls(reference, stated, SCALE, fit=PHOTOMETRIC["polynomial"]).balls
+    found = calibrate_from_balls(reference, stated, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"]).balls
     assert all(one is not None for one in found)
 
 
@@ -121,7 +121,7 @@ def test_too_few_balls_are_refused_and_say_why() -> None:
     reference = make_reference([flat(rng)])
     empty = [BallPicture(flat(rng), RADIUS_MM, name="empty.png")]
     with pytest.raises(InputError, match=r"too few ball presses.*2 of 3.*empty\.png.*no contact"):
-        calibrate_from_balls(reference, pictures(2) + empty, SCALE, fit=PHOTOMETRIC["polynomial"])
+        calibrate_from_balls(reference, pictures(2) + empty, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
 
 
 def test_balls_in_one_corner_are_warned_of() -> None:
@@ -131,7 +131,7 @@ def test_balls_in_one_corner_are_warned_of() -> None:
         BallPicture(picture(*ball((-6.0 + 0.2 * k, -4.0 + 0.1 * k), 1.4, RADIUS_MM)[1:], rng), RADIUS_MM)
         for k in range(5)
     ]
-    calibration = calibrate_from_balls(reference, corner, SCALE, fit=PHOTOMETRIC["polynomial"])
+    calibration = calibrate_from_balls(reference, corner, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert any("of the picture only" in warning for warning in calibration.warnings)
 
 
@@ -142,7 +142,7 @@ def test_a_contact_in_the_only_reference_is_warned_of() -> None:
         BallPicture(picture(*ball((4.0 - 0.5 * k, -3.0 + 0.4 * k), 1.8, RADIUS_MM)[1:], rng), RADIUS_MM)
         for k in range(6)
     ]
-    found = calibrate_from_balls(make_reference([touched]), shots, SCALE, fit=PHOTOMETRIC["polynomial"])
+    found = calibrate_from_balls(make_reference([touched]), shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert any("contact in the reference" in warning for warning in found.warnings)
     place = found.method.card.contact_in_reference_px
     assert place is not None
@@ -193,7 +193,7 @@ def test_balls_all_in_one_corner_are_told_of() -> None:
     places = [tuple(float(v) for v in rng.uniform(-0.8, -0.1, 2) * reach) for _ in range(6)]
     shots = [BallPicture(picture(*ball((x, y), 0.9, RADIUS_MM)[1:], rng), RADIUS_MM) for x, y in places]
     reference = make_reference([flat(rng) for _ in range(3)])
-    found = calibrate_from_balls(reference, shots, SCALE, fit=FITS["polynomial"])
+    found = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=FITS["polynomial"])
     assert any("cover" in line for line in found.warnings)
     assert not any("cover" in line for line in calibrated("polynomial").warnings)
 
@@ -209,7 +209,7 @@ def test_a_ball_where_the_light_is_saturated_is_left_out() -> None:
     lost = (SHAPE[1] / 7, SHAPE[0] / 7)
     shots = [BallPicture(glaring(p.rgb), RADIUS_MM) for p in pictures(12)]
     shots.append(BallPicture(shots[0].rgb, RADIUS_MM, centre_px=lost, contact_radius_px=10.0, name="lost"))
-    found = calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"])
+    found = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
     assert found.balls[-1] is None
     assert any("lost left out" in warning for warning in found.warnings)
 
@@ -220,4 +220,4 @@ def test_a_ball_in_the_wrong_unit_is_named(radius_mm: float, contact_px: float |
     reference = make_reference([flat(rng)])
     shots = [BallPicture(shot.rgb, radius_mm, (60.0, 50.0), contact_px) for shot in pictures(4)]
     with pytest.raises(InputError, match="too small to be read"):
-        calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"])
+        calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])

@@ -19,7 +19,7 @@ SIDES = (MM_PER_PX, MM_PER_PX)
 
 def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -> Calibration:
     untouched = make_reference([flat(np.random.default_rng(1)) if reference is None else reference])
-    return calibrate_from_balls(untouched, pictures, SIDES, fit=PHOTOMETRIC["polynomial"])
+    return calibrate_from_balls(untouched, pictures, mm_per_px=SIDES, fit=PHOTOMETRIC["polynomial"])
 
 
 @pytest.mark.parametrize("stated_mm", [0.8 * BALL_MM, 1.5 * BALL_MM])

@@ -28,7 +28,7 @@ def method() -> CalibratedMethod:
         _, p, q = ball(centre, contact, BALL_MM)
         shots.append(BallPicture(picture(p, q, rng), BALL_MM))
     reference = make_reference([flat(rng) for _ in range(3)])
-    found = calibrate_from_balls(reference, shots, (MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC["polynomial"])
+    found = calibrate_from_balls(reference, shots, mm_per_px=(MM_PER_PX, MM_PER_PX), fit=PHOTOMETRIC["polynomial"])
     return found.method
 
 

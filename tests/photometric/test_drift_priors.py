@@ -54,7 +54,9 @@ def test_lamps_that_fade_alike_leave_no_pattern(gain: float, contact_mm: float) 
 def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
     """What a drift leaves (3, blocks) of a picture of the untouched gel, in parts of it."""
     seen = (
-        rgb if told.undo is None else undone(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
+        rgb
+        if told.undo is None
+        else undone(rgb.transpose(2, 0, 1), told.undo, power=following.power).transpose(1, 2, 0)
     )
     blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
     y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])
@@ -125,7 +127,7 @@ def test_slopes_are_expected_beside_a_contact_in_proportion_to_those_under_it() 
     touched[8:13, 13:18] = True
     rng = np.random.default_rng(0)
     answers, under = rng.standard_normal((3, 2, 21 * 31)), 0.2 * rng.standard_normal((2, 21 * 31))
-    likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched)
+    likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched=touched)
     steep = (likely / answers).reshape(3, 2, 21, 31)
     assert steep[0, 0, 10, 15] == pytest.approx(PART * 0.2 * np.sqrt(np.log(2)), rel=0.3)
     assert steep[:, :, 10, 17 + 3] == pytest.approx(
@@ -141,7 +143,7 @@ def test_slopes_that_colours_show_are_no_drift() -> None:
     answers = 100.0 * rng.standard_normal((3, 2, 1)) + 10.0 * rng.standard_normal((3, 2, blocks))
     change = answers[:, 0] * 0.05 + rng.standard_normal((3, blocks))
     drifts = [
-        drift_of(change, np.ones(blocks), terms, slopes=slopes, gain=np.full(3, 0.01), power=1)[0]
+        drift_of(change, np.ones(blocks), terms=terms, slopes=slopes, gain=np.full(3, 0.01), power=1)[0]
         for slopes in (None, 0.1 * answers)
     ]
     plain, told = (float(np.abs(drift[:, 0]).max()) for drift in drifts)

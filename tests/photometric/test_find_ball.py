@@ -15,7 +15,12 @@ def test_a_ball_is_found_whole_where_one_colour_is_loud(loud: float, off_px: flo
     """A lamp near the place, over gel that is dark without it: a side of the ball shines many times as much."""
     rng, centre, contact_px = np.random.default_rng(0), (120.3, 71.8), 30.0
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
-    p, q = ball_slopes((x - centre[0]) * SCALE[0], (y - centre[1]) * SCALE[1], contact_px * SCALE[0], RADIUS_MM)
+    p, q = ball_slopes(
+        (x - centre[0]) * SCALE[0],
+        (y - centre[1]) * SCALE[1],
+        contact_mm=contact_px * SCALE[0],
+        radius_mm=RADIUS_MM,
+    )
     towards = 0.6 * p + 0.8 * q
     change = np.stack([loud * towards * np.where(towards > 0, 1.0, 0.2), 0.4 * p - 0.2 * q, -0.5 * q], axis=-1)
     seen = (change + 0.01 * rng.standard_normal(change.shape)).astype(np.float32)

@@ -81,9 +81,9 @@ def many() -> tuple[Floats, Floats, Floats]:
     off, stated, borne = [], [], []
     for seed in range(10):
         samples = balls(np.random.default_rng(seed), range(BALLS))
-        law, (_, others) = fitted(samples), held_out(fitting, samples, still(), 1e-3)
-        stated.append(gain_map(law, others, samples))
-        doubt = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=law, others=others)
+        law, (_, others) = fitted(samples), held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
+        stated.append(gain_map(law, others, contact=samples))
+        doubt = scale_uncertainty(fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others)
         borne.append(doubt.gain_std)
         off.append(true_gain(law))
     return np.stack(off), np.stack(stated), np.stack(borne)
@@ -100,7 +100,7 @@ def test_of_a_mean_it_is_the_deviation_of_a_mean(groups: int) -> None:
 def test_no_change_is_no_doubt() -> None:
     samples = balls(np.random.default_rng(0), range(6))
     law = fitted(samples)
-    assert np.abs(gain_map(law, [law, law, law], samples)).max() == 0.0
+    assert np.abs(gain_map(law, [law, law, law], contact=samples)).max() == 0.0
 
 
 @pytest.mark.parametrize("part", [np.s_[4:8, 5:11], np.s_[:, :2], np.s_[:2, :]])
@@ -128,8 +128,10 @@ def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
 
 def test_each_ball_has_a_law_that_never_saw_it() -> None:
     samples = balls(np.random.default_rng(0), range(BALLS))
-    found, others = held_out(fitting, samples, still(), 1e-3)
-    doubt = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=fitted(samples), others=others)
+    found, others = held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
+    doubt = scale_uncertainty(
+        fitting, samples, untouched_samples=still(), ridge=1e-3, law=fitted(samples), others=others
+    )
     assert sorted(doubt.unseen) == list(range(BALLS))
     for number, (law, std) in doubt.unseen.items():
         at = samples.press == number

@@ -69,7 +69,7 @@ def saved(folder: Path) -> Path:
 
 def test_exposure_and_white_balance_are_no_change_of_light() -> None:
     assert change_of_light(light_of(reference(OWN)), light_of(reference(DIMMED))) < 0.03
-    assert other_light(light_of(reference(OWN)), reference(DIMMED), 0.05) == ()
+    assert other_light(light_of(reference(OWN)), reference(DIMMED), scale_error=0.05) == ()
 
 
 def test_the_change_is_the_share_by_which_the_pattern_of_brightness_changed() -> None:

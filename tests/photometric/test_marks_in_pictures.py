@@ -42,7 +42,7 @@ def method(rng: np.random.Generator, *, may_have_marks: bool) -> CalibratedMetho
         BallPicture(with_dots(picture(*ball(centre, contact, 4.0)[1:], rng)), 4.0)
         for centre, contact in presses(10, rng)
     ]
-    return calibrate_from_balls(reference, shots, SCALE, fit=PHOTOMETRIC["polynomial"]).method
+    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"]).method
 
 
 def test_a_pattern_is_found_and_only_a_pattern() -> None:
@@ -104,7 +104,7 @@ def test_what_marks_were_filled_with_teaches_no_slope() -> None:
         BallPicture(with_dots(picture(*ball(centre, 0.6 * contact, 2.0)[1:], rng)), 2.0)
         for centre, contact in presses(14, rng)
     ]
-    made = calibrate_from_balls(reference, small, SCALE, fit=PHOTOMETRIC["polynomial"]).method
+    made = calibrate_from_balls(reference, small, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"]).method
     gains = []
     for centre in ((0.0, 0.0), (2.0, -1.0), (-2.0, 1.0)):
         _, p, q = ball(centre, 2.4, 7.0)

@@ -36,7 +36,7 @@ def calibrated(name: str = "polynomial", odd: bool = False) -> CalibratedMethod:
     rng = np.random.default_rng(1)
     shots = [BallPicture(cut(picture(*ball(c, a, 4.0)[1:], rng), odd), 4.0) for c, a in presses(8, rng)]
     reference = make_reference([cut(flat(rng), odd) for _ in range(3)], may_have_marks=False)
-    method = calibrate_from_balls(reference, shots, SCALE, fit=FITS[name]).method
+    method = calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=FITS[name]).method
     return subtract_background(method, [cut(flat(rng), odd) for _ in range(8)])
 
 

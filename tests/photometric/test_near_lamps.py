@@ -26,7 +26,7 @@ def gains(seed: int) -> list[float]:
         for centre, contact in presses(18, rng)
     ]
     still = [shown(np.zeros(SHAPE), np.zeros(SHAPE), rng) for _ in range(3)]
-    made = calibrate_from_balls(make_reference(still), shots, (MM_PER_PX, MM_PER_PX), fit=fit_polynomial)
+    made = calibrate_from_balls(make_reference(still), shots, mm_per_px=(MM_PER_PX, MM_PER_PX), fit=fit_polynomial)
     found = []
     for x in np.linspace(-5.5, 5.5, 4):
         for y in np.linspace(-3.5, 3.5, 3):

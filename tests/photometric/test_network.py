@@ -39,7 +39,7 @@ def calibrated() -> Calibration:
     shots = [
         BallPicture(picture(*ball(centre, contact, 4.0)[1:], rng), 4.0) for centre, contact in presses(12, rng)
     ]
-    return calibrate_from_balls(reference, shots, SCALE, fit=NetworkFitter(steps=150))
+    return calibrate_from_balls(reference, shots, mm_per_px=SCALE, fit=NetworkFitter(steps=150))
 
 
 def linear(count: int) -> tuple[Samples, Samples]:
@@ -111,7 +111,7 @@ def test_augmented_pictures_keep_colours_and_slopes_together() -> None:
     _, p, q = ball((0.0, 0.0), 1.8, 4.0)
     shot = picture(p, q, rng)
     true = Ball(((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2), 1.8 / MM_PER_PX, 4.0)
-    more = augmented(change, shot, true, SCALE, number=7, most=2000)
+    more = augmented(change, shot, ball=true, mm_per_px=SCALE, number=7, most=2000)
     assert len(more.press) > 1000
     assert set(more.press) == {7}
     assert np.hypot(*more.slopes.T).max() < 0.55
@@ -149,7 +149,10 @@ def test_a_network_of_another_kind_is_refused(tmp_path: Path) -> None:
 
     path = save_method(calibrated().method, tmp_path / "finger.npz")
     strange = export_network(
-        torch.nn.Conv2d(3, 2, 1), torch.zeros(1, 3, 4, 4), path.with_suffix(".onnx"), free_axes={2: "r", 3: "c"}
+        torch.nn.Conv2d(3, 2, 1),
+        torch.zeros(1, 3, 4, 4),
+        path=path.with_suffix(".onnx"),
+        free_axes={2: "r", 3: "c"},
     )
     card = json.loads(path.with_suffix(".json").read_text()) | {"onnx_sha256": strange}
     path.with_suffix(".json").write_text(json.dumps(card))
@@ -168,7 +171,7 @@ def test_drawn_gel_is_lit_as_it_should_be() -> None:
         name: torch.tensor(s).expand(32, 1, 2)
         for name, s in {"flat": (0.0, 0.0), "left": (0.3, 0.0), "up": (0.0, 0.3)}.items()
     }
-    light = {name: expose(scenes, shade(scenes, centre, s), rng)[:, 0] for name, s in tilted.items()}
+    light = {name: expose(scenes, shade(scenes, centre, slopes=s), rng=rng)[:, 0] for name, s in tilted.items()}
     # gel that rises towards the camera to the right turns its face to the left, where green comes from
     assert (light["left"][:, 1] > light["flat"][:, 1]).float().mean() > 0.9
     assert (light["left"][:, 0] < light["flat"][:, 0]).float().mean() > 0.8

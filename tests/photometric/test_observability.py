@@ -25,7 +25,7 @@ def made(places: tuple[tuple[float, float, float], ...], tints: Floats, seed: in
         rgb = picture(p, q, rng, at=places, tints=tints)
         shots.append(BallPicture(rgb, 4.0, in_px(centre), contact / MM_PER_PX))
     still = [picture(np.zeros(SHAPE), np.zeros(SHAPE), rng, at=places, tints=tints) for _ in range(3)]
-    return calibrate_from_balls(make_reference(still), shots, (MM_PER_PX, MM_PER_PX), fit=fit_polynomial)
+    return calibrate_from_balls(make_reference(still), shots, mm_per_px=(MM_PER_PX, MM_PER_PX), fit=fit_polynomial)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,9 @@ def gelslim(folder: str) -> tuple[Bytes, tuple[BallPicture, ...]]:
 @lru_cache
 def calibrated(folder: str, marks: bool) -> Calibration:
     flat, shots = gelslim(folder)
-    return calibrate_from_balls(make_reference([flat], may_have_marks=marks), shots, SCALE, fit=fit_polynomial)
+    return calibrate_from_balls(
+        make_reference([flat], may_have_marks=marks), shots, mm_per_px=SCALE, fit=fit_polynomial
+    )
 
 
 @pytest.mark.parametrize(
@@ -79,7 +81,7 @@ def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, lea
 @pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
 def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
     flat, shots = gelslim(folder)
-    chosen = calibrate_from_balls(make_reference([flat]), shots, SCALE, fit=AutoMethod())
+    chosen = calibrate_from_balls(make_reference([flat]), shots, mm_per_px=SCALE, fit=AutoMethod())
     direct = calibrated(folder, True)
     assert chosen.slope_error < 1.01 * direct.slope_error, "that is what balls choose by"
     assert chosen.direction_error_deg < direct.direction_error_deg + 0.25
@@ -117,7 +119,7 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
     for number, (shot, ball) in enumerate(zip(gelslim(folder)[1], calibration.balls, strict=True)):
         assert ball is not None
         seen, _, valid = change.measure(shot.rgb)
-        parts.append(inside_ball(seen, ball, SCALE, number=number, most=150, valid=valid, rng=rng))
+        parts.append(inside_ball(seen, ball, mm_per_px=SCALE, number=number, most=150, valid=valid, rng=rng))
     slopes, colours, places = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("slopes", "change", "place")
     )
@@ -163,7 +165,7 @@ def test_gelsight_mini_at_640_by_480() -> None:
         for row in rows
     ]
     reference: Reference = make_reference([read(where / "f0.png")], may_have_marks=False)
-    found = calibrate_from_balls(reference, shots, (0.0317, 0.0317), fit=fit_polynomial)
+    found = calibrate_from_balls(reference, shots, mm_per_px=(0.0317, 0.0317), fit=fit_polynomial)
     assert all(ball is not None for ball in found.balls)
     assert found.direction_error_deg < 2.7
     assert any("of the picture only" in warning for warning in found.warnings), "all balls lie near the middle"

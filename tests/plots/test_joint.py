@@ -13,7 +13,7 @@ REGION = np.array([[0.465, 0.21], [0.485, 0.2], [0.485, 0.19], [0.465, 0.2]])
 
 def test_the_region_the_best_value_and_every_route_are_drawn() -> None:
     routes = [("bulge", (0.468, 0.484), True), ("beta", (0.40, 0.42), False)]
-    figure = draw_joint(CURVE, REGION, (0.475, 0.2), routes=routes)
+    figure = draw_joint(CURVE, REGION, best=(0.475, 0.2), routes=routes)
     (axes,) = figure.axes
     labels = [line.get_label() for line in axes.lines]
     assert "rise beside the punch" in labels

@@ -33,7 +33,7 @@ def test_no_picture_of_a_doubtful_map_goes_without_saying_so() -> None:
     figures = (
         draw_height(height),
         draw_surface(height),
-        draw_overlay(rgb, height, None),
+        draw_overlay(rgb, height, footprint=None),
         draw_normals(height),
         draw_difference(height, height, title="a minus b"),
     )

@@ -34,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def names(recording: Recording, start_s: float = -np.inf, end_s: float = np.inf) -> list[str]:
-    return [frame.name for frame in iter_frames(recording, start_s, end_s)]
+    return [frame.name for frame in iter_frames(recording, start_s, end_s=end_s)]
 
 
 def test_frames_come_in_order_and_in_their_window(folder: Path) -> None:
@@ -165,7 +165,7 @@ def test_frames_of_a_video_are_found_by_their_number(folder: Path, name: str, co
     assert recording.frame_names == tuple(str(i) for i in range(10))
     windows = [(0.0, 0.3), (0.35, 0.6), (0.75, 2.0), (0.1, 0.2)]  # on from where one stopped, then back
     for start_s, end_s in windows:
-        for frame in iter_frames(recording, start_s, end_s):
+        for frame in iter_frames(recording, start_s, end_s=end_s):
             assert isinstance(frame, Frame)
             expected = flat_picture(int(frame.name)).astype(int)
             # neighbours differ by 8; codecs with losses stay within 4 on a single colour

@@ -38,7 +38,7 @@ def dots(*, bright: bool) -> tuple[Bytes, Floats]:
 @pytest.mark.parametrize("bright", [False, True])
 def test_a_seen_grid_straightens_and_scales_each_axis(bright: bool) -> None:
     raw, places = dots(bright=bright)
-    found = find_grid(raw, ROWS, COLUMNS)
+    found = find_grid(raw, ROWS, columns=COLUMNS)
     assert np.hypot(*np.moveaxis(found - places, 2, 0)).max() < 0.5
     sensor = sensor_from_grid(found, SPACING_MM)
     assert sensor.mm_per_px[0] == pytest.approx(8.75 / 118, rel=0.08)
@@ -69,7 +69,7 @@ def test_four_clicks_give_a_scale_to_each_axis() -> None:
 def test_a_grid_that_is_not_all_there_is_told() -> None:
     raw, _ = dots(bright=False)
     with pytest.raises(InputError, match=r"no grid of 7 by 9 dots"):
-        find_grid(raw, 7, 9)
+        find_grid(raw, 7, columns=9)
     with pytest.raises(InputError, match="at least 2 by 2"):
         sensor_from_grid(np.zeros((1, 5, 2)), 1.0)
 

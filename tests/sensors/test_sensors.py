@@ -65,7 +65,7 @@ def test_a_table_of_rows_and_columns_is_followed() -> None:
 
 def test_four_corners_span_the_picture() -> None:
     corners = [(10.0, 5.0), (70.0, 8.0), (66.0, 50.0), (14.0, 46.0)]
-    map_x, map_y = maps_from_corners(corners, (6.0, 4.0), (0.1, 0.1))
+    map_x, map_y = maps_from_corners(corners, (6.0, 4.0), mm_per_px=(0.1, 0.1))
     assert map_x.shape == (40, 60)
     half = 0.02  # the outermost pixels' centres lie half a pixel inside the corners
     for (row, column), corner in zip(((0, 0), (0, -1), (-1, -1), (-1, 0)), corners, strict=True):
@@ -84,7 +84,7 @@ def test_four_corners_span_the_picture() -> None:
     found = (map_x[19:21, 29:31].mean(), map_y[19:21, 29:31].mean())
     assert found == pytest.approx(tuple(cross), abs=0.05)
     with pytest.raises(InputError, match="four corners"):
-        maps_from_corners(corners[:3], (6.0, 4.0), (0.1, 0.1))
+        maps_from_corners(corners[:3], (6.0, 4.0), mm_per_px=(0.1, 0.1))
 
 
 def test_a_grid_undoes_a_lens() -> None:
@@ -94,13 +94,13 @@ def test_a_grid_undoes_a_lens() -> None:
         return np.stack([40.0 + 30.0 * u * swell, 30.0 + 22.0 * v * swell], axis=-1)
 
     y, x = np.mgrid[:7, :9].astype(float)
-    map_x, map_y = maps_from_grid(bent(x, y), 1.0, (0.1, 0.1))
+    map_x, map_y = maps_from_grid(bent(x, y), 1.0, mm_per_px=(0.1, 0.1))
     fine_y, fine_x = np.mgrid[: map_x.shape[0], : map_x.shape[1]] * 0.1
     expected = bent(fine_x, fine_y)
     assert np.abs(map_x - expected[..., 0]).max() < 0.05
     assert np.abs(map_y - expected[..., 1]).max() < 0.05
     with pytest.raises(InputError, match="at least 2 by 2"):
-        maps_from_grid(np.zeros((1, 5, 2)), 1.0, (0.1, 0.1))
+        maps_from_grid(np.zeros((1, 5, 2)), 1.0, mm_per_px=(0.1, 0.1))
 
 
 def test_many_sensors_do_not_pile_up() -> None:

@@ -30,12 +30,15 @@ def test_walls_facing_a_light_are_bright_and_walls_turned_away_go_dark() -> None
     axis = np.linspace(-1, 1, 5)
     pad = Grid(axis, axis)
     left = gelslim_lights()[1]  # green, from the left
-    lamp = (shine(left, pad, pad),)
+    lamp = (shine(left, pad, reference=pad),)
     flat, towards, away = (
         float(
-            reflect(lamp, np.ones(1), (np.full((5, 5), p, np.float32), np.zeros((5, 5), np.float32)), Finish())[
-                2, 2, 1
-            ]
+            reflect(
+                lamp,
+                np.ones(1),
+                slopes=(np.full((5, 5), p, np.float32), np.zeros((5, 5), np.float32)),
+                finish=Finish(),
+            )[2, 2, 1]
         )
         for p in (0.0, 0.5, -3.0)
     )

@@ -32,14 +32,14 @@ def test_far_pressure_of_the_profile_is_hayes_kappa(nu: float, a_over_h: float) 
 
 def test_thin_punch_on_a_thick_layer_sinks_as_on_a_half_space() -> None:
     radii = np.array([0.011, 0.015, 0.02, 0.04])
-    depth, _ = truth.layer_surface(0.4, 0.01, radii)
+    depth, _ = truth.layer_surface(0.4, 0.01, radii=radii)
     np.testing.assert_allclose(depth, 2 / np.pi * np.arcsin(0.01 / radii), atol=0.02)
 
 
 def test_shift_on_a_half_space_is_inwards_for_a_compressible_gel() -> None:
     """u_r = -(1 - 2 nu)/(1 - nu) a/(π r) w beyond a small punch, Johnson (3.18) with the mean pressure."""
     nu, a, r = 0.2, 0.01, 0.05
-    _, shift = truth.layer_surface(nu, a, np.array([r]))
+    _, shift = truth.layer_surface(nu, a, radii=np.array([r]))
     assert shift[0] == pytest.approx(-(1 - 2 * nu) / (1 - nu) * a / (np.pi * r), rel=0.05)
 
 

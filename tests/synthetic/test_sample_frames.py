@@ -46,7 +46,7 @@ def test_a_touch_is_seen_beside_the_punch() -> None:
     assert maps is not None
 
     def straight(start_s: float, end_s: float) -> np.ndarray:
-        frame = next(f for f in iter_frames(recording, start_s, end_s) if not isinstance(f, BadFrame))
+        frame = next(f for f in iter_frames(recording, start_s, end_s=end_s) if not isinstance(f, BadFrame))
         return np.asarray(cv2.remap(frame.rgb, *maps, cv2.INTER_LINEAR), dtype=np.float64)
 
     time_s = press["touch_time_s"]

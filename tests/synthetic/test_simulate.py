@@ -122,7 +122,7 @@ def press_with(scenario: Scenario, fault: str) -> PlannedPress:
 def test_touch_time_is_when_the_face_has_reached_the_touch_depth(scenario: Scenario) -> None:
     for press in (p for p in scenario.presses if not p.fault):
         assert press.motion.at(press.touch_time_s) == pytest.approx(press.touch_mm, abs=1e-9)
-        assert press.bevel.gap_mm(press.profile, press.touch_mm, press.tilt) == pytest.approx(0.0, abs=1e-6)
+        assert press.bevel.gap_mm(press.profile, press.touch_mm, tilt=press.tilt) == pytest.approx(0.0, abs=1e-6)
         assert press.motion.at(press.touch_time_s - 0.004) == pytest.approx(press.touch_mm - 0.001, abs=1e-9)
         assert press.motion.at(press.touch_time_s + 0.99) == pytest.approx(press.touch_mm, abs=1e-9)  # the dwell
 

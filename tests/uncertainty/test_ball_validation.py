@@ -18,10 +18,10 @@ def test_the_dent_of_a_ball_is_its_own(scale: tuple[float, float]) -> None:
     r = np.hypot((x - 80.3) * scale[0], (y - 61.8) * scale[1])
     depth = np.sqrt(np.maximum(9.0 - r**2, 0.0)) + 0.7
     depth[r > 1.6] = -5.0
-    found, true = dent_mm(depth, ball, scale)
+    found, true = dent_mm(depth, ball, mm_per_px=scale)
     assert found == pytest.approx(true, rel=1e-12)
     assert true == pytest.approx(3.0 - np.sqrt(9.0 - 1.35**2), rel=0.03)
-    assert dent_mm(0.9 * depth, ball, scale)[0] == pytest.approx(0.9 * true, rel=1e-12)
+    assert dent_mm(0.9 * depth, ball, mm_per_px=scale)[0] == pytest.approx(0.9 * true, rel=1e-12)
 
 
 def contacts(relative_std: float) -> list[Known]:

@@ -74,28 +74,28 @@ def test_drawn_noise_scatters_as_far_as_its_term_says(seed: int) -> None:
 def test_free_gel_is_noise_alone_where_its_frames_are_flat() -> None:
     noise = np.full((64, 80), 1e-6, np.float32)
     flat_frames = untouched_std_mm([np.zeros((64, 80))] * 4)
-    np.testing.assert_array_equal(free_variance(noise, 0.0, flat_frames), noise)
-    np.testing.assert_allclose(free_variance(noise, 0.002, flat_frames), 5e-6, rtol=1e-5)
-    np.testing.assert_allclose(free_variance(noise, 0.0, flat_frames + 0.003), 9e-6, rtol=1e-5)
+    np.testing.assert_array_equal(free_variance(noise, 0.0, untouched_std=flat_frames), noise)
+    np.testing.assert_allclose(free_variance(noise, 0.002, untouched_std=flat_frames), 5e-6, rtol=1e-5)
+    np.testing.assert_allclose(free_variance(noise, 0.0, untouched_std=flat_frames + 0.003), 9e-6, rtol=1e-5)
 
 
 def test_a_flat_map_has_a_sure_zero_plane() -> None:
     y, x = np.indices((120, 160), dtype=np.float64)
     tilted = 0.01 * x - 0.02 * y
     free = np.ones((24, 32), np.bool_)
-    assert zero_variance(find_zero_plane(tilted, free, PX)) == pytest.approx(0.0, abs=1e-12)
+    assert zero_variance(find_zero_plane(tilted, free, mm_per_px=PX)) == pytest.approx(0.0, abs=1e-12)
     waves = tilted + 0.01 * np.sin(x / 7) * np.cos(y / 9)
-    assert zero_variance(find_zero_plane(waves, free, PX)) > 1e-7
+    assert zero_variance(find_zero_plane(waves, free, mm_per_px=PX)) > 1e-7
 
 
 def test_an_edge_counts_within_its_radius_alone() -> None:
     edge = PunchEdge((2.0, 1.5), 1.0, 0.2, np.zeros(2), np.zeros(2), 0.5, 0.1, 0.02)
     total = np.zeros((60, 80), np.float32)
-    add_edge_variance(total, [], PX)
+    add_edge_variance(total, [], mm_per_point=PX)
     assert not total.any()
-    add_edge_variance(total, [replace(edge, std_mm=0.0)], PX)
+    add_edge_variance(total, [replace(edge, std_mm=0.0)], mm_per_point=PX)
     assert not total.any()
-    add_edge_variance(total, [edge], PX)
+    add_edge_variance(total, [edge], mm_per_point=PX)
     y, x = np.indices(total.shape)
     inside = np.hypot(0.05 * x - 2.0, 0.05 * y - 1.5) < 1.0
     np.testing.assert_allclose(total, np.where(inside, 4e-4, 0.0), rtol=1e-6)
@@ -113,9 +113,9 @@ def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:
     area = np.count_nonzero(depth > 0.5 * depth.max())
     assert hidden == pytest.approx(0.6 * 0.05 * 40 / np.sqrt(4 * np.pi * area))
     total = np.zeros_like(depth)
-    add_steep_variance(total, depth, 0.0)
+    add_steep_variance(total, depth, hidden_mm=0.0)
     assert not total.any()
-    add_steep_variance(total, depth, hidden)
+    add_steep_variance(total, depth, hidden_mm=hidden)
     np.testing.assert_allclose(total, np.where(depth > 0.25, hidden**2, 0.0), rtol=1e-5)
 
 
@@ -123,7 +123,9 @@ def test_slopes_that_balls_showed_hide_nothing_and_steeper_ones_do() -> None:
 def reader() -> Reconstructor:
     rng = np.random.default_rng(1)
     reference = make_reference([flat(rng) for _ in range(3)])
-    made = calibrate_from_balls(reference, ball_pictures(8, rng), SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    made = calibrate_from_balls(
+        reference, ball_pictures(8, rng), mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"]
+    )
     return Reconstructor(SENSOR, made.method)
 
 

@@ -43,7 +43,7 @@ class Grid:
         return np.asarray(table[self.real])
 
 
-def relaxed(force_N: Floats, tau_s: float, data: Observations) -> Floats:
+def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
     """q (N,): the part of the elastic force that a Prony term of this time constant has let go of."""
     grid = Grid.of(data)
     force = force_N[grid.rows]

@@ -40,7 +40,7 @@ def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
     return float(np.min(np.interp(places, NU, LOWEST))), float(np.max(np.interp(places, NU, HIGHEST)))
 
 
-def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, a_over_h: float) -> str:
+def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, *, a_over_h: float) -> str:
     """A sentence where all of beta's interval lies outside of what the laws allow; else empty."""
     allowed = beta_range(poisson_ratio.interval95 or (NU[0], NU[-1]), a_over_h)
     if allowed is None or beta.interval95 is None or beta.value is None:
@@ -97,7 +97,7 @@ def _bend(
     lowest = 0.0 if len(set(edges)) > 1 else edges[0]
     contact = FlatContact(place[1], float(np.clip(edge_over_h, lowest, max(edges))), 1.0, friction, law)
     try:
-        secant, known = force_ratio(strain, contact, Material(1.0, place[0]), table=table)
+        secant, known = force_ratio(strain, contact, material=Material(1.0, place[0]), table=table)
     except InputError:
         return ()
     if np.count_nonzero(known) < 4 or np.ptp(strain[known]) < MIN_STRAIN:

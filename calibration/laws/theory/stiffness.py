@@ -16,7 +16,9 @@ NU_RANGE: Pair = (0.0, 0.4999)  # of kappa's table; beyond it as at its ends
 RATIO_RANGE: Pair = (0.05, 10.0)  # a/h of kappa's table; beyond it as at its ends
 
 
-def punch_stiffness(modulus_MPa: float, poisson_ratio: float, radius_mm: Floats, thickness_mm: Floats) -> Floats:
+def punch_stiffness(
+    modulus_MPa: float, poisson_ratio: float, *, radius_mm: Floats, thickness_mm: Floats
+) -> Floats:
     """Force over depth of a frictionless flat punch, N/mm; radius and thickness of one shape (N,).
 
     nu and a/h are held inside their ranges, so that an optimiser that strays meets a wall and not an error.

@@ -104,7 +104,7 @@ def parabola_offset(presses: Sequence[PressDepths], forces: ForceSeries, *, star
     return float(grid[int(total.argmin())])
 
 
-def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, offset_s: float) -> dict[str, float]:
+def clock_jumps(presses: Mapping[str, PressDepths], forces: ForceSeries, *, offset_s: float) -> dict[str, float]:
     """By how much the clocks of single presses are off `offset_s` (s), of those that fit far better elsewhere.
 
     One clock was set anew between them and the others, or readings were lost and the rest moved up.
@@ -182,7 +182,7 @@ def _problem(presses: Sequence[PressDepths], forces: ForceSeries, memories: Sequ
         touch=np.repeat(touch, counts),
         force_time_s=forces.time_s,
         # a memory of the readings' own noise would smooth it, which fits better whatever the gel does
-        series=np.array([normal, *(memory(forces.time_s, slow / scale, fade) for fade in memories)]),
+        series=np.array([normal, *(memory(forces.time_s, slow / scale, fade_s=fade) for fade in memories)]),
     )
 
 

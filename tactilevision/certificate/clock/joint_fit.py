@@ -156,7 +156,7 @@ def _weights(problem: ClockProblem, residual: Floats) -> tuple[Floats, float]:
     return (noise / spread) ** 2 / np.maximum(outlying, 1.0), noise
 
 
-def memory(time_s: Floats, force: Floats, fade_s: float) -> Floats:
+def memory(time_s: Floats, force: Floats, *, fade_s: float) -> Floats:
     """Integral (T,) of exp(-(t - s)/T) dP(s) at evenly spaced times (T,) s, in the unit of `force` (T,)."""
     from scipy.signal import lfilter
 

@@ -40,7 +40,7 @@ def repeated_share(repeats: Sequence[float]) -> float:
     return (typical_share - anew) / (1 - anew) if anew < 1 else 0.0
 
 
-def allow_for_repeats(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
+def allow_for_repeats(offset: Estimate, share: float, *, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
     """The clocks' offset with a frame's interval more of uncertainty where most of each picture is a copy, and a
     warning that says so.
     """

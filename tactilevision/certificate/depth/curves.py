@@ -21,8 +21,8 @@ _SMOOTH = 5  # readings of the running mean
 def press_curve(
     track: PressTrack,
     window: ForceWindow | None,
-    point: CertifiedPoint,
     *,
+    point: CertifiedPoint,
     touch: ContactEvent | None,
     offset_s: float,
     depth_scale: DepthScale | None,

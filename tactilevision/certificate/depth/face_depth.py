@@ -84,7 +84,7 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
 
 
 def face_depth_correction(
-    recording: Recording, maps: _Maps, certified: Sequence[Certified]
+    recording: Recording, maps: _Maps, *, certified: Sequence[Certified]
 ) -> FaceDepthCorrection:
     """Correction by a recording's own certified presses; NO_CORRECTION where fewer than MIN_COUNT show a face.
 

@@ -59,7 +59,7 @@ def unknown_pile_up() -> PileUp:
 
 
 def press_pile_up(
-    track: PressTrack, depth_mm: Floats, before: Bools, *, distance_mm: float
+    track: PressTrack, depth_mm: Floats, *, before: Bools, distance_mm: float
 ) -> tuple[Floats, Floats] | None:
     """rho (4,) of the quarters of the ring and its std, from one press; `depth_mm` (N,), `before` the touch
     (N,).
@@ -131,7 +131,7 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     nu, h = min(nu, 0.4999), gel.thickness_mm
     # near a punch, which the gel sinks in with, the depth at touch may exceed the height
     deepest = indenter.height_mm * (_SUNK if distance_mm < _SINKS * indenter.radius_mm else 1.0)
-    model = profile_model(nu, indenter.radius_mm / h, deepest / h)
+    model = profile_model(nu, indenter.radius_mm / h, deepest=deepest / h)
     touch = touch_depth(
         replace(indenter, bevel_distance_mm=distance_mm),
         thickness_mm=h,
@@ -142,7 +142,7 @@ def computed_ratio(gel: Gel | None, indenter: Indenter, *, distance_mm: float) -
     return touch.rise_over_depth, touch.rise_over_depth_std
 
 
-def blur_place(pile_up: PileUp, gel: Gel | None, indenter: Indenter, *, distance_mm: float) -> PileUp:
+def blur_place(pile_up: PileUp, gel: Gel | None, *, indenter: Indenter, distance_mm: float) -> PileUp:
     """The rise with what it may be off by where the bevel's place was found, to about its window."""
     near, far = (computed_ratio(gel, indenter, distance_mm=distance_mm + sign * EDGE_MM) for sign in (-1, 1))
     if near is None or far is None:

@@ -37,7 +37,7 @@ def press_pile_ups(events: Mapping[str, ContactTimes], gel: Gel | None) -> dict[
         computed = computed_ratio(gel, indenter, distance_mm=beside)
         pile_up = combine(seen_ratio(seen.get(distance, []), scale_std=scale_std, map_std=map_std), computed)
         given = one.bevel_contact.distance_given
-        pile_ups[name] = pile_up if given else blur_place(pile_up, gel, indenter, distance_mm=beside)
+        pile_ups[name] = pile_up if given else blur_place(pile_up, gel, indenter=indenter, distance_mm=beside)
     return pile_ups
 
 
@@ -55,7 +55,7 @@ def _seen(
         scales += [one.touch.depth_seen_mm / height] if height else []
         beside = mean_distance_mm(distance)
         before = press_signal.use & (press_signal.drive < one.touch.onset.at)
-        single = press_pile_up(press_signal.track, press_signal.drive, before, distance_mm=beside)
+        single = press_pile_up(press_signal.track, press_signal.drive, before=before, distance_mm=beside)
         if single is not None:
             ratios.setdefault(distance, []).append(single)
             errors.append(map_error(press_signal.track, press_signal.drive, distance_mm=beside))

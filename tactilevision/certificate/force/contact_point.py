@@ -91,7 +91,7 @@ def _law(time: Floats, force: Floats, start_s: float) -> tuple[Floats, float]:
     return np.asarray(answer, dtype=np.float64), float(((force - design @ answer) ** 2).sum())
 
 
-def moving_s(window: ForceWindow, since_s: float, time_s: Floats) -> Floats:
+def moving_s(window: ForceWindow, since_s: float, *, time_s: Floats) -> Floats:
     """How long (N,) the rig has moved on the way in since a time: stops and the hold do not count."""
     assert window.phases is not None
     end = top_s(window)

@@ -33,7 +33,7 @@ class EventForce:
     dwell: bool
 
 
-def force_in_dwell(time_s: Floats, force_N: Floats, dwell_s: Pair, *, event_s: float) -> EventForce | None:
+def force_in_dwell(time_s: Floats, force_N: Floats, *, dwell_s: Pair, event_s: float) -> EventForce | None:
     """Mean of up to READINGS readings (T, 3) N at times (T,) s inside the dwell, those nearest to the event."""
     inside = np.flatnonzero((time_s >= dwell_s[0]) & (time_s <= dwell_s[1]) & np.isfinite(force_N).all(axis=1))
     if inside.size < 5:
@@ -116,7 +116,7 @@ def _last_part(
         x, y = time[chosen] - touch_s, force[chosen]
         degree = 2 if count >= 12 else 1
         value, spread, rate = _polynomial(x, y, degree, std)
-        rms = spread_of(x, y, degree)
+        rms = spread_of(x, y, degree=degree)
         if rms <= np.sqrt(_fitting(count)) * std or count <= 16:
             return value, spread * max(rms / std, 1.0), rate, count
         count = max(16, int(count / 1.5))
@@ -127,7 +127,7 @@ def _fitting(count: int) -> float:
     return float(1 + 2 * np.sqrt(2 / max(count, 1)))
 
 
-def spread_of(x: Floats, y: Floats, degree: int) -> float:
+def spread_of(x: Floats, y: Floats, *, degree: int) -> float:
     """Rms residual of a polynomial fit through (N,) points, per degree of freedom, in the unit of y."""
     design = np.vander(x, degree + 1, increasing=True)
     answer, *_ = np.linalg.lstsq(design, y, rcond=None)

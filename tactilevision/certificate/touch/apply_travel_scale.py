@@ -29,6 +29,7 @@ _AT_STOP = 3.0  # sigmas of travel and scale within which a stop stands at the e
 def apply_travel_scale(
     measurements: RecordingMeasurements,
     events: Mapping[str, ContactTimes],
+    *,
     pile_up_ratios: Mapping[str, float],
     sound: Sequence[str],
 ) -> dict[str, ContactTimes]:
@@ -193,7 +194,7 @@ def _moved(
         event = _beyond_stop(one, one.event, window, beyond / point.travel_mm * one.touch.onset.at)
         return replace(one, event=event, travel_scale=scale, stop_std_N=abs(_rate(one, window)) * travel.std_mm)
     crossed = replace(one.crossed, time_s=moving, std_s=travel.std_mm / travel.pace_mm_s, dwell_s=None)
-    found = event_force(window, measurements.forces, crossed)
+    found = event_force(window, measurements.forces, crossed=crossed)
     if found is None:
         return one
     time_s = moving - measurements.offset_s

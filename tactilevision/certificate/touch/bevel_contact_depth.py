@@ -198,7 +198,7 @@ def _surest_place(signals: Sequence[PressSignal], places: Floats) -> float | Non
 
 
 def find_in_pictures(
-    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], distance_mm: float
+    signals: Sequence[PressSignal], onsets: Sequence[Onset | None], *, distance_mm: float
 ) -> list[Onset | None]:
     """The same touches from the change of the pictures' colours; None where they do not show there."""
     known: list[int] = []
@@ -207,7 +207,9 @@ def find_in_pictures(
         if onset is None or onset.gain <= DETECTION_CHI2:
             continue
         colours, drive = press_signal.track.colours[press_signal.use], press_signal.drive[press_signal.use]
-        trace = picture_signal(colours, press_signal.track.s_mm, drive, distance_mm=distance_mm, onset=onset)
+        trace = picture_signal(
+            colours, press_signal.track.s_mm, depth_mm=drive, distance_mm=distance_mm, onset=onset
+        )
         if trace is not None:
             known.append(k)
             traces.append((drive, trace))

@@ -59,8 +59,8 @@ class _Frames:
 def search_bevel_contacts(
     tracks: Mapping[str, PressTrack | None],
     windows: Mapping[str, ForceWindow | None],
-    offset_s: float,
     *,
+    offset_s: float,
     before: Mapping[str, BevelContact] | None = None,
 ) -> dict[str, BevelContact]:
     """The touches of all presses that can be searched; `before` spares a search for the place of the bevel."""
@@ -119,7 +119,7 @@ def _search(group: Mapping[str, _Frames], place_mm: float | None) -> dict[str, B
         used, law = law, depth_of_force(anchors) or law
     given = indenter.bevel_distance_mm is not None
     names = dict.fromkeys(group, "height map")
-    pictures = find_in_pictures(list(signals.values()), list(onsets.values()), distance)
+    pictures = find_in_pictures(list(signals.values()), list(onsets.values()), distance_mm=distance)
     for name, seen in zip(group, pictures, strict=True):
         onset = onsets[name]
         if seen is not None and onset is not None and seen.gain > DETECTION_CHI2:
@@ -160,7 +160,7 @@ def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
     """
     depth, window = law.depth(frames.force_N), frames.window
     touch_mm = float(law.depth(np.array(level_N)))
-    crossed = force_crossing(window, level_N, 0.0)
+    crossed = force_crossing(window, level_N, level_std_N=0.0)
     begun = None if crossed is None else contact_point(window, crossed.time_s)
     if crossed is None or begun is None:
         return depth
@@ -169,7 +169,7 @@ def _at_pace(frames: _Frames, law: DepthOfForce, level_N: float) -> Floats:
     uneven = law.depth(window.drive_N[way]) - pace * (window.time_s[way] - begun.time_s)
     if float(np.median(np.abs(uneven))) > _MAX_UNEVEN * touch_mm:
         return depth
-    beyond = touch_mm + pace * moving_s(window, crossed.time_s, frames.time_s)
+    beyond = touch_mm + pace * moving_s(window, crossed.time_s, time_s=frames.time_s)
     return np.where(frames.time_s > crossed.time_s, beyond, depth)
 
 

@@ -82,14 +82,14 @@ def _time(measurements: RecordingMeasurements, name: str, bevel_contact: BevelCo
         return ContactTimes(bevel_contact, None, None, None)
     level = float(bevel_contact.law.force(onset.at))
     stiffness = float(bevel_contact.law.force(onset.at + 1e-3) - level) / 1e-3
-    crossed = force_crossing(window, level, stiffness * onset.std)
+    crossed = force_crossing(window, level, level_std_N=stiffness * onset.std)
     if crossed is None:
         return ContactTimes(bevel_contact, None, None, None)
     time_s = crossed.time_s - measurements.offset_s
     seen = float(np.interp(time_s, track.time_s, track.depth_mm))
     std_s = float(np.hypot(crossed.std_s, measurements.offset.std or 0.0))
     touch = ContactEvent(time_s, std_s, seen, bevel_contact.channel, onset)
-    event = event_force(window, measurements.forces, crossed) if onset.gain > DETECTION_CHI2 else None
+    event = event_force(window, measurements.forces, crossed=crossed) if onset.gain > DETECTION_CHI2 else None
     return ContactTimes(bevel_contact, crossed, touch, event)
 
 

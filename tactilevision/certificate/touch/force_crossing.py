@@ -29,7 +29,7 @@ class ForceCrossing:
     dwell_s: Pair | None
 
 
-def force_crossing(window: ForceWindow, level_N: float, level_std_N: float) -> ForceCrossing | None:
+def force_crossing(window: ForceWindow, level_N: float, *, level_std_N: float) -> ForceCrossing | None:
     """First passage of the driving force through a level on the way in; None where it never gets there."""
     phases = window.phases
     if phases is None or not level_N > 0:
@@ -60,11 +60,11 @@ def force_crossing(window: ForceWindow, level_N: float, level_std_N: float) -> F
     return ForceCrossing(at, level_std_N / rate, rate, None)
 
 
-def event_force(window: ForceWindow, forces: ForceSeries, crossed: ForceCrossing) -> EventForce | None:
+def event_force(window: ForceWindow, forces: ForceSeries, *, crossed: ForceCrossing) -> EventForce | None:
     """Force at the event: mean in the dwell, else the one-sided fit up to the touch."""
     assert window.phases is not None
     if crossed.dwell_s is not None:
-        return force_in_dwell(window.time_s, window.force_N, crossed.dwell_s, event_s=crossed.time_s)
+        return force_in_dwell(window.time_s, window.force_N, dwell_s=crossed.dwell_s, event_s=crossed.time_s)
     onset = float(window.time_s[window.phases.onset])
     return force_on_ramp(
         window.time_s, window.force_N, np.asarray(forces.std_N), onset_s=onset, touch_s=crossed.time_s

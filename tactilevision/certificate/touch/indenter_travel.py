@@ -67,10 +67,10 @@ def indenter_travel(
         place = np.interp(times, stage.time_s, stage.z_mm)
         travel = np.maximum.accumulate(place - place[0])
     elif np.isfinite(pace_mm_s):
-        travel = pace_mm_s * moving_s(window, begun.time_s, times)
+        travel = pace_mm_s * moving_s(window, begun.time_s, time_s=times)
     else:
         return None
-    moved = moving_s(window, begun.time_s, times[-1:])[0]
+    moved = moving_s(window, begun.time_s, time_s=times[-1:])[0]
     pace = float(travel[-1]) / max(float(moved), 1e-9)
     if not pace > 0:
         return None

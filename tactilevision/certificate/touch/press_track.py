@@ -102,7 +102,7 @@ class _Place:
         reach = float(self.s_mm[-1])
 
         def along(field_: npt.NDArray[Any]) -> Floats:
-            return strip(field_, self.centre_px, self.scale, side=self.side, reach_mm=reach + 1e-9)
+            return strip(field_, self.centre_px, px_per_mm=self.scale, side=self.side, reach_mm=reach + 1e-9)
 
         return (
             self._face(depth),

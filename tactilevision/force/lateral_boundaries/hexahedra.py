@@ -44,7 +44,7 @@ def shape_functions() -> tuple[Floats, Floats, Floats]:
     return values, np.stack(slopes, axis=-1), weights
 
 
-def stiffness(nodes_mm: Floats, elements: Elements, poisson_ratio: float) -> sparse.csc_matrix:
+def stiffness(nodes_mm: Floats, elements: Elements, *, poisson_ratio: float) -> sparse.csc_matrix:
     """K (3 N, 3 N) of `nodes_mm` (N, 3) and `elements` (M, 27) at modulus 1 MPa; unknown 3 n + i is node n
     along i.
     """

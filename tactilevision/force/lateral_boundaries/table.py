@@ -56,7 +56,7 @@ class SideTable:
         inner = np.einsum("rp,piqj,sq->irjs", to_weights, part, of_weights, optimize=True)
         return np.asarray(block + grid.cell_mm2 * inner.reshape(block.shape))
 
-    def add_normal(self, block: Floats, grid: NodeGrid, cells: Cells) -> Floats:
+    def add_normal(self, block: Floats, grid: NodeGrid, *, cells: Cells) -> Floats:
         """The same for depth by pressure alone."""
         used, weights = self._stations(grid, cells)
         part = self._cut(used, used)[:, 2, :, 2]
@@ -90,7 +90,7 @@ def side_table(gel: Gel, grid: NodeGrid, *, poisson_ratio: float) -> SideTable |
         return None
     key = (gel.shape, gel.radius_mm, gel.size_mm, gel.thickness_mm, round(poisson_ratio, 9), rows, columns,
            STATION_MM, LOAD_MM)  # fmt: skip
-    table = kept("sides", key, lambda: solve_sides(gel, places, poisson_ratio=poisson_ratio))
+    table = kept("sides", key, make=lambda: solve_sides(gel, places, poisson_ratio=poisson_ratio))
     return SideTable(table, rows, columns, STATION_MM)
 
 
@@ -109,7 +109,7 @@ def solve_sides(gel: Gel, places_mm: Floats, *, poisson_ratio: float, element_mm
     loads = -_wall_forces(mesh, wall, field, places_mm[near])
     shapes, sizes, mix = np.linalg.svd(loads, full_matrices=False)
     rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
-    matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio)[mesh.free][:, mesh.free]
+    matrix = stiffness(mesh.nodes_mm, mesh.elements, poisson_ratio=poisson_ratio)[mesh.free][:, mesh.free]
     factor = splu(
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )

@@ -109,10 +109,10 @@ def untouched(surface: Surface, punch: RoundedPunch) -> ContactHistory:
 def touch(
     surface: Surface,
     punch: RoundedPunch,
+    *,
     stiffness: float,
     u: Floats,
     history: ContactHistory,
-    *,
     keep: bool = False,
 ) -> ContactState:
     """Contact forces and their exact tangent at `u` (U,) mm; `stiffness` is the penalty k in MPa/mm.
@@ -127,9 +127,9 @@ def touch(
     k = np.where(active, stiffness, 0.0)
     pressure = -k * gap
     trial, along = _elastic_shear(history, place, active, k, (normal, tangent, curvature))
-    shear, by_trial, by_pressure = slip(punch.friction, trial, pressure)
+    shear, by_trial, by_pressure = slip(punch.friction, trial, pressure=pressure)
     if history.trial_MPa is not None:
-        by_trial = turned_back(by_trial, shear, trial, history.trial_MPa)
+        by_trial = turned_back(by_trial, shear, trial=trial, before=history.trial_MPa)
 
     # df/dy of f = q n + T t, with dq = -k n.dy, dn = c t (t.dy), dt = -c n (t.dy), d trial = along t.dy
     slope = _dyads(
@@ -172,7 +172,7 @@ def _dyads(*terms: tuple[Floats, Floats, Floats]) -> Floats:
     return total
 
 
-def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floats, Floats]:
+def slip(friction: float, trial: Floats, *, pressure: Floats) -> tuple[Floats, Floats, Floats]:
     """Tangential traction for an elastic `trial`, and its derivatives by trial and by pressure.
 
     T = L phi(|trial|/L) with L = mu q and phi(x) = min(x, 1), its corner replaced by a parabola.
@@ -193,7 +193,7 @@ def slip(friction: float, trial: Floats, pressure: Floats) -> tuple[Floats, Floa
     return sign * limit * phi, 1 - near, by_pressure
 
 
-def turned_back(by_trial: Floats, shear: Floats, trial: Floats, before: Floats) -> Floats:
+def turned_back(by_trial: Floats, shear: Floats, *, trial: Floats, before: Floats) -> Floats:
     """The tangent's slopes (K, Q), a secant where a point slips the other way than in the iteration `before`.
 
     Such a point sticks: between the two its traction has gone from -mu q to mu q. The slope at either end is 0 and

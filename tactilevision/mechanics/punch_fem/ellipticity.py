@@ -19,7 +19,7 @@ from tactilevision.records import Floats, Material
 DIRECTIONS = 180  # of the acoustic tensor
 
 
-def least_acoustic(law: Law, material: Material, state: Deformation) -> Floats:
+def least_acoustic(law: Law, material: Material, *, state: Deformation) -> Floats:
     """The smallest eigenvalue of Q over all directions, in shear moduli (N,): below 0 ellipticity is lost."""
     shear = shear_modulus_MPa(material)
     g, dg, ddg = law.volume(state.volume)

@@ -27,7 +27,7 @@ class StepRecord:
     failure: str = ""
 
 
-def march(system: Equations, targets: Sequence[float], log: list[StepRecord]) -> Iterator[State]:
+def march(system: Equations, targets: Sequence[float], *, log: list[StepRecord]) -> Iterator[State]:
     """Yield the equilibrium at each of `targets` in turn (depths in mm, or forces in N where force drives).
 
     Every attempt is added to `log`. Raises ConvergenceError where a step fails even at 1/64 of its length; what
@@ -40,7 +40,9 @@ def march(system: Equations, targets: Sequence[float], log: list[StepRecord]) ->
         while abs(left := target - _load(system, last)) > 1e-12 * max(abs(target), whole):
             parts = np.ceil(abs(left) / step - 1e-9)
             aim = target if parts <= 1 else _load(system, last) + left / parts
-            outcome = solve_step(system, last, aim, _extrapolate(system, before, last, aim), patient=patient)
+            outcome = solve_step(
+                system, last, target=aim, guess=_extrapolate(system, before, last, aim), patient=patient
+            )
             taken = abs(aim - _load(system, last))
             if isinstance(outcome, Failure):
                 log.append(StepRecord(float(aim), 0, float("nan"), outcome.why))

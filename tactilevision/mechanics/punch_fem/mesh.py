@@ -38,7 +38,7 @@ class MeshSettings:
             )
 
 
-def sizes_from(first: float, length: float, settings: MeshSettings) -> Floats:
+def sizes_from(first: float, length: float, *, settings: MeshSettings) -> Floats:
     """Element sizes (N,) mm over `length`, from about `first` growing; scaled so that they fill it exactly."""
     sizes, total = [first], first
     while total < length * (1 - 1e-9):
@@ -48,7 +48,7 @@ def sizes_from(first: float, length: float, settings: MeshSettings) -> Floats:
 
 
 def graded_lines(
-    radius_mm: float, thickness_mm: float, pad_radius_mm: float, settings: MeshSettings
+    radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
 ) -> tuple[Floats, Floats]:
     """The r (N,) and z (M,) mm of the mesh lines; one of them lies at r = radius_mm exactly."""
     fine = settings.edge_size_mm
@@ -56,17 +56,17 @@ def graded_lines(
     outer = min(settings.outside_mm, (pad_radius_mm - radius_mm) / 2)
     zone_in = np.full(round(inner / fine), inner / max(round(inner / fine), 1))
     zone_out = np.full(round(outer / fine), outer / max(round(outer / fine), 1))
-    inward = sizes_from(fine, radius_mm - zone_in.sum(), settings)
-    outward = sizes_from(fine, pad_radius_mm - radius_mm - zone_out.sum(), settings)
+    inward = sizes_from(fine, radius_mm - zone_in.sum(), settings=settings)
+    outward = sizes_from(fine, pad_radius_mm - radius_mm - zone_out.sum(), settings=settings)
     r = np.concatenate([[0.0], np.cumsum(np.concatenate([inward[::-1], zone_in, zone_out, outward]))])
-    down = sizes_from(fine, thickness_mm, settings)
+    down = sizes_from(fine, thickness_mm, settings=settings)
     z = thickness_mm - np.concatenate([np.cumsum(down)[::-1], [0.0]])
     r[-1], z[0], z[-1] = pad_radius_mm, 0.0, thickness_mm
     return r, z
 
 
 def graded_mesh(
-    radius_mm: float, thickness_mm: float, pad_radius_mm: float, settings: MeshSettings
+    radius_mm: float, thickness_mm: float, *, pad_radius_mm: float, settings: MeshSettings
 ) -> skfem.MeshQuad:
     """Quadrilaterals over 0 <= r <= pad_radius_mm, 0 <= z <= thickness_mm. Raises InputError unless 0 < a < R, h
     > 0."""
@@ -76,4 +76,6 @@ def graded_mesh(
             where="punch_fem",
             value={"radius_mm": radius_mm, "pad_radius_mm": pad_radius_mm, "thickness_mm": thickness_mm},
         )
-    return skfem.MeshQuad.init_tensor(*graded_lines(radius_mm, thickness_mm, pad_radius_mm, settings))
+    return skfem.MeshQuad.init_tensor(
+        *graded_lines(radius_mm, thickness_mm, pad_radius_mm=pad_radius_mm, settings=settings)
+    )

@@ -79,7 +79,7 @@ def at_rest(model: Model) -> State:
 
 
 def solve_step(
-    system: Equations, last: State, target: float, guess: tuple[Floats, Floats], *, patient: bool = False
+    system: Equations, last: State, *, target: float, guess: tuple[Floats, Floats], patient: bool = False
 ) -> State | Failure:
     """The equilibrium at depth (mm) or force (N) `target`, from the converged `last` and a guess of (u, pressure).
 
@@ -94,8 +94,8 @@ def solve_step(
         state = deform(mesh, u)
         if not (state.volume.min() > 0 and state.plane.min() > 0):
             return Failure("an element turned inside out")
-        solid = linearise(mesh, model.problem.law, model.problem.material, state, pressure)
-        contact = contact_at(model, u, history, keep=iteration == 0)
+        solid = linearise(mesh, model.problem.law, material=model.problem.material, state=state, pressure=pressure)
+        contact = contact_at(model, u, history=history, keep=iteration == 0)
         error = _imbalance(system, solid, contact, target)
         late = iteration >= LATE and error > LATE_ERROR and not patient
         if not np.isfinite(error) or (iteration > 1 and error > WORST_ERROR) or late:
@@ -121,13 +121,13 @@ def solve_step(
 
 
 def contact_at(
-    model: Model, u: Floats, history: ContactHistory | None, *, keep: bool = False
+    model: Model, u: Floats, *, history: ContactHistory | None, keep: bool = False
 ) -> ContactState | None:
     """Contact forces at the unknowns `u` (U,) mm; None for a glued face."""
     punch = model.problem.punch
     if not isinstance(punch, RoundedPunch) or history is None:
         return None
-    return touch(model.mesh.surface, punch, model.contact_stiffness, u, history, keep=keep)
+    return touch(model.mesh.surface, punch, stiffness=model.contact_stiffness, u=u, history=history, keep=keep)
 
 
 def _touches(model: Model) -> bool:
@@ -154,8 +154,8 @@ def _volume_error(mesh: Discretisation, solid: ElementSystem) -> float:
 def _sum(system: Equations, forces: Floats, contact: ContactState | None) -> Floats:
     mesh = system.model.mesh
     if contact is None:
-        return scatter(mesh.size, (mesh.dofs,), (forces,))
-    return scatter(mesh.size, (mesh.dofs, mesh.surface.dofs), (forces, contact.force))
+        return scatter(mesh.size, (mesh.dofs,), forces=(forces,))
+    return scatter(mesh.size, (mesh.dofs, mesh.surface.dofs), forces=(forces, contact.force))
 
 
 def _increment(
@@ -169,10 +169,10 @@ def _increment(
     du = np.zeros(mesh.size)
     if jump:
         du[mesh.punch] = jump
-        right -= scatter(mesh.size, (mesh.dofs,), ((solid.stiffness @ du[mesh.dofs][:, :, None])[:, :, 0],))
+        right -= scatter(mesh.size, (mesh.dofs,), forces=((solid.stiffness @ du[mesh.dofs][:, :, None])[:, :, 0],))
         if contact is not None:
             dofs = mesh.surface.dofs
-            right -= scatter(mesh.size, (dofs,), ((contact.stiffness @ du[dofs][:, :, None])[:, :, 0],))
+            right -= scatter(mesh.size, (dofs,), forces=((contact.stiffness @ du[dofs][:, :, None])[:, :, 0],))
     parts = (solid.stiffness,) if contact is None else (solid.stiffness, contact.stiffness)
     du[free] = factorise(assemble(system.pattern, parts)).solve(right[free])
     return du

@@ -43,8 +43,8 @@ def press_to_forces(problem: PunchProblem, forces_N: npt.ArrayLike) -> PunchSolu
 def _press(problem: PunchProblem, targets: Sequence[float], *, by_force: bool) -> PunchSolution:
     model = build(problem)
     steps: list[StepRecord] = []
-    states = list(march(equations(model, by_force=by_force), targets, steps))
-    return gather(model, states, steps)
+    states = list(march(equations(model, by_force=by_force), targets, log=steps))
+    return gather(model, states, steps=steps)
 
 
 def _checked(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:

@@ -82,7 +82,9 @@ def build(problem: PunchProblem) -> Model:
     if not problem.penalty > 0:
         raise InputError("the contact penalty lies above 0", where="PunchProblem", value=problem.penalty)
     settings = problem.mesh or default_mesh(problem)
-    grid = graded_mesh(problem.punch.radius_mm, problem.thickness_mm, problem.pad_radius_mm, settings)
+    grid = graded_mesh(
+        problem.punch.radius_mm, problem.thickness_mm, pad_radius_mm=problem.pad_radius_mm, settings=settings
+    )
     mesh = discretise(grid)
     r, z = mesh.nodes_mm.T
     held = np.zeros(mesh.size, dtype=bool)

@@ -41,7 +41,7 @@ class PunchSolution:
     steps: tuple[StepRecord, ...]
 
 
-def gather(model: Model, states: list[State], steps: list[StepRecord]) -> PunchSolution:
+def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> PunchSolution:
     """Put the equilibria of one march together."""
     r, _ = surface_profile(model, states[0])
     profiles = np.stack([surface_profile(model, state)[1] for state in states])
@@ -76,7 +76,7 @@ def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
 
 def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
     """True pressure and shear (C,) at the contact points; None for a glued face."""
-    contact = contact_at(model, state.u, state.history)
+    contact = contact_at(model, state.u, history=state.history)
     if contact is None or state.history is None:
         return None
     stretch = area_ratio(model.mesh.surface, state.u)
@@ -110,7 +110,9 @@ def stress_field(model: Model, state: State) -> tuple[Floats, Floats]:
 
 def energy(model: Model, state: State) -> float:
     """Strain energy in N mm, the contact penalty's share left out."""
-    return stored_energy(model.mesh, model.problem.law, model.problem.material, state.u, state.pressure)
+    return stored_energy(
+        model.mesh, model.problem.law, material=model.problem.material, u=state.u, pressure=state.pressure
+    )
 
 
 def _moved_points(model: Model, state: State) -> Floats:

@@ -56,7 +56,7 @@ def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
 
 
 def linearise(
-    mesh: Discretisation, law: Law, material: Material, state: Deformation, pressure: Floats
+    mesh: Discretisation, law: Law, *, material: Material, state: Deformation, pressure: Floats
 ) -> ElementSystem:
     """Forces and stiffness at `state` and `pressure` (E, 3). NaN where the law is not defined there."""
     elements, points = mesh.weight_mm3.shape
@@ -93,7 +93,7 @@ def linearise(
     )
 
 
-def stored_energy(mesh: Discretisation, law: Law, material: Material, u: Floats, pressure: Floats) -> float:
+def stored_energy(mesh: Discretisation, law: Law, *, material: Material, u: Floats, pressure: Floats) -> float:
     """Strain energy in N mm for unknowns `u` (U,) mm: the integral of W_d + p g(J) - p²/(2K)."""
     state = deform(mesh, u)
     p = pressure_at_points(mesh, pressure)

@@ -43,7 +43,7 @@ class Block:
         return self.law, self.friction, self.edge_over_h
 
 
-def hayes_stiffness(poisson_ratio: float, a_over_h: float, edge_over_h: float) -> float:
+def hayes_stiffness(poisson_ratio: float, a_over_h: float, *, edge_over_h: float) -> float:
     """P/(E w h) of the flat part of the face, frictionless, w -> 0: 2 alpha kappa(nu, alpha) / (1 - nu^2)."""
     flat = a_over_h - edge_over_h
     return float(2 * flat * fast_kappa(poisson_ratio, flat) / (1 - poisson_ratio**2))
@@ -60,7 +60,7 @@ def own_block(key: Key, solved: Solved) -> Block:
     for case, found in mine.items():
         at = nus.index(case.poisson_ratio), alphas.index(case.a_over_h)
         reached = len(found.depth)
-        scale = hayes_stiffness(case.poisson_ratio, case.a_over_h, case.edge_over_h)
+        scale = hayes_stiffness(case.poisson_ratio, case.a_over_h, edge_over_h=case.edge_over_h)
         stiffness[at][:reached] = found.force / scale
         surface[at][:reached] = np.stack([found.u_z, found.u_r], axis=1) - linear_surface(case)
     axes = Axes(np.array(nus), np.array(alphas), np.array(DEPTHS))
@@ -70,4 +70,4 @@ def own_block(key: Key, solved: Solved) -> Block:
 def linear_surface(case: Case) -> Floats:
     """Rise and u_r (2, places) over w by linear theory, where the table has places."""
     r_over_a = 1 + np.array(BESIDE) / case.a_over_h
-    return np.stack(exact_profile(r_over_a, case.poisson_ratio, case.a_over_h))
+    return np.stack(exact_profile(r_over_a, case.poisson_ratio, a_over_h=case.a_over_h))

@@ -79,7 +79,7 @@ def _carry(coarse: Axes, values: Floats, fine: Axes) -> Floats:
     for axis in range(2):
         found = PchipInterpolator(coarse.stretched[axis], found, axis=axis)(fine.stretched[axis])
     places = np.stack(np.meshgrid(*fine.stretched, indexing="ij"), axis=-1).reshape(-1, 3)
-    known = inside_cells(coarse, solved_nodes(values), places).reshape(found.shape[:3])
+    known = inside_cells(coarse, solved_nodes(values), places=places).reshape(found.shape[:3])
     found[~known] = np.nan
     return np.asarray(found)
 

@@ -29,15 +29,15 @@ def deepened(block: Block, blunter: Block) -> Block:
     stiffness, surface, count = block.stiffness.copy(), block.surface.copy(), 0
     for i, nu in enumerate(block.axes.poisson_ratios):
         for j, alpha in enumerate(block.axes.a_over_h):
-            there = node_of(blunter, nu, alpha)
+            there = node_of(blunter, nu, a_over_h=alpha)
             last = int(np.isfinite(stiffness[i, j]).sum()) - 1
             if there is None or not SHALLOWEST <= depths[max(last, 0)] < depths[-1]:
                 continue
             far = int(np.searchsorted(depths, FURTHEST * depths[last] * (1 + 1e-9)))
-            flat = [hayes_stiffness(nu, alpha, one.edge_over_h) for one in (blunter, block)]
+            flat = [hayes_stiffness(nu, alpha, edge_over_h=one.edge_over_h) for one in (blunter, block)]
             other, beside = blunter.stiffness[there] * flat[0] / flat[1], blunter.surface[there]
             more = stiffness[i, j] / other - 1
-            fade = fading(depths, more, last)
+            fade = fading(depths, more, last=last)
             stiffness[i, j, last + 1 : far] = (other * (1 + more[last] * fade))[last + 1 : far]
             apart = np.multiply.outer(fade, surface[i, j, last] - beside[last])
             surface[i, j, last + 1 : far] = (beside + apart)[last + 1 : far]
@@ -45,14 +45,14 @@ def deepened(block: Block, blunter: Block) -> Block:
     return replace(block, stiffness=stiffness, surface=surface, deepened=count)
 
 
-def fading(depths: Floats, more: Floats, last: int) -> Floats:
+def fading(depths: Floats, more: Floats, *, last: int) -> Floats:
     """(d/d0)^p from the last two known of `more`, which is f - 1; 1 where it does not fall."""
     falls = more[last - 1] > more[last] > 0
     power = np.log(more[last] / more[last - 1]) / np.log(depths[last] / depths[last - 1]) if falls else 0.0
     return np.asarray((depths / depths[last]) ** power)
 
 
-def node_of(block: Block, poisson_ratio: float, a_over_h: float) -> tuple[int, int] | None:
+def node_of(block: Block, poisson_ratio: float, *, a_over_h: float) -> tuple[int, int] | None:
     """Where a node stands in `block`; None where it was not solved there."""
     rows = np.flatnonzero(np.isclose(block.axes.poisson_ratios, poisson_ratio))
     columns = np.flatnonzero(np.isclose(block.axes.a_over_h, a_over_h))

@@ -37,7 +37,7 @@ class Neighbours:
 
     def blend(self, values: Sequence[Floats]) -> Floats:
         """What lies between the blocks' `values`."""
-        return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), self.at)
+        return values[0] if len(values) == 1 else monotone(np.array(self.places), np.array(values), at=self.at)
 
 
 def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
@@ -53,7 +53,7 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
     return Neighbours(tuple(ordered[near]), tuple(places[near]), at)
 
 
-def monotone(places: Floats, values: Floats, at: float) -> Floats:
+def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
     """The monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at`."""
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))

@@ -79,7 +79,7 @@ def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
     return HoledSpline(axes, _cells(known), NdBSpline(tuple(knots), whole, tuple(orders)))
 
 
-def inside_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
+def inside_cells(axes: Axes, known: Bools, *, places: Floats) -> Bools:
     """True (N,) where a stretched place lies in a cell of which all corners are among the `known` nodes."""
     return _in_known_cells(axes, _cells(known), places)
 

@@ -20,7 +20,7 @@ from tactilevision.mechanics.tables.table import write_table
 COLUMNS = "law", "friction", "edge_over_h", "poisson_ratio", "a_over_h", "to_w_over_h", "no_fold_to", "ended"
 
 
-def merge(cases: Iterable[Case], folder: Path | str, out: Path | str, *, notes: dict[str, Any]) -> list[str]:
+def merge(cases: Iterable[Case], folder: Path | str, *, out: Path | str, notes: dict[str, Any]) -> list[str]:
     """Put every block of which all cases are solved into `out` (.npz), with its card (.json) and its cases (.csv:
     how deep each got, and why no deeper); returns the names of the cases that are missing.
 
@@ -50,7 +50,7 @@ def merge(cases: Iterable[Case], folder: Path | str, out: Path | str, *, notes: 
         "source": "tactilevision.mechanics.punch_fem, made by tactilevision tabulate",
         "date": date.today().isoformat(),
     }
-    write_table(Path(out), build_blocks(solved), card | notes)
+    write_table(Path(out), build_blocks(solved), notes=card | notes)
     _write_cases(Path(out).with_suffix(".csv"), solved)
     return missing
 

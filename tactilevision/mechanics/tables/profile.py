@@ -46,8 +46,8 @@ class TableProfile:
                 )
         if not (r_over_a >= 1).all():
             raise InputError("the profile beside the punch begins at r = a", where="TableProfile")
-        mixture = shipped_table().mixture(self.law, case.friction, self.edge_over_h)
-        (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture)
+        mixture = shipped_table().mixture(self.law, case.friction, edge_over_h=self.edge_over_h)
+        (rise, outward), _ = surface_over_depth(np.asarray(r_over_a, dtype=float), case, mixture=mixture)
         return rise, outward
 
 
@@ -64,7 +64,7 @@ TABULATED = ProfileModel(
 )
 
 
-def profile_model(poisson_ratio: float, a_over_h: float, deepest: float) -> ProfileModel:
+def profile_model(poisson_ratio: float, a_over_h: float, *, deepest: float) -> ProfileModel:
     """The tabulated model where it holds this nu, a/h and w/h; linear theory, with its larger error, elsewhere."""
     wanted = (poisson_ratio, POISSON_RANGE), (a_over_h, A_OVER_H_RANGE), (deepest, (0.0, DEEPEST))
     return TABULATED if all(low <= value <= high for value, (low, high) in wanted) else LINEAR

@@ -16,7 +16,7 @@ from tactilevision.records import Bools, Floats, Material
 
 
 def punch_force(
-    depth_mm: npt.ArrayLike, contact: FlatContact, material: Material, *, table: tables.Table | None = None
+    depth_mm: npt.ArrayLike, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> Floats:
     """Force in N of a flat punch pressed `depth_mm` (any shape) into a bonded gel on its first loading.
 
@@ -27,19 +27,23 @@ def punch_force(
     Raises InputError beyond the table in any direction. Source: punch_fem; errors on the card.
     """
     depth = np.asarray(depth_mm, dtype=float)
-    ratio, known = force_ratio(depth.ravel(), contact, material, table=table)
+    ratio, known = force_ratio(depth.ravel(), contact, material=material, table=table)
     _demand(known, depth, contact, material, table)
     h, nu = contact.thickness_mm, material.poisson_ratio
-    scale = material.youngs_modulus_MPa * h * hayes_stiffness(nu, contact.a_over_h, contact.edge_over_h)
-    return np.asarray(scale * (1 - rim_share(depth, contact, nu)) * depth * ratio.reshape(depth.shape))
+    scale = (
+        material.youngs_modulus_MPa * h * hayes_stiffness(nu, contact.a_over_h, edge_over_h=contact.edge_over_h)
+    )
+    return np.asarray(
+        scale * (1 - rim_share(depth, contact, poisson_ratio=nu)) * depth * ratio.reshape(depth.shape)
+    )
 
 
 def force_ratio(
-    depth_mm: Floats, contact: FlatContact, material: Material, *, table: tables.Table | None = None
+    depth_mm: Floats, contact: FlatContact, *, material: Material, table: tables.Table | None = None
 ) -> tuple[Floats, Bools]:
     """P/w over Hayes' for the flat part (N,) at `depth_mm` (N,), and where it is known."""
     there = table or tables.shipped_table()
-    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
+    mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
     nu, alpha = np.array(material.poisson_ratio), np.array(contact.a_over_h)
     places = there.axes.places(nu, alpha, depth_mm / contact.thickness_mm)
     ratio, known = tables.stiffness_ratio(mixture, places)
@@ -49,16 +53,16 @@ def force_ratio(
 def punch_reach(contact: FlatContact, material: Material, *, table: tables.Table | None = None) -> float:
     """The greatest depth (mm) that the table holds for this contact and material; 0 where it holds none."""
     there = table or tables.shipped_table()
-    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
-    return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, contact.a_over_h)
+    mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
+    return contact.thickness_mm * tables.reach(mixture, material.poisson_ratio, a_over_h=contact.a_over_h)
 
 
 def punch_profile(
     depth_mm: float,
     r_mm: npt.ArrayLike,
+    *,
     contact: FlatContact,
     material: Material,
-    *,
     table: tables.Table | None = None,
 ) -> tuple[Floats, Floats]:
     """(u_z, u_r) in mm at the material radii `r_mm` beside the punch: u_z positive out of the gel, u_r outward.
@@ -72,13 +76,13 @@ def punch_profile(
     if not 0 <= depth_mm < contact.thickness_mm:
         raise InputError("a depth lies in [0, thickness)", where="punch_profile", value=depth_mm)
     case = PunchCase(material.poisson_ratio, contact.a_over_h, depth_mm / contact.thickness_mm)
-    mixture = there.mixture(contact.law, contact.friction, contact.edge_over_h)
-    values, known = surface_over_depth(r / contact.radius_mm, case, mixture)
+    mixture = there.mixture(contact.law, contact.friction, edge_over_h=contact.edge_over_h)
+    values, known = surface_over_depth(r / contact.radius_mm, case, mixture=mixture)
     _demand(np.array(known), np.asarray(depth_mm), contact, material, there)
     return depth_mm * values[0], depth_mm * values[1]
 
 
-def surface_over_depth(r_over_a: Floats, case: PunchCase, mixture: tables.Mixture) -> tuple[Floats, bool]:
+def surface_over_depth(r_over_a: Floats, case: PunchCase, *, mixture: tables.Mixture) -> tuple[Floats, bool]:
     """Rise and u_r over w (2, ...) at r/a >= 1, and whether the table knows them at this depth.
 
     Linear theory plus the tabulated excess, a spline in the root of the distance from the punch; from 3.5

@@ -76,7 +76,7 @@ def solve_case(case: Case, depths: Sequence[float] = DEPTHS) -> SolvedCase:
             kept = max(kept, agreed(press, _press(case, depths, FINER)))
         ended = HANGS if kept < len(press.force) else ended
     ended = LOST if ended and press.lost else ended
-    if (steady := before_a_jam(case, depths[:kept], press.force[:kept])) < kept:
+    if (steady := before_a_jam(case, depths[:kept], force=press.force[:kept])) < kept:
         kept, ended = steady, JAMS
     depth = np.array(depths[:kept])
     sound = float(depth[: press.sound].max(initial=0.0))
@@ -93,7 +93,7 @@ def agreed(press: Press, other: Press) -> int:
     return last + int(np.argmax(off)) if off.any() else common
 
 
-def before_a_jam(case: Case, depths: Sequence[float], force: Floats) -> int:
+def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
     """How many of `depths` come before P/w (`force`) rises above the line of the four before."""
     root, log = np.sqrt(depths), np.log(force)
     for k in range(4, len(root)):
@@ -111,7 +111,7 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
     states: list[State] = []
     ended = ""
     try:
-        for state in march(equations(model, by_force=False), depths, steps):
+        for state in march(equations(model, by_force=False), depths, log=steps):
             states.append(state)  # noqa: PERF402 - what was reached before an error is kept
     except ConvergenceError:
         ended = steps[-1].failure
@@ -126,7 +126,7 @@ def _press(case: Case, depths: Sequence[float], coarser: float) -> Press:
 
 def _lost(model: Model, state: State) -> bool:
     problem = model.problem
-    return bool((least_acoustic(problem.law, problem.material, deform(model.mesh, state.u)) < 0).any())
+    return bool((least_acoustic(problem.law, problem.material, state=deform(model.mesh, state.u)) < 0).any())
 
 
 def _beside(model: Model, state: State, case: Case) -> Floats:

@@ -46,7 +46,7 @@ class Table:
         """The grid."""
         return self.blocks[0].axes
 
-    def mixture(self, law: str, friction: float, edge_over_h: float) -> Mixture:
+    def mixture(self, law: str, friction: float, *, edge_over_h: float) -> Mixture:
         """The blocks that surround a friction and an edge radius, with their weights.
 
         Raises InputError, with what there is, for another law or a larger edge radius than the tabulated ones.
@@ -66,7 +66,7 @@ class Table:
             raise _absent("edge radius over thickness", edge_over_h, edges)
         rows = {edge: [block for (other, _), block in mine.items() if other == edge] for edge in edges}
         return tuple(
-            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, edges, edge_over_h)
+            (weight, neighbours(rows[edge], friction)) for edge, weight in straight(edges, edges, at=edge_over_h)
         )
 
 
@@ -80,7 +80,7 @@ def surface_excess(mixture: Mixture, places: Floats) -> tuple[Floats, Bools]:
     return _mixed(mixture, _surface, places)
 
 
-def reach(mixture: Mixture, poisson_ratio: float, a_over_h: float) -> float:
+def reach(mixture: Mixture, poisson_ratio: float, *, a_over_h: float) -> float:
     """The greatest w/h that all blocks know here; 0 off the grid."""
     return min(_stiffness(block).reach(poisson_ratio, a_over_h) for _, near in mixture for block in near.about)
 
@@ -105,7 +105,7 @@ def read_table(path: Path) -> Table:
     return Table(tuple(on_one_grid(own)), card)
 
 
-def write_table(path: Path, blocks: Sequence[Block], notes: dict[str, Any]) -> None:
+def write_table(path: Path, blocks: Sequence[Block], *, notes: dict[str, Any]) -> None:
     """Write PATH (.npz), every block at its own nodes, and its card (.json); `notes` go into the card."""
     arrays: dict[str, Any] = {}
     for number, block in enumerate(blocks):
@@ -139,7 +139,7 @@ def _mixed(mixture: Mixture, spline: Callable[[Block], HoledSpline], places: Flo
     return np.asarray(values), np.asarray(known)
 
 
-def straight(names: Sequence[float], places: Sequence[float], at: float) -> list[tuple[float, float]]:
+def straight(names: Sequence[float], places: Sequence[float], *, at: float) -> list[tuple[float, float]]:
     """(name, weight) of the two of `names`, at ascending `places`, between which `at` lies, or beyond which."""
     if len(places) == 1:
         return [(names[0], 1.0)]

@@ -64,7 +64,7 @@ def radii_apart(
 
 
 def odd_balls(
-    gains: Mapping[int, float], balls: Sequence[Ball | None], names: Sequence[str], *, unsure: Mapping[int, float]
+    gains: Mapping[int, float], balls: Sequence[Ball | None], *, names: Sequence[str], unsure: Mapping[int, float]
 ) -> list[str]:
     """Warnings of single balls whose scale of slope is far from that of all others, each left out of its law.
 

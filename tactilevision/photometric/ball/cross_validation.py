@@ -59,7 +59,7 @@ def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
 
 
 def held_out(
-    fit: Fitter, contact: Samples, untouched_samples: Samples, ridge: float
+    fit: Fitter, contact: Samples, *, untouched_samples: Samples, ridge: float
 ) -> tuple[Floats, list[ColourLaw]]:
     """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and these laws."""
     found, laws = np.empty_like(contact.slopes), []
@@ -73,8 +73,8 @@ def held_out(
 def scale_uncertainty(
     fit: Fitter,
     contact: Samples,
-    untouched_samples: Samples,
     *,
+    untouched_samples: Samples,
     ridge: float,
     law: ColourLaw,
     others: list[ColourLaw],
@@ -93,7 +93,7 @@ def scale_uncertainty(
         for group, other in zip(groups_of(contact), others, strict=True)
         for number in group
     }
-    return ScaleUncertainty(share * gain_map(law, others, contact), share, unseen)
+    return ScaleUncertainty(share * gain_map(law, others, contact=contact), share, unseen)
 
 
 def _stated_unseen(
@@ -108,7 +108,7 @@ def _stated_unseen(
     }
     for a, (law, group) in enumerate(zip(laws, groups, strict=True)):
         others = [pair for both, pair in pairs.items() if a in both]
-        gains = gain_map(law, others, contact.where(~np.isin(contact.press, group)))
+        gains = gain_map(law, others, contact=contact.where(~np.isin(contact.press, group)))
         for number in map(int, group):
             x, y = 0.5 * (contact.place[contact.press == number].mean(axis=0) + 1.0)
             row, column = (int(np.clip(at * n, 0, n - 1)) for at, n in zip((y, x), gains.shape, strict=True))
@@ -134,7 +134,7 @@ def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
 
 
 def gains_without(
-    group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
+    group: npt.NDArray[np.int64], fit: Fitter, *, contact: Samples, untouched_samples: Samples, ridge: float
 ) -> dict[int, float]:
     """The depth scale at each ball of a `group`, by a law of the others."""
     apart = contact.where(np.isin(contact.press, group))

@@ -47,18 +47,20 @@ def join(parts: Sequence[Samples]) -> Samples:
 
 
 def inside_ball(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats."""
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
     index = _draw(inside, most, rng)
-    p, q = ball_slopes(x[index], y[index], ball.contact_radius_px * mm_per_px[0], ball.radius_mm)
+    p, q = ball_slopes(
+        x[index], y[index], contact_mm=ball.contact_radius_px * mm_per_px[0], radius_mm=ball.radius_mm
+    )
     return _at(change, index, np.stack([p, q], axis=1), number)
 
 
 def untouched(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples far from the ball, where slope is 0 and what change there is, is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
@@ -66,12 +68,12 @@ def untouched(
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
 
-def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
+def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
     """Where (H, W) the gel counts as untouched by the ball."""
-    return radii_from(ball, shape, mm_per_px) > OUTSIDE
+    return radii_from(ball, shape, mm_per_px=mm_per_px) > OUTSIDE
 
 
-def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
+def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
     """Distance (H, W) from the ball's axis, in radii of its contact."""
     return _from_axis(shape, ball, mm_per_px)[2] / (ball.contact_radius_px * mm_per_px[0])
 

@@ -40,7 +40,7 @@ def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
 TERMS = terms_of(PLACE_ORDER)
 
 
-def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:
+def fit_light(contact: Samples, uneven: float = UNEVEN[0], *, terms: npt.NDArray[np.int64] = TERMS) -> Floats:
     """L (terms, 3) of samples."""
     square = np.sum(contact.slopes**2, axis=1)
     scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
@@ -55,7 +55,7 @@ def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np
     return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
 
 
-def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:
+def colours_of(law: Floats, slopes: Floats, *, place: Floats) -> Floats:
     """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
     square = np.sum(slopes**2, axis=1)
     return np.asarray((1.0 + _design(slopes, place, TERMS) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)

@@ -23,7 +23,7 @@ def usual_pixels(reference: Reference) -> int:
     )
 
 
-def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) -> Planes:
+def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = None) -> Planes:
     """Means (n, H // px, W // px) over `px` by `px` pixels of a picture (H, W, n).
 
     Exact for whole numbers, of 8 bits where `px` is 16 at most.

@@ -54,7 +54,7 @@ class ChangeMaps:
         self.down[:, :, 0] = share * (1.0 - share * gains[:, 2, None] * self.y)
         self.across[:, 1] = -share * share * gains[:, 1, None] * self.x
 
-    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, out: Planes) -> Planes:
+    def changes(self, greys: Sequence[npt.NDArray[Any]] | Planes, window: Window, *, out: Planes) -> Planes:
         """Changes (I gain + s) / (I0 + s) - 1 of a window's channels (3, h, w), into `out` alike."""
         rows, columns = window
         np.matmul(self.down[:, rows], self.across[..., columns], out=out)
@@ -90,7 +90,7 @@ class ColourChange:
         """
         drift, valid = self.take(rgb)
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
-            self.maps.changes(self.greys(window), window, self._whole[:, window[0]])
+            self.maps.changes(self.greys(window), window, out=self._whole[:, window[0]])
         if self.reference.marks is not None:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
@@ -114,12 +114,12 @@ class ColourChange:
         for window in strips(whole):
             size = (window[0].stop - window[0].start, window[1].stop - window[1].start)
             out: Planes = np.empty((3, *size), np.float32)
-            yield window, self.maps.changes(self.greys(window), window, out)
+            yield window, self.maps.changes(self.greys(window), window, out=out)
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""
         greys = cv2.split(self.rgb[window])
-        return greys if self.undo is None else list(undone(greys, self.undo, self.tracker.power))
+        return greys if self.undo is None else list(undone(greys, self.undo, power=self.tracker.power))
 
     def means(self, px: int) -> Planes:
         """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
@@ -127,7 +127,7 @@ class ColourChange:
         Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
         """
         found = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
-        return found if self.undo is None else undone(found, self.undo, self.tracker.power)
+        return found if self.undo is None else undone(found, self.undo, power=self.tracker.power)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""

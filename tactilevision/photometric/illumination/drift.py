@@ -198,9 +198,11 @@ class DriftTracker:
         shape = self.size[1], self.size[0]
         contact = solid(touched.reshape(shape))
         noise = noise_of(change.reshape(3, *shape), weights.reshape(shape))
-        slopes = likely_slopes(change / noise, self._to_slopes / noise, contact) if contact.any() else None
+        slopes = likely_slopes(change / noise, self._to_slopes / noise, touched=contact) if contact.any() else None
         gain = (1.0 + constant) ** self.power - 1.0
-        return drift_of(change / noise, weights, self._terms / noise, slopes=slopes, gain=gain, power=self.power)
+        return drift_of(
+            change / noise, weights, terms=self._terms / noise, slopes=slopes, gain=gain, power=self.power
+        )
 
     def _blocks(self, planes: Planes) -> Floats:
         """Means (3, h * w) of planes over the blocks."""
@@ -259,7 +261,7 @@ def solid(touched: Bools) -> Bools:
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
-def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
+def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Planes:
     """Grey levels (3, h, w) with the affine map `undo` (3, 4) used on their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)

@@ -56,7 +56,7 @@ OTHERS = ((1, 2), (0, 2), (0, 1))  # the other two channels of each
 QUIET = 0.05  # least noise, in parts of what a block's is taken to be
 
 
-def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
+def likely_slopes(change: Floats, answers: Floats, *, touched: Bools) -> Floats:
     """What a slope of one deviation makes of the channels (3, k, blocks): `answers` (3, k, blocks) to slopes of 1.
 
     How steep the gel is under the contact, blocks `touched` (h, w), is read out of the `change` (3, blocks) there.
@@ -78,7 +78,7 @@ def noise_of(change: Floats, weights: Floats) -> float:
 
 
 def drift_of(
-    change: Floats, weights: Floats, terms: Floats, *, slopes: Floats | None, gain: Floats, power: int
+    change: Floats, weights: Floats, *, terms: Floats, slopes: Floats | None, gain: Floats, power: int
 ) -> tuple[Floats, Floats]:
     """g_0, g_x, g_y, b, m, m (3 channels, 6), and their covariance (18, 18).
 

@@ -36,7 +36,7 @@ def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
     return float(np.sqrt(np.nanmean((ratio - np.nanmedian(ratio, axis=(0, 1))) ** 2)))
 
 
-def other_light(before: npt.ArrayLike, reference: Reference, scale_error: float) -> tuple[str, ...]:
+def other_light(before: npt.ArrayLike, reference: Reference, *, scale_error: float) -> tuple[str, ...]:
     """A warning where the scale of slope is off by more for the light than it was on balls of its own sensor.
 
     `scale_error` is the latter, relatively, of whole balls: that of single pixels is mostly their noise.

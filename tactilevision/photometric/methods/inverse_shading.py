@@ -78,7 +78,7 @@ def _drawn(law: Floats, contact: Samples) -> Samples:
     steep = BEYOND * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
     angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0
     slopes = np.stack([steep * np.cos(angle), steep * np.sin(angle)], axis=1)
-    return Samples(colours_of(law, slopes, place), place, slopes, np.zeros(DRAWN, np.int64))
+    return Samples(colours_of(law, slopes, place=place), place, slopes, np.zeros(DRAWN, np.int64))
 
 
 def _evenly(count: int, dimensions: int) -> Floats:

@@ -61,7 +61,7 @@ def require_exporter() -> None:
 
 
 def export_network(
-    module: torch.nn.Module, example: torch.Tensor, path: Path | str, *, free_axes: dict[int, str]
+    module: torch.nn.Module, example: torch.Tensor, *, path: Path | str, free_axes: dict[int, str]
 ) -> str:
     """Write `module` to `path` as ONNX (opset OPSET), its `free_axes` of any size; returns its hash."""
     import warnings

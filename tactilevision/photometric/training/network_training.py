@@ -55,14 +55,16 @@ class NetworkFitter:
         """The same with `pictures` (H, W, 3) augmented; a ball that was not found is None."""
         require_exporter()
         parts = [
-            augmented(change, rgb, ball, mm_per_px, number=number, most=SHOWN * CONTACT // len(pictures))
+            augmented(
+                change, rgb, ball=ball, mm_per_px=mm_per_px, number=number, most=SHOWN * CONTACT // len(pictures)
+            )
             for number, (rgb, ball) in enumerate(zip(pictures, balls, strict=True))
             if ball is not None
         ]
         return NetworkFitter(join(parts) if parts else None, self.steps)
 
 
-def augmented(change: ColourChange, rgb: Bytes, ball: Ball, mm_per_px: Pair, *, number: int, most: int) -> Samples:
+def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, number: int, most: int) -> Samples:
     """At most `most` samples of one press under SHOWN other lights, noises, sharpnesses and places."""
     import torch
 
@@ -96,7 +98,7 @@ def fit_network(
         module = _trained(contact, untouched_samples, ridge, steps)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "network.onnx"
-        export_network(module, torch.zeros(1, 5, 4, 4), path, free_axes={2: "rows", 3: "columns"})
+        export_network(module, torch.zeros(1, 5, 4, 4), path=path, free_axes={2: "rows", 3: "columns"})
         content = path.read_bytes()
     return Network(content, float(np.hypot(*contact.slopes.T).max()))
 
@@ -175,7 +177,9 @@ def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Float
     y, x = np.mgrid[box].astype(np.float64)
     x, y = (x - ball.centre_px[0]) * mm_per_px[0], (y - ball.centre_px[1]) * mm_per_px[1]
     contact_mm = ball.contact_radius_px * mm_per_px[0]
-    return *ball_slopes(x, y, contact_mm, ball.radius_mm), np.hypot(x, y) < INSIDE * contact_mm
+    return *ball_slopes(x, y, contact_mm=contact_mm, radius_mm=ball.radius_mm), np.hypot(
+        x, y
+    ) < INSIDE * contact_mm
 
 
 def _samples(

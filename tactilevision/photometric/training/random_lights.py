@@ -106,7 +106,7 @@ def draw_fields(count: int) -> torch.Tensor:
     return torch.as_tensor(uneven(blank)).clamp(0.05, 1.0) / 0.5
 
 
-def shade(scenes: Scenes, place_mm: torch.Tensor, slopes: torch.Tensor) -> torch.Tensor:
+def shade(scenes: Scenes, place_mm: torch.Tensor, *, slopes: torch.Tensor) -> torch.Tensor:
     """Linear light (B, N, 3), 1 is white, of gel at `place_mm` (B, N, 2 or 3) with `slopes` (B, N, 2)."""
     light: torch.Tensor = _returned(scenes, place_mm, slopes) @ scenes.tint + scenes.stray[:, None]
     return light
@@ -136,7 +136,7 @@ def _returned(scenes: Scenes, place_mm: torch.Tensor, slopes: torch.Tensor) -> t
     return light
 
 
-def expose(scenes: Scenes, light: torch.Tensor, rng: torch.Generator, *, averaged: int = 1) -> torch.Tensor:
+def expose(scenes: Scenes, light: torch.Tensor, *, rng: torch.Generator, averaged: int = 1) -> torch.Tensor:
     """Grey levels 0 to 255, of the same shape as `light` (B, N, 3); the mean of `averaged` frames."""
     import torch
 

@@ -115,7 +115,10 @@ RF
 def gel(problem: PunchProblem) -> tuple[Floats, Ints, Ints, Ints, Ints]:
     """Nodes (M, 2), eight-node quadrilaterals, elements under the surface, nodes of base and axis."""
     grid = graded_mesh(
-        problem.punch.radius_mm, problem.thickness_mm, problem.pad_radius_mm, problem.mesh or default_mesh(problem)
+        problem.punch.radius_mm,
+        problem.thickness_mm,
+        pad_radius_mm=problem.pad_radius_mm,
+        settings=problem.mesh or default_mesh(problem),
     )
     basis = skfem.Basis(grid, skfem.ElementQuad2(), intorder=2)
     used = np.asarray(basis.element_dofs)[:8]

@@ -11,7 +11,7 @@ from tactilevision.mechanics.tables.cases import BESIDE, DEPTHS, Case, SolvedCas
 def made_up(case: Case, reach: int = len(DEPTHS)) -> SolvedCase:
     """A smooth stand-in for a solved case: a stiffening that grows with nu, friction and the edge."""
     depth = np.array(DEPTHS)[:reach]
-    scale = hayes_stiffness(case.poisson_ratio, case.a_over_h, case.edge_over_h)
+    scale = hayes_stiffness(case.poisson_ratio, case.a_over_h, edge_over_h=case.edge_over_h)
     grip = 1 - 1 / (1 + 4 * case.friction)
     ratio = (1 + 0.02 * grip + case.edge_over_h) * (1 + depth * (case.a_over_h + case.poisson_ratio))
     excess = np.multiply.outer(0.05 * (1 + depth) * (1 + grip), np.exp(-np.array(BESIDE)))

@@ -41,22 +41,24 @@ def test_normal_is_the_slope_of_the_gap() -> None:
 
 def test_slip_is_capped_by_coulomb_and_smooth() -> None:
     trial, pressure = np.linspace(-2, 2, 401), np.full(401, 1.5)
-    traction, by_trial, by_pressure = slip(0.4, trial, pressure)
+    traction, by_trial, by_pressure = slip(0.4, trial, pressure=pressure)
     assert np.abs(traction).max() == pytest.approx(0.6)
     small = np.abs(trial) < 0.5
     np.testing.assert_allclose(traction[small], trial[small])
     np.testing.assert_allclose(
         by_trial,
-        (slip(0.4, trial + STEP, pressure)[0] - slip(0.4, trial - STEP, pressure)[0]) / (2 * STEP),
+        (slip(0.4, trial + STEP, pressure=pressure)[0] - slip(0.4, trial - STEP, pressure=pressure)[0])
+        / (2 * STEP),
         atol=1e-6,
     )
     np.testing.assert_allclose(
         by_pressure,
-        (slip(0.4, trial, pressure + STEP)[0] - slip(0.4, trial, pressure - STEP)[0]) / (2 * STEP),
+        (slip(0.4, trial, pressure=pressure + STEP)[0] - slip(0.4, trial, pressure=pressure - STEP)[0])
+        / (2 * STEP),
         atol=1e-6,
     )
-    assert not slip(0.0, trial, pressure)[0].any()
-    np.testing.assert_array_equal(slip(math.inf, trial, pressure)[0], trial)
+    assert not slip(0.0, trial, pressure=pressure)[0].any()
+    np.testing.assert_array_equal(slip(math.inf, trial, pressure=pressure)[0], trial)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, math.inf])
@@ -72,9 +74,9 @@ def test_contact_stiffness_is_the_slope_of_its_forces(friction: float) -> None:
     way = rng.normal(size=u.size)
 
     def force(by: float) -> Floats:
-        return touch(surface, punch, 50.0, u + by * way, history).force
+        return touch(surface, punch, stiffness=50.0, u=u + by * way, history=history).force
 
-    here = touch(surface, punch, 50.0, u, history)
+    here = touch(surface, punch, stiffness=50.0, u=u, history=history)
     assert (here.pressure_MPa > 0).any()
     assert (here.pressure_MPa == 0).any()
     predicted = (here.stiffness @ way[surface.dofs][:, :, None])[:, :, 0]
@@ -88,7 +90,7 @@ def test_forces_on_gel_and_punch_balance() -> None:
     assert isinstance(punch, RoundedPunch)
     u = np.zeros(model.mesh.size)
     u[model.mesh.punch] = -0.1
-    state = touch(surface, punch, 50.0, u, untouched(surface, punch))
+    state = touch(surface, punch, stiffness=50.0, u=u, history=untouched(surface, punch))
     np.testing.assert_allclose(state.force[:, 3:6].sum(axis=1), -state.force[:, 6], atol=1e-12)
     assert state.force[:, 6].sum() < 0
 

@@ -23,7 +23,7 @@ def sheared(stretch: Floats, law: Law, nu: float) -> Floats:
     F = np.ones((len(stretch), 5))
     for row, one in zip(F, stretch, strict=True):
         row[:4] = (turn @ np.diag([one, 1 / one])).ravel()
-    return least_acoustic(law, Material(0.3, nu), deformation(F))
+    return least_acoustic(law, Material(0.3, nu), state=deformation(F))
 
 
 @pytest.mark.parametrize("law", [NeoHooke(), Hencky()], ids=["neo-hooke", "hencky"])

@@ -28,11 +28,11 @@ def test_it_is_the_cubic_that_scipy_has(count: int) -> None:
     places, values = np.sort(rng.random(count)), rng.normal(size=(count, 5, 2))
     cubic = PchipInterpolator(places, values)
     for at in np.linspace(places[0], places[-1], 11):
-        np.testing.assert_allclose(monotone(places, values, float(at)), cubic(at), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(monotone(places, values, at=float(at)), cubic(at), rtol=1e-9, atol=1e-12)
 
 
 def test_between_two_it_is_straight() -> None:
-    assert monotone(np.array([0.0, 2.0]), np.array([[1.0], [5.0]]), 0.5) == pytest.approx(2.0)
+    assert monotone(np.array([0.0, 2.0]), np.array([[1.0], [5.0]]), at=0.5) == pytest.approx(2.0)
 
 
 def test_the_nearest_two_on_either_side_give_what_all_would() -> None:

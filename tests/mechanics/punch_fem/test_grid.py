@@ -49,10 +49,10 @@ def solved_blocks(edges: tuple[float, ...] = (1 / 60, 1 / 30), reach: int = len(
 
 def test_weights_are_straight_between_neighbours_and_beyond_the_last() -> None:
     names, places = (1.0, 2.0, 3.0), (0.0, 0.5, 2.0)
-    assert straight(names, places, 0.5) == [(2.0, 1.0)]
-    assert straight(names, places, 0.125) == [(1.0, 0.75), (2.0, 0.25)]
-    assert straight(names, places, -0.5) == [(1.0, 2.0), (2.0, -1.0)]
-    assert straight(names[:1], places[:1], 7.0) == [(1.0, 1.0)]
+    assert straight(names, places, at=0.5) == [(2.0, 1.0)]
+    assert straight(names, places, at=0.125) == [(1.0, 0.75), (2.0, 0.25)]
+    assert straight(names, places, at=-0.5) == [(1.0, 2.0), (2.0, -1.0)]
+    assert straight(names[:1], places[:1], at=7.0) == [(1.0, 1.0)]
 
 
 def pressed(force: list[float], sound: int, ended: str = "") -> Press:
@@ -90,10 +90,12 @@ def test_a_case_ends_where_sliding_gel_jams_and_not_where_the_gel_stiffens(
     depths = np.array(DEPTHS)
     gel = 5 + 2 * depths + 8 * depths**2
     case = Case("neo-hooke", 0.1, 1 / 30, 5.0, 0.487, 1.0)
-    assert before_a_jam(case, DEPTHS, gel) == len(DEPTHS)
+    assert before_a_jam(case, DEPTHS, force=gel) == len(DEPTHS)
     jammed = gel * np.where(depths > 0.2, 1.005, 1.0)
-    assert DEPTHS[before_a_jam(case, DEPTHS, jammed) - 1] == 0.2
-    assert before_a_jam(replace(case, a_over_h=0.45), DEPTHS, jammed) == len(DEPTHS)  # so deep it is not tested
+    assert DEPTHS[before_a_jam(case, DEPTHS, force=jammed) - 1] == 0.2
+    assert before_a_jam(replace(case, a_over_h=0.45), DEPTHS, force=jammed) == len(
+        DEPTHS
+    )  # so deep it is not tested
     whole = pressed(jammed.tolist(), len(DEPTHS))
     monkeypatch.setattr("tactilevision.mechanics.tables.solve._press", lambda *_: whole)
     solved = solve_case(case)
@@ -109,7 +111,10 @@ def test_a_blunter_edge_leads_a_sharper_one_on() -> None:
     blunt = Block("hencky", 0.3, 1 / 30, nodes, np.full(shape, 1.1), surface, 4)
     flat = np.array(
         [
-            [hayes_stiffness(nu, a, 1 / 30) / hayes_stiffness(nu, a, 1 / 60) for a in (0.45, 1.0)]
+            [
+                hayes_stiffness(nu, a, edge_over_h=1 / 30) / hayes_stiffness(nu, a, edge_over_h=1 / 60)
+                for a in (0.45, 1.0)
+            ]
             for nu in (0.3, 0.4999)
         ]
     )
@@ -181,7 +186,7 @@ def test_what_a_block_solved_itself_does_not_end_with_its_relative() -> None:
     assert np.isfinite(carried.stiffness[4:, FINE_A.index(1.0)]).all()
     assert np.isnan(carried.stiffness[4:, FINE_A.index(0.67), 6:]).all()
     np.testing.assert_allclose(
-        carried.stiffness[5, 4] * hayes_stiffness(0.4999, 1.0, 1 / 60),
+        carried.stiffness[5, 4] * hayes_stiffness(0.4999, 1.0, edge_over_h=1 / 60),
         made_up(Case("neo-hooke", math.inf, 1 / 60, 5.0, 0.4999, 1.0)).force,
     )
 
@@ -208,32 +213,32 @@ def test_a_block_with_gaps_is_refused() -> None:
 
 
 def test_the_table_mixes_frictions_and_edges_and_refuses_what_it_lacks(tmp_path: Path) -> None:
-    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks()), {"what": "made up"})
+    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks()), notes={"what": "made up"})
     table = read_table(tmp_path / "punch.npz")
     place = table.axes.places(np.array(0.47), np.array(0.8), np.array([0.05]))
 
     def ratio(friction: float, edge: float) -> float:
-        return float(stiffness_ratio(table.mixture("neo-hooke", friction, edge), place)[0][0])
+        return float(stiffness_ratio(table.mixture("neo-hooke", friction, edge_over_h=edge), place)[0][0])
 
-    assert len(table.mixture("neo-hooke", 0.3, 1 / 60)) == 1
+    assert len(table.mixture("neo-hooke", 0.3, edge_over_h=1 / 60)) == 1
     assert ratio(0.3, 1 / 40) == pytest.approx((ratio(0.3, 1 / 60) + ratio(0.3, 1 / 30)) / 2)
     assert ratio(0.3, 0.0) == pytest.approx(2 * ratio(0.3, 1 / 60) - ratio(0.3, 1 / 30))
     assert ratio(0.3, 1 / 60) < ratio(0.6, 1 / 60) < ratio(math.inf, 1 / 60)
     for law, friction, edge in (("gent", 0.3, 1 / 60), ("neo-hooke", 0.2, 1 / 60), ("neo-hooke", 0.3, 1 / 20)):
         with pytest.raises(InputError, match="holds no such"):
-            table.mixture(law, friction, edge)
+            table.mixture(law, friction, edge_over_h=edge)
 
 
 def test_a_table_of_one_edge_serves_edges_near_it() -> None:
     table = Table(tuple(on_one_grid(build_blocks(solved_blocks(edges=(1 / 60,))))))
-    assert len(table.mixture("neo-hooke", 0.3, 0.04 / 2.4)) == 1
-    assert len(table.mixture("neo-hooke", 0.3, 1.05 / 60)) == 1
+    assert len(table.mixture("neo-hooke", 0.3, edge_over_h=0.04 / 2.4)) == 1
+    assert len(table.mixture("neo-hooke", 0.3, edge_over_h=1.05 / 60)) == 1
     with pytest.raises(InputError, match="edge radius"):
-        table.mixture("neo-hooke", 0.3, 1.2 / 60)
+        table.mixture("neo-hooke", 0.3, edge_over_h=1.2 / 60)
 
 
 def test_a_table_that_is_not_its_cards_is_refused(tmp_path: Path) -> None:
-    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), {})
+    write_table(tmp_path / "punch.npz", build_blocks(solved_blocks(edges=(1 / 60,))), notes={})
     assert isinstance(read_table(tmp_path / "punch.npz"), Table)
     card = json.loads((tmp_path / "punch.json").read_text())
     (tmp_path / "punch.json").write_text(json.dumps(card | {"sha256": "0"}))

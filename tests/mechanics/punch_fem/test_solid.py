@@ -44,8 +44,8 @@ def solve(mesh: Discretisation, material: Material, law: Law, prescribed: Floats
     u = prescribed + np.where(free, 0.02 * np.abs(prescribed).max() * np.sin(np.arange(mesh.size)), 0.0)
     pressure = np.zeros((len(mesh.dofs), 3))
     for _ in range(12):
-        system = linearise(mesh, law, material, deform(mesh, u), pressure)
-        right = -scatter(mesh.size, (mesh.dofs,), (system.force,))
+        system = linearise(mesh, law, material=material, state=deform(mesh, u), pressure=pressure)
+        right = -scatter(mesh.size, (mesh.dofs,), forces=(system.force,))
         du = np.zeros(mesh.size)
         du[free] = factorise(assemble(pattern, (system.stiffness,))).solve(right[free])
         u = u + du
@@ -94,9 +94,11 @@ def test_forces_are_the_slope_of_the_energy_and_stiffness_the_slope_of_the_force
     u = 0.02 * rng.normal(size=mesh.size)
     pressure = 0.1 * rng.normal(size=(len(mesh.dofs), 3))
     way, step = rng.normal(size=mesh.size), 1e-6
-    here = linearise(mesh, law, material, deform(mesh, u), pressure)
-    energies = [stored_energy(mesh, law, material, u + s * step * way, pressure) for s in (1, -1)]
-    along = scatter(mesh.size, (mesh.dofs,), (here.internal,)) @ way
+    here = linearise(mesh, law, material=material, state=deform(mesh, u), pressure=pressure)
+    energies = [
+        stored_energy(mesh, law, material=material, u=u + s * step * way, pressure=pressure) for s in (1, -1)
+    ]
+    along = scatter(mesh.size, (mesh.dofs,), forces=(here.internal,)) @ way
     assert along == pytest.approx((energies[0] - energies[1]) / (2 * step), rel=1e-6)
 
     # With the pressure following its own equation, the condensed stiffness is what the force really does.
@@ -104,7 +106,9 @@ def test_forces_are_the_slope_of_the_energy_and_stiffness_the_slope_of_the_force
     for sign in (1, -1):
         du = sign * step * way
         follow = pressure - (here.recover_slope @ du[mesh.dofs][:, :, None])[:, :, 0]
-        forces.append(linearise(mesh, law, material, deform(mesh, u + du), follow).internal)
+        forces.append(
+            linearise(mesh, law, material=material, state=deform(mesh, u + du), pressure=follow).internal
+        )
     difference = (forces[0] - forces[1]) / (2 * step)
     predicted = (here.stiffness @ way[mesh.dofs][:, :, None])[:, :, 0]
     np.testing.assert_allclose(predicted, difference, atol=1e-6 * np.abs(difference).max())

@@ -56,12 +56,12 @@ def test_what_it_does_not_hold_is_met_within_what_the_card_says(fresh: dict[str,
     gel, depth = Material(1.0, fresh["poisson_ratio"]), np.array(fresh["depth"])
     known = depth <= punch_reach(punch, gel) * (1 + 1e-9)
     assert known.sum() >= 2
-    read = punch_force(depth[known], punch, gel) / depth[known]
+    read = punch_force(depth[known], punch, material=gel) / depth[known]
     error = stated(fresh)
     np.testing.assert_allclose(read, np.array(fresh["force"])[known], rtol=error["force"])
     r = punch.radius_mm + np.array(HELD_OUT["beside"])
     for k in np.flatnonzero(known):
-        u_z, u_r = punch_profile(depth[k], r, punch, gel)
+        u_z, u_r = punch_profile(depth[k], r, contact=punch, material=gel)
         np.testing.assert_allclose(u_z / depth[k], fresh["u_z"][k], atol=error["rise_over_depth"])
         np.testing.assert_allclose(u_r / depth[k], fresh["u_r"][k], atol=error["u_r_over_depth"])
 
@@ -78,18 +78,19 @@ def test_every_block_says_how_far_off_it_was() -> None:
 def test_an_edge_between_two_tabulated_ones_lies_between_them_and_rounding_takes_no_reach() -> None:
     depth = 0.1
     sharp, usual, between, blunt = (
-        force_ratio(np.array([depth]), contact(edge_radius_mm=edge), GEL)[0][0] for edge in (0.0, 0.05, 0.075, 0.1)
+        force_ratio(np.array([depth]), contact(edge_radius_mm=edge), material=GEL)[0][0]
+        for edge in (0.0, 0.05, 0.075, 0.1)
     )
     assert between == pytest.approx((usual + blunt) / 2)
     assert sharp == pytest.approx(2 * usual - blunt)
     off = contact(edge_radius_mm=0.05 * (1 + 1e-13))
-    assert len(shipped_table().mixture("neo-hooke", 0.3, off.edge_over_h)) == 1
+    assert len(shipped_table().mixture("neo-hooke", 0.3, edge_over_h=off.edge_over_h)) == 1
 
 
 def test_the_stiffer_law_pushes_back_harder() -> None:
     """Hencky's over neo-Hooke's at w -> 0 is 1; at w/h = .05 it is 19.86/19.46 for a glued face (NGSolve too)."""
     depth = np.array([0.006, 0.15])
-    soft, stiff = (punch_force(depth, contact(math.inf, law=law), GEL) for law in ("neo-hooke", "hencky"))
+    soft, stiff = (punch_force(depth, contact(math.inf, law=law), material=GEL) for law in ("neo-hooke", "hencky"))
     assert stiff[0] / soft[0] == pytest.approx(1, abs=2e-3)
     assert stiff[1] / soft[1] == pytest.approx(19.86 / 19.46, abs=3e-3)
 
@@ -98,7 +99,10 @@ def test_the_stiffer_law_pushes_back_harder() -> None:
 @pytest.mark.parametrize(("nu", "alpha", "friction"), [(0.473, 0.9, 0.3), (0.44, 0.25, 0.3)])
 def test_a_fresh_solution_is_met_too(nu: float, alpha: float, friction: float) -> None:
     fresh = solve_case(Case("neo-hooke", friction, 1 / 60, 5.0, nu, alpha), (0.03, 0.065, 0.12))
-    read = punch_force(fresh.depth, FlatContact(alpha, 1 / 60, 1.0, friction), Material(1.0, nu)) / fresh.depth
+    read = (
+        punch_force(fresh.depth, FlatContact(alpha, 1 / 60, 1.0, friction), material=Material(1.0, nu))
+        / fresh.depth
+    )
     np.testing.assert_allclose(read, fresh.force, rtol=0.003)
 
 
@@ -118,22 +122,22 @@ def test_a_near_rim_takes_off_what_elements_say(
     """It takes off 2 to 9 % of the force; from elements on a wide pad, so that the table's error is out."""
     depths = (0.03, 0.1)
     near, wide = (solve_case(Case(law, friction, 1 / 60, R, nu, alpha), depths) for R in (pad, 5.0))
-    taken = rim_share(near.depth, FlatContact(alpha, 1 / 60, 1.0, friction, law, pad), nu)
+    taken = rim_share(near.depth, FlatContact(alpha, 1 / 60, 1.0, friction, law, pad), poisson_ratio=nu)
     np.testing.assert_allclose(wide.force * (1 - taken), near.force, rtol=0.005)
 
 
 def test_force_keeps_shape_scales_with_modulus_and_starts_in_proportion() -> None:
     depths = np.array([[0.0, 0.001], [0.002, 0.3]])
-    forces = punch_force(depths, PUNCH, GEL)
+    forces = punch_force(depths, PUNCH, material=GEL)
     assert forces.shape == (2, 2)
     assert forces[0, 0] == 0
     assert forces[1, 0] == pytest.approx(2 * forces[0, 1])
-    np.testing.assert_allclose(punch_force(depths, PUNCH, Material(0.4, 0.48)), 2 * forces)
+    np.testing.assert_allclose(punch_force(depths, PUNCH, material=Material(0.4, 0.48)), 2 * forces)
 
 
 def test_profile_agrees_with_other_elements() -> None:
     """u_z/w at r = 4 5 6 8 10 mm, nu = .48, mu = .3 (NGSolve, w = .4; here w = .3)."""
-    u_z, u_r = punch_profile(0.3, np.array([4.0, 5.0, 6.0, 8.0, 10.0]), PUNCH, GEL)
+    u_z, u_r = punch_profile(0.3, np.array([4.0, 5.0, 6.0, 8.0, 10.0]), contact=PUNCH, material=GEL)
     np.testing.assert_allclose(u_z / 0.3, [0.094, 0.101, 0.070, 0.027, 0.012], atol=0.004)
     assert np.all(u_r > 0)
 
@@ -150,7 +154,7 @@ def test_profile_agrees_with_other_elements() -> None:
 )
 def test_nothing_beyond_the_table(punch: FlatContact) -> None:
     with pytest.raises(InputError):
-        punch_force(0.1, punch, GEL)
+        punch_force(0.1, punch, material=GEL)
 
 
 @pytest.mark.parametrize(
@@ -164,21 +168,23 @@ def test_contacts_that_cannot_be_are_refused(change: dict[str, float]) -> None:
 def test_no_depth_nor_place_nor_material_beyond_the_table() -> None:
     for depth in (-0.1, 1.5, math.nan):
         with pytest.raises(InputError):
-            punch_force(depth, PUNCH, GEL)
+            punch_force(depth, PUNCH, material=GEL)
         with pytest.raises(InputError):
-            punch_profile(depth, np.array([4.0]), PUNCH, GEL)
+            punch_profile(depth, np.array([4.0]), contact=PUNCH, material=GEL)
     for r in (2.4, 30.0):
         with pytest.raises(InputError, match=r"\(r - a\)/h"):
-            punch_profile(0.1, np.array([r]), PUNCH, GEL)
+            punch_profile(0.1, np.array([r]), contact=PUNCH, material=GEL)
     with pytest.raises(InputError, match=r"nu 0\.3 to 0\.4999"):
-        punch_force(0.1, PUNCH, Material(0.2, 0.2))
+        punch_force(0.1, PUNCH, material=Material(0.2, 0.2))
 
 
 def test_curves_end_where_the_table_or_the_elements_end() -> None:
     reach = punch_reach(PUNCH, GEL)
     curve = tabulated_curve(PUNCH, GEL, 0.5 * reach)
     assert curve is not None
-    np.testing.assert_allclose(curve.force_at(0.3 * reach), punch_force(0.3 * reach, PUNCH, GEL), rtol=1e-3)
+    np.testing.assert_allclose(
+        curve.force_at(0.3 * reach), punch_force(0.3 * reach, PUNCH, material=GEL), rtol=1e-3
+    )
     np.testing.assert_allclose(curve.depth_at(curve.force_at(0.3 * reach)), 0.3 * reach, rtol=1e-3)
     assert np.isnan(curve.force_at([0.6 * reach, -0.1])).all()
     assert np.isnan(curve.depth_at(2 * curve.force_N[-1]))
@@ -190,7 +196,7 @@ def test_curves_end_where_the_table_or_the_elements_end() -> None:
 def test_a_profile_model_is_linear_theory_and_a_little_more() -> None:
     r = 1 + np.array([0.6, 1.0, 1.5, 3.0])
     rise, outward = TABULATED.source(r, PunchCase(0.48, 2.5 / 3, 0.05, 0.3))
-    linear = exact_profile(r, 0.48, 2.5 / 3)
+    linear = exact_profile(r, 0.48, a_over_h=2.5 / 3)
     np.testing.assert_allclose(rise[1:], linear[0][1:], atol=0.006)
     np.testing.assert_allclose(rise[0], linear[0][0], atol=0.02)  # nearer the punch friction and the edge tell
     np.testing.assert_allclose(outward, linear[1], atol=0.05)
@@ -211,13 +217,13 @@ def test_a_profile_model_refuses_what_it_was_not_made_for(case: PunchCase) -> No
 def test_a_point_in_bulk_costs_less_than_one_stiffness_by_itself() -> None:
     """A ratio within one run, since machines differ: hayes_stiffness itself takes some 30 us."""
     depths: Floats = np.linspace(0.01, 0.3, 50_000)
-    force_ratio(depths[:10], PUNCH, GEL)
+    force_ratio(depths[:10], PUNCH, material=GEL)
     start = time.process_time()
-    punch_force(depths, PUNCH, GEL)
+    punch_force(depths, PUNCH, material=GEL)
     a_point = (time.process_time() - start) / depths.size
     start = time.process_time()
     for _ in range(100):
-        hayes_stiffness(0.48, 0.8, 1 / 60)
+        hayes_stiffness(0.48, 0.8, edge_over_h=1 / 60)
     one = (time.process_time() - start) / 100
     assert a_point < one
 

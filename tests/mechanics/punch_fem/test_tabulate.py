@@ -77,20 +77,20 @@ def test_every_case_is_told_of_with_what_is_left(tmp_path: Path, monkeypatch: py
     assert [one.now for one in told] == list(range(1, 41))
     assert told[-1].left_s == 0
     assert told[3].total == 40
-    missing = merge(cases, tmp_path, tmp_path / "t.npz", notes={"mesh_error": 0.001})
+    missing = merge(cases, tmp_path, out=tmp_path / "t.npz", notes={"mesh_error": 0.001})
     assert len(missing) == 32
     table = read_table(tmp_path / "t.npz")
     assert [block.friction for block in table.blocks] == [0.0]
     assert table.card["mesh_error"] == 0.001
     assert method.tabulate(cases, tmp_path) == 32
-    assert merge(cases, tmp_path, tmp_path / "t.npz", notes={}) == []
+    assert merge(cases, tmp_path, out=tmp_path / "t.npz", notes={}) == []
     again = load_case(case_path(tmp_path, cases[0]))
     np.testing.assert_array_equal(again.u_z, made_up(cases[0]).u_z)
 
 
 def test_merging_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no block"):
-        merge(Grid().cases(), tmp_path, tmp_path / "t.npz", notes={})
+        merge(Grid().cases(), tmp_path, out=tmp_path / "t.npz", notes={})
 
 
 def test_slow_cases_count_for_more_of_the_time_left() -> None:
