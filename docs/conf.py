@@ -21,6 +21,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "public_names",
+    "effects_table",
     "plain_docstrings",
 ]
 exclude_patterns = ["_build", "gallery/README.rst", "sg_execution_times.rst", "**/sg_execution_times.rst"]

@@ -20,13 +20,12 @@ import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
-from calibration.effects.viscoelasticity import Viscoelasticity
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, EffectBase
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
 from calibration.repeats.repeat_noise import refit_with_pure_noise
@@ -157,7 +156,7 @@ def _room(current: Fit) -> Iterator[tuple[Model, Floats]]:
         added = len(model.parameters(current.data)) - current.values.size
         yield model, np.insert(current.values, [places["law"].stop] * added, 0.0)[None]
     for effect in effects:
-        if isinstance(effect, Viscoelasticity) and (more := effect.richer()) is not None:
+        if isinstance(effect, EffectBase) and (more := effect.richer()) is not None:
             own = places[effect.key]
             yield (
                 current.model.without(effect.key) + more,

@@ -7,6 +7,7 @@ beta in units of the true thickness grows like a/h.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT
-from calibration.effects import get_effect
+from calibration.effects import EFFECTS
 from calibration.fit.least_squares import Fit, Problem
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Model
+from calibration.model.stages import THICKNESS, Effect
 from calibration.noise.model import Noise, Whitener
 from tactilevision.records import Floats
 
-CANDIDATES = ("thickness", "edge_fillet", "depth_zero", "stiffening")
 THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
 AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed
 TURNS = 25  # most rounds between a thickness and the beta that theory gives for it
@@ -52,13 +53,19 @@ class InadmissibleBeta:
         }
 
 
-def would_have_to_be(fitted: Fit) -> tuple[InadmissibleBeta, ...]:
-    """Every candidate that fits at all, the one that leaves the least error first."""
+def instead_of_beta() -> tuple[Effect, ...]:
+    """The effects that may be what looks like a beta which theory does not allow, by their own rank."""
+    ranked = {rank: effect for effect in EFFECTS.values() if (rank := getattr(effect, "instead_of_beta", 0))}
+    return tuple(ranked[rank] for rank in sorted(ranked))
+
+
+def would_have_to_be(fitted: Fit, suspects: Sequence[Effect]) -> tuple[InadmissibleBeta, ...]:
+    """Every suspect that fits at all, the one that leaves the least error first."""
     found = []
-    for key in CANDIDATES:
-        if key not in fitted.model.keys:
+    for effect in suspects:
+        if effect.key not in fitted.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(_candidate(fitted, key))
+                found.append(_candidate(fitted, effect))
     return tuple(sorted(found, key=lambda c: c.rms_error_N))
 
 
@@ -67,15 +74,16 @@ def theory_beta(radius_mm: float, thickness_mm: float) -> float:
     return THEORY_BETA * (radius_mm / thickness_mm) / AT_RATIO
 
 
-def _candidate(fitted: Fit, key: str) -> InadmissibleBeta:
-    effect, data = get_effect(key), fitted.data
+def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
+    key, data = effect.key, fitted.data
+    rescaled = getattr(effect, "condition", "") == THICKNESS  # another thickness is another theory's beta
     model = fitted.model + effect
     place = model.slices(data)[key].start
     starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])
     values, thickness = starts[0], data.gel.thickness_mm
-    for _ in range(TURNS if key == "thickness" else 1):  # another thickness is another theory's beta
+    for _ in range(TURNS if rescaled else 1):
         values = _with_theory(fitted, model, key, starts, thickness)
-        if key == "thickness":
+        if rescaled:
             fitted_mm = data.gel.thickness_mm * (1 + float(values[place]))
             thickness = float(np.sqrt(thickness * fitted_mm))  # halfway in the logarithm, or it swings for ever
             starts = values[None]

@@ -19,8 +19,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibration.effects.photometric_drift import running_share
 from calibration.effects.support.hereditary import relaxed
+from calibration.inputs.conditions import running_share
 from calibration.inputs.denoised_depth import UNLOAD, branches
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter

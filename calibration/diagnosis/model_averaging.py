@@ -24,15 +24,14 @@ from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest
 from calibration.fit.alternative_fits import stuck
 from calibration.fit.least_squares import Fit, inverse_information
-from calibration.model.stages import Effect
+from calibration.model.stages import STICKING, Effect
 from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.tasks.calibrate import determine_material
+from calibration.result.material import determine_material
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of
 NODES = 41  # sizes of an effect that are averaged over, of equal weight
-A_LAW = ("friction",)  # a gel that sticks is a law of its own here
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,10 @@ def average_models(
     """
     if modulus.value is None or modulus.interval95 is None:
         return modulus, ()
-    looked = [e for e in effects if e.key not in (*fitted.model.keys, *A_LAW) and not absent(e, fitted.data)]
+    others = [
+        e for e in effects if getattr(e, "condition", "") != STICKING
+    ]  # a gel that sticks is a law of its own
+    looked = [e for e in others if e.key not in fitted.model.keys and not absent(e, fitted.data)]
     parts = [part for one, found in _laws(fitted, modulus) for part in _parts(one, found, looked, modulus.value)]
     if not parts:
         return modulus, ()

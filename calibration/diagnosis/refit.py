@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.effects.thickness import Thickness
 from calibration.fit.least_squares import Fit, Problem, fit
 from calibration.fit.minimise import QUICK, Minimum, minimise
 from calibration.inputs.observations import Ints, Observations
 from calibration.model.composition import Model
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
@@ -88,7 +87,7 @@ def separation(base: Fit, one: Candidate, other: Effect) -> float:
 
 def freed(effect: Effect) -> Effect:
     """The effect without what is stated or judged of its size beforehand."""
-    return Thickness(held=False) if effect.key == Thickness.key else effect
+    return effect.freed() if isinstance(effect, EffectBase) else effect
 
 
 def _prior_cost(base: Fit, one: Candidate) -> float:

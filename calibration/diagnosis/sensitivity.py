@@ -13,9 +13,8 @@ from types import MappingProxyType
 import numpy as np
 
 from calibration.diagnosis.typical_sizes import absent, largest, typical
-from calibration.effects.bevel_rise import supposed
 from calibration.fit.least_squares import Fit, inverse_information
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Whitener
 from tactilevision.records import Floats
 
@@ -94,7 +93,8 @@ def change_of_force(fitted: Fit, effect: Effect, *, own: Floats) -> Floats | Non
     values = np.insert(fitted.values, [place] * own.size, own)
     try:
         with np.errstate(all="ignore"):
-            force = np.asarray(model.predict(values, supposed(fitted.data)))
+            data = effect.supposed(fitted.data) if isinstance(effect, EffectBase) else fitted.data
+            force = np.asarray(model.predict(values, data))
     except (Exception, SystemExit):  # an effect without its covariate may raise anything
         return None
     real = not np.iscomplexobj(force) and bool(np.isfinite(force).all())

@@ -14,22 +14,20 @@ slopes that saturate, a certified depth that forgot how far the gel rises.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.polynomial.legendre import legval
 
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.vision_slope_check import with_slopes
-from calibration.effects.bevel_rise import TYPICAL_RISE, BevelRise
-from calibration.effects.photometric_drift import PhotometricDrift
-from calibration.effects.photometric_gain import PhotometricGain
-from calibration.effects.slope_saturation import WALLS_PER_MM, SlopeCeiling, SlopeSaturation, of_walls
+from calibration.effects import EFFECTS
+from calibration.effects.support.in_picture import InPicture
+from calibration.effects.support.wall_ceiling import WALLS_PER_MM, of_walls
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Composable, Model
 from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import Effect, Stage, State
+from calibration.model.stages import EffectBase, State
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
@@ -77,73 +75,10 @@ class Sight(Composable):
         return replace(state, force_N=seen, stiffness_N_per_mm=np.ones(data.size))
 
 
-class Seen(Effect, Protocol):
-    """An effect that says what a picture makes of it."""
-
-    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
-        """What the picture makes of true depths (N,)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sighted:
-    """An effect of the catalogue as the picture shows it."""
-
-    inner: Seen
-
-    @property
-    def key(self) -> str:
-        """The catalogue's name."""
-        return self.inner.key
-
-    @property
-    def stage(self) -> Stage:
-        """True depth becomes seen depth."""
-        return Stage.DEPTH
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The catalogue's; a rise that nobody took off is never below 0."""
-        first, *rest = self.inner.parameters
-        if self.key == "bevel_rise":
-            first = replace(first, bounds=(0.0, 1.5))
-        return (first, *rest)
-
-    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
-        """The same, with what is known of a rise that was taken off already."""
-        if self.key != "bevel_rise" or data.shared.rise == 0:
-            return self.parameters
-        first = self.inner.parameters[0]
-        left = Prior(0.0, data.shared.rise / TYPICAL_RISE, "the rise was taken off; its std")
-        return (replace(first, bounds=(-1.5, 1.5), prior=left),)
-
-    def apply(self, state: State, values: Floats, data: Observations) -> State:
-        """What the picture makes of the depth."""
-        return replace(state, depth_mm=self.seen(state.depth_mm, values, data))
-
-    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
-        """The same for the depth alone."""
-        return self.inner.seen(depth_mm, values, data)
-
-    def missing(self, data: Observations) -> str:
-        """Why these depths cannot show it."""
-        if self.key == "photometric_drift":
-            if not np.isfinite(data.time_s).all() or np.ptp(data.time_s) <= 0 or data.count < 3:
-                return "needs times of several presses"
-        elif self.key == "slope_saturation" and _stated(data) is not None and data.slopes is None:
-            return "behind a punch's walls the height map's own std covers it; balls would show it"
-        return ""
-
-    def starts(self, data: Observations) -> Floats:
-        """Where to look and to begin."""
-        if self.key == "bevel_rise":
-            return np.array([[0.1], [1.0]])
-        return self.inner.starts(data)
-
-
-def sighted(data: Observations | None = None) -> tuple[Sighted, ...]:
+def in_picture(data: Observations | None = None) -> tuple[InPicture, ...]:
     """The effects that the picture's depth can show; of slopes beside faces where these data have them."""
-    saturation = SlopeSaturation() if data is None or data.slopes is None else SlopeCeiling()
-    return tuple(Sighted(effect) for effect in (BevelRise(), PhotometricGain(), PhotometricDrift(), saturation))
+    shown = (effect.in_picture(data) for effect in EFFECTS.values() if isinstance(effect, EffectBase))
+    return tuple(effect for effect in shown if isinstance(effect, InPicture))
 
 
 def sight_of(data: Observations) -> Observations | None:
@@ -184,8 +119,9 @@ def depth_ratio(fitted: Fit) -> Floats:
 
 
 def risen(candidate: Candidate, data: Observations) -> float:
-    """The share of the certified depths (their median) that a fitted bevel_rise takes off."""
-    assert isinstance(candidate.effect, Sighted)
+    """The share of the certified depths (their median) that a fitted effect takes off; 0 where none."""
+    if not isinstance(candidate.effect, InPicture) or not candidate.effect.of_certificate:
+        return 0.0
     left = candidate.effect.seen(np.ones(data.size), candidate.own_values, data)
     return float(1 - np.median(left))
 
@@ -226,7 +162,7 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     kind, half = data.presses.indenter[data.press], 0.5 * TABULATED.relative_error
     changes += [(f"indenter_{k}", half, _beside(data) & (kind == k)) for k in np.unique(kind)]
     changes += [(f"face_{k}", TABULATED.relative_error, _of_face(data) * (kind == k)) for k in np.unique(kind)]
-    walls = of_walls(1.0, WALLS_PER_MM[0] * data.depth_mm / np.nanmedian(slopes.ball_slope))
+    walls = of_walls(1.0, WALLS_PER_MM * data.depth_mm / np.nanmedian(slopes.ball_slope))
     # the method's own: a ceiling at the steepest slope that the light was made from
     changes += [
         (FLATTENING, 1.0, -np.nan_to_num(flattened)),

@@ -1,12 +1,12 @@
 """Physical and instrument effects, one a file. EFFECTS is a catalogue, not a gate: any Effect works.
 
-CATALOGUE, the order of the documentation, is also that in which effects of one stage act; private ones come
-after.
+They stand in the order in which effects of one stage act, that of the documentation; private ones come after.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import attrgetter
 from types import MappingProxyType
 
 from calibration.effects.adhesion import Adhesion
@@ -62,7 +62,9 @@ _BUILT: tuple[Effect, ...] = (
     PhotometricDrift(),
     SlopeSaturation(),
 )
-EFFECTS: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in _BUILT})
+EFFECTS: Mapping[str, Effect] = MappingProxyType(
+    {effect.key: effect for effect in sorted(_BUILT, key=attrgetter("order"))}
+)
 CATALOGUE = tuple(EFFECTS)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from calibration.inputs.observations import Observations
 from calibration.laws.theory.stiffness import punch_stiffness
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
@@ -41,6 +41,9 @@ class Adhesion(EffectBase):
     separated_by = ("unloading to pull-off",)
     source = "Kendall, J. Phys. D 4 (1971) 1186"
     threshold = True
+    order = 150
+    largest = 0.002
+    check = ManualCheck("unload slowly until the punch lets go", 4.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

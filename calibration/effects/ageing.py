@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -28,6 +28,8 @@ class Ageing(EffectBase):
     confused_with = ("force_gain", "temperature")
     separated_by = ("a dead weight each time", "later recordings")
     source = "Struik (1978), ch. 4"
+    order = 200
+    check = ManualCheck("repeat the presses in a month", 10.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -27,6 +27,10 @@ class BackingCompliance(EffectBase):
     separated_by = ("a press on bare backing", "the stage against the camera")
     source = "definition"
     reads_force = True
+    order = 90
+    largest = 0.02
+    check = ManualCheck("press on the bare backing", 10.0, 0.001)
+    depth_source = "stage"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

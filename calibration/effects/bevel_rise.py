@@ -13,9 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from calibration.effects.support.in_picture import InPicture
 from calibration.inputs.observations import Observations
-from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.parameters import Parameter, Prior
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Floats
 
@@ -34,6 +35,10 @@ class BevelRise(EffectBase):
     confused_with = ("youngs_modulus", "beta")
     separated_by = ("another bevel distance", "the height map", "the stage")
     source = "linear layer theory"
+    order = 20
+    typical = 1.0
+    check = ManualCheck("use an indenter whose bevel stands at another distance", 15.0, 0.3)
+    depth_source = "gauge"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -62,27 +67,56 @@ class BevelRise(EffectBase):
         rise = relative_rise(data)[data.presses.indenter[data.press]]
         return replace(state, depth_mm=state.depth_mm * (1 - values[0] * rise))
 
+    def absent(self, data: Observations) -> bool:
+        """Also where a certificate took the rise off: what that leaves open is in the fit."""
+        return data.shared.rise > 0 or data.depth_source != self.depth_source
+
+    def supposed(self, data: Observations) -> Observations:
+        """The same with bevels where most have them, for indenters whose bevel certified depths at a distance that
+        is not stated; depths from elsewhere have nothing to do with a bevel.
+        """
+        if data.depth_source != self.depth_source:
+            known = tuple(replace(i, bevel_distance_mm=None) for i in data.indenters)
+        else:
+            known = tuple(
+                replace(i, bevel_distance_mm=USUAL_DISTANCE * i.radius_mm) if i.bevel_distance_mm is None else i
+                for i in data.indenters
+            )
+        return replace(data, indenters=known)
+
+    def in_picture(self, data: Observations | None = None) -> InPicture:
+        """The picture stays right, and the certified depth is too large."""
+        return _RiseInPicture(self)
+
+
+@dataclass(frozen=True, slots=True)
+class _RiseInPicture(InPicture):
+    """A rise that nobody took off is never below 0; of one that was taken off its std is left."""
+
+    of_certificate = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The multiple, 0 or more."""
+        return (replace(self.inner.parameters[0], bounds=(0.0, 1.5)),)
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same, with what is known of a rise that was taken off already."""
+        if data.shared.rise == 0:
+            return self.parameters
+        left = Prior(0.0, data.shared.rise / TYPICAL_RISE, "the rise was taken off; its std")
+        return (replace(self.inner.parameters[0], bounds=(-1.5, 1.5), prior=left),)
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return np.array([[0.1], [1.0]])
+
 
 def relative_rise(data: Observations) -> Floats:
     """Rise over depth at each indenter's bevel, (number of indenters,); 0 where its distance is unknown."""
     nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
     table = [_rise(nu, i.radius_mm, i.bevel_distance_mm, data.gel.thickness_mm) for i in data.indenters]
     return np.array(table)
-
-
-def supposed(data: Observations) -> Observations:
-    """The same with bevels where most have them, for indenters whose bevel certified depths at a distance that is
-    not stated; depths from elsewhere have nothing to do with a bevel.
-    """
-    if data.depth_source != "gauge":
-        return replace(data, indenters=tuple(replace(i, bevel_distance_mm=None) for i in data.indenters))
-    return replace(
-        data,
-        indenters=tuple(
-            i if i.bevel_distance_mm is not None else replace(i, bevel_distance_mm=USUAL_DISTANCE * i.radius_mm)
-            for i in data.indenters
-        ),
-    )
 
 
 @lru_cache(maxsize=64)

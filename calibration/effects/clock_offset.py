@@ -17,7 +17,7 @@ from calibration.inputs.denoised_depth import denoised_depth
 from calibration.inputs.depth_path import depth_at
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -33,6 +33,9 @@ class ClockOffset(EffectBase):
     separated_by = ("a hold", "fast and slow presses")
     source = "definition"
     same_over = ("load/unload", "log rate", "order")
+    order = 60
+    largest = 0.1
+    check = ManualCheck("tap the sensor ten times: which moves first, picture or force?", 3.0, 0.005)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

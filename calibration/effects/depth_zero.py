@@ -27,6 +27,9 @@ class DepthZero(EffectBase):
     confused_with = ("force_bias", "tilt", "edge_fillet")
     separated_by = ("other radii", "samples in air before contact")
     source = "definition"
+    order = 10
+    largest = 0.05
+    instead_of_beta = 3
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

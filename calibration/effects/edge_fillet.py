@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EDGE, EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -32,6 +32,11 @@ class EdgeFillet(EffectBase):
     separated_by = ("a sharp punch", "other radii")
     source = "Sneddon, Int. J. Eng. Sci. 3 (1965) 47"
     threshold = True
+    order = 80
+    largest = 0.5
+    check = ManualCheck("look at the punch's edge through a magnifier", 5.0, 0.05)
+    condition = EDGE
+    instead_of_beta = 2
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

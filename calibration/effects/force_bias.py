@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -25,6 +25,9 @@ class ForceBias(EffectBase):
     confused_with = ("depth_zero",)
     separated_by = ("other radii", "samples in air")
     source = "definition"
+    order = 30
+    largest = 0.05
+    check = ManualCheck("read the force sensor with the punch in air, before and after each press", 3.0, 0.004)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

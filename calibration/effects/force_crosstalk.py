@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -26,6 +26,9 @@ class ForceCrosstalk(EffectBase):
     confused_with = ("tilt", "thickness_wedge")
     separated_by = ("a press with shear put on by hand",)
     source = "definition"
+    order = 50
+    largest = 0.02
+    check = ManualCheck("turn the force sensor by 90 degrees and press again", 10.0, 0.005)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -24,6 +24,9 @@ class ForceGain(EffectBase):
     confused_with = ("youngs_modulus",)
     separated_by = ("a dead weight",)
     source = "definition"
+    order = 40
+    largest = 0.02
+    check = ManualCheck("put a dead weight on the force sensor", 5.0, 0.003)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from calibration.inputs.observations import Observations
 from calibration.laws.theory.sticking import sticking_surplus
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import STICKING, EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 RATIOS = (0.4, 0.6, 0.85, 1.2)  # a/h of the finite elements behind LINES and CURVES
@@ -37,6 +37,10 @@ class Friction(EffectBase):
     confused_with = ("youngs_modulus", "beta")
     separated_by = ("lubricated presses", "other radii", "the height map beside the punch")
     source = "Spence, Proc. R. Soc. A 305 (1968) 55"
+    order = 140
+    largest = 1.0
+    check = ManualCheck("wet the punch with soapy water and press again", 10.0, 0.15)
+    condition = STICKING
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 SAME_MM = 0.5  # distances from the edge nearer than this are one
@@ -32,6 +32,9 @@ class LateralBoundary(EffectBase):
     confused_with = ("youngs_modulus", "thickness_wedge")
     separated_by = ("presses at several places",)
     source = "Horgan, Knowles, Adv. Appl. Mech. 23 (1983) 179"
+    order = 100
+    largest = 0.3
+    check = ManualCheck("press at +-6 mm in x and y", 10.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

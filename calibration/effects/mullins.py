@@ -33,6 +33,8 @@ class Mullins(EffectBase):
     confused_with = ("recovery",)
     separated_by = ("a virgin spot", "varied waits")
     source = "Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861"
+    order = 180
+    largest = 0.15
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.effects.photometric_gain import NOT_VISION
+from calibration.effects.support.in_picture import InPicture
+from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
-
-PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,10 @@ class PhotometricDrift(EffectBase):
     confused_with = ("ageing", "mullins")
     separated_by = ("a gauge or a ball at the beginning and the end",)
     source = "definition"
+    order = 230
+    largest = 0.05
+    check = ManualCheck("press the same gauge first and last, and on each day", 10.0, 0.01)
+    depth_source = "vision"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -42,9 +46,7 @@ class PhotometricDrift(EffectBase):
         """What these data would need."""
         if data.depth_source != "vision":
             return NOT_VISION
-        if not np.isfinite(data.time_s).all() or np.ptp(data.time_s) <= 0 or data.count < 3:
-            return "needs times of several presses"
-        return ""
+        return _without_times(data)
 
     def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
         """What the picture makes of true depths."""
@@ -54,11 +56,20 @@ class PhotometricDrift(EffectBase):
         """Scale the depth with time."""
         return replace(state, depth_mm=state.depth_mm / self.seen(np.ones(data.size), values, data))
 
+    def in_picture(self, data: Observations | None = None) -> InPicture:
+        """Certified depths show it where presses have times."""
+        return _DriftInPicture(self)
 
-def running_share(data: Observations) -> Floats:
-    """How much of the rig's running time has passed at each sample (N,), 0 to 1."""
-    order = np.argsort(data.time_s, kind="stable")
-    passed = np.cumsum(np.minimum(np.diff(data.time_s[order], prepend=data.time_s[order[0]]), PAUSE_S))
-    share = np.empty(data.size)
-    share[order] = passed / passed[-1]
-    return share
+
+@dataclass(frozen=True, slots=True)
+class _DriftInPicture(InPicture):
+    """The drift beside certified depths."""
+
+    def missing(self, data: Observations) -> str:
+        """What these depths would need."""
+        return _without_times(data)
+
+
+def _without_times(data: Observations) -> str:
+    timed = np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0 and data.count >= 3
+    return "" if timed else "needs times of several presses"

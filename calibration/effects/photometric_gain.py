@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.effects.support.in_picture import InPicture
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 NOT_VISION = "the depth does not come from the picture"
@@ -29,6 +30,10 @@ class PhotometricGain(EffectBase):
     confused_with = ("youngs_modulus", "beta")
     separated_by = ("a gauge or a ball in each recording",)
     source = "definition"
+    order = 220
+    largest = 0.05
+    check = ManualCheck("press a gauge or a ball of known depth beside the camera's own reading", 10.0, 0.01)
+    depth_source = "vision"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -48,3 +53,7 @@ class PhotometricGain(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the depth."""
         return replace(state, depth_mm=state.depth_mm / (1 + values[0]))
+
+    def in_picture(self, data: Observations | None = None) -> InPicture:
+        """Any certified depth shows it."""
+        return InPicture(self)

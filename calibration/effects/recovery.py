@@ -19,7 +19,7 @@ from calibration.effects.mullins import spots
 from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -34,6 +34,9 @@ class Recovery(EffectBase):
     confused_with = ("mullins",)
     separated_by = ("varied waits",)
     source = "Christensen, Theory of Viscoelasticity (1982)"
+    order = 170
+    largest = 0.1
+    check = ManualCheck("vary the waits from 3 s to 10 min", 25.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

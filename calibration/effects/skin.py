@@ -30,6 +30,7 @@ class Skin(EffectBase):
     confused_with = ("thickness",)
     separated_by = ("many radii",)
     source = "Gao, Chiu, Lee, Int. J. Solids Struct. 29 (1992) 2471"
+    order = 130
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.effects.photometric_gain import NOT_VISION
+from calibration.effects.support.in_picture import InPicture
+from calibration.effects.support.wall_ceiling import WALLS_PER_MM, WALLS_PER_MM_STD, of_walls, read_share
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
-
-WALLS_PER_MM = 1.5, 0.5  # and std: a wall's height over two thirds of a millimetre
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,9 @@ class SlopeSaturation(EffectBase):
     confused_with = ("stiffening", "depth_zero")
     separated_by = ("a gauge at several depths",)
     source = "form by judgement"
+    order = 240
+    check = ManualCheck("press balls of two sizes: are the steep ones read too flat?", 10.0, 0.1)
+    depth_source = "vision"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -70,6 +73,10 @@ class SlopeSaturation(EffectBase):
             return state
         return replace(state, depth_mm=np.arctanh(np.clip(k * state.depth_mm, -0.999, 0.999)) / k)
 
+    def in_picture(self, data: Observations | None = None) -> InPicture:
+        """As a ceiling of slopes where these data have slopes beside faces."""
+        return _SaturationInPicture(self if data is None or data.slopes is None else SlopeCeiling())
+
 
 @dataclass(frozen=True, slots=True)
 class SlopeCeiling(SlopeSaturation):
@@ -79,7 +86,7 @@ class SlopeCeiling(SlopeSaturation):
     def parameters(self) -> tuple[Parameter, ...]:
         """1/S, m."""
         ceiling, walls = "one over the largest slope that can be read", "slope of a face's walls over its depth"
-        usual = Prior(*WALLS_PER_MM, "what pixels and blur leave of a wall")
+        usual = Prior(WALLS_PER_MM, WALLS_PER_MM_STD, "what pixels and blur leave of a wall")
         return (
             Parameter("inverse_ceiling", "1", 0.0, (0.0, 8.0), ceiling, 1.0),
             Parameter("walls_per_mm", "1/mm", usual.mean, (0.3, 4.0), walls, usual.std, usual),
@@ -98,17 +105,17 @@ class SlopeCeiling(SlopeSaturation):
         assert slopes is not None
         own = 1 / np.nanmedian(slopes.ball_slope)
         walls = of_walls(k / own, own * m * data.depth_mm)
-        return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, _read(k * slopes.slope)))
+        return np.asarray(depth_mm * np.where(np.isnan(slopes.slope), walls, read_share(k * slopes.slope)))
 
 
-def of_walls(ratio: float, steep: Floats) -> Floats:
-    """What walls as steep as `steep` (N,), over the method's own ceiling, leave of a depth where a second ceiling
-    acts, `ratio` times as low.
-    """
-    return np.asarray(_read(np.hypot(ratio, 1.0) * steep) / _read(steep))
+@dataclass(frozen=True, slots=True)
+class _SaturationInPicture(InPicture):
+    """Behind a punch's walls only slopes beside the face show more than the height map says of itself."""
 
-
-def _read(x: Floats) -> Floats:
-    """The share tanh(x)/x that is read of a slope x times the ceiling."""
-    x = np.maximum(x, 1e-9)
-    return np.asarray(np.tanh(x) / x)
+    def missing(self, data: Observations) -> str:
+        """What these depths would need."""
+        std = data.reconstructed_std_mm
+        stated = std is not None and np.isfinite(std).all() and (std > 0).all()
+        if stated and data.slopes is None:
+            return "behind a punch's walls the height map's own std covers it; balls would show it"
+        return ""

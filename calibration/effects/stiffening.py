@@ -29,6 +29,8 @@ class Stiffening(EffectBase):
     confused_with = ("viscoelasticity", "edge_fillet")
     separated_by = ("slow and fast presses", "several radii")
     source = "Yeoh, Rubber Chem. Technol. 66 (1993) 754"
+    order = 190
+    instead_of_beta = 4
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -29,6 +29,8 @@ class Temperature(EffectBase):
     confused_with = ("ageing",)
     separated_by = ("a thermometer, and days of like temperature",)
     source = "Treloar (1975), ch. 2"
+    order = 210
+    check = ManualCheck("write down the gel's temperature at each press", 1.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

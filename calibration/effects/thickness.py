@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import THICKNESS, EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
-JUDGED = 0.1  # mm, std of a thickness that nobody stated one for
+JUDGED = 0.1  # of the thickness, its std where nobody stated one
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,11 @@ class Thickness(EffectBase):
     confused_with = ("youngs_modulus", "edge_fillet", "stiffening")
     separated_by = ("several radii", "a gauge")
     source = "the law"
+    order = 110
+    largest = 0.3
+    check = ManualCheck("measure the gel's thickness at its rim", 5.0, 0.02)
+    condition = THICKNESS
+    instead_of_beta = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -51,3 +56,7 @@ class Thickness(EffectBase):
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Scale the thickness."""
         return replace(state, thickness_mm=state.thickness_mm * (1 + values[0]))
+
+    def freed(self) -> Thickness:
+        """The same, held by nothing."""
+        return Thickness(held=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 
@@ -27,6 +27,8 @@ class ThicknessWedge(EffectBase):
     confused_with = ("lateral_boundary",)
     separated_by = ("presses at opposite places",)
     source = "the law"
+    order = 120
+    check = ManualCheck("measure the gel's thickness at four places of its rim", 8.0, 0.003)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

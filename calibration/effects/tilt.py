@@ -19,7 +19,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.mechanics.tilted_punch import upright
 from tactilevision.records import Floats
 
@@ -36,6 +36,9 @@ class Tilt(EffectBase):
     separated_by = ("growth of the footprint", "turning the punch by 180 degrees")
     source = "Johnson, Contact Mechanics (1985)"
     threshold = True
+    order = 70
+    largest = 0.02
+    check = ManualCheck("turn the punch by 180 degrees and press again", 5.0, 0.003)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import EffectBase, Stage, State
+from calibration.model.stages import EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 TAU_S = (0.05, 100.0)  # s, from a few samples to a long hold: what a press can show
@@ -39,6 +39,9 @@ class Viscoelasticity(EffectBase):
     confused_with = ("stiffening", "clock_offset", "tilt")
     separated_by = ("a hold of 25 s", "two decades of rate")
     source = "Fung, Biomechanics (1993), sec. 7.6"
+    order = 160
+    largest = 0.3
+    check = ManualCheck("hold a press for 25 s", 3.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

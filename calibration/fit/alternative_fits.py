@@ -16,6 +16,7 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.model.stages import EDGE, STICKING
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 
 _KEPT: deque[tuple[Fit, Fit]] = deque(maxlen=4)
@@ -38,7 +39,7 @@ def rivals(fitted: Fit) -> tuple[Rival, ...]:
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
         return ()
-    known = "edge_fillet" in fitted.model.keys or all(i.edge_radius_mm is not None for i in data.indenters)
+    known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
     glued = stuck(fitted)
     laws = [law] if glued is None else [law, replace(law, sticking=1.0)]
     fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
@@ -53,7 +54,7 @@ def stuck(fitted: Fit) -> Fit | None:
     Raises ConvergenceError where that cannot be fitted.
     """
     law = fitted.model.law
-    slides = fitted.data.lubricated or "friction" in fitted.model.keys
+    slides = fitted.data.lubricated or _fits(fitted, STICKING)
     if slides or not isinstance(law, FlatPunch) or law.sticking == 1:
         return None
     for known, found in _KEPT:
@@ -62,6 +63,10 @@ def stuck(fitted: Fit) -> Fit | None:
     found = _again(fitted, replace(law, sticking=1.0), fitted.data)
     _KEPT.append((fitted, found))
     return found
+
+
+def _fits(fitted: Fit, condition: str) -> bool:
+    return any(getattr(effect, "condition", "") == condition for effect in fitted.model.effects)
 
 
 def _again(fitted: Fit, law: FlatPunch, data: Observations) -> Fit:

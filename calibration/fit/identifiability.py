@@ -16,11 +16,11 @@ import numpy as np
 
 from calibration.fit.alternative_fits import Rival, rivals
 from calibration.fit.least_squares import Fit
+from calibration.fit.rounded_edge import stated_edge_mm, straight_line
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
 from calibration.laws.theory.plausible import GEL_MODULUS_MPA
 from calibration.laws.theory.sticking import sticking_surplus
 from calibration.laws.theory.stiffness import punch_stiffness
-from calibration.result.rounded_edge import stated_edge_mm, straight_line
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 

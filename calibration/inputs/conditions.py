@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calibration.effects.photometric_drift import running_share
 from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches, clusters
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
+PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
 DEGREES = (4, 1, 3, 0)  # of the mean curve over depth in load, hold, unload and free
 
 
@@ -125,3 +125,12 @@ def bins(covariate: Covariate, most: int) -> Ints:
         return np.searchsorted(distinct, covariate.values)
     edges = np.quantile(covariate.values, np.linspace(0, 1, most + 1)[1:-1])
     return np.unique(np.searchsorted(np.unique(edges), covariate.values), return_inverse=True)[1]
+
+
+def running_share(data: Observations) -> Floats:
+    """How much of the rig's running time has passed at each sample (N,), 0 to 1."""
+    order = np.argsort(data.time_s, kind="stable")
+    passed = np.cumsum(np.minimum(np.diff(data.time_s[order], prepend=data.time_s[order[0]]), PAUSE_S))
+    share = np.empty(data.size)
+    share[order] = passed / passed[-1]
+    return share

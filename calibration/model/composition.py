@@ -6,6 +6,7 @@ model = FlatPunch() + DepthZero() + Viscoelasticity(terms=2)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -132,11 +133,5 @@ def _known(effect: Effect, data: Observations) -> tuple[Parameter, ...]:
     return effect.parameters if stated is None else tuple(stated(data))
 
 
-def _place(effect: Effect) -> tuple[int, int, str]:
-    from calibration.effects import CATALOGUE
-
-    return (
-        int(effect.stage),
-        CATALOGUE.index(effect.key) if effect.key in CATALOGUE else len(CATALOGUE),
-        effect.key,
-    )
+def _place(effect: Effect) -> tuple[int, float, str]:
+    return int(effect.stage), getattr(effect, "order", inf), effect.key

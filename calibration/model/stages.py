@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from math import inf, nan
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -25,7 +26,10 @@ from calibration.model.parameters import Parameter
 from tactilevision.records import Floats
 
 if TYPE_CHECKING:
-    from calibration.inputs.observations import Observations
+    from calibration.inputs.observations import DepthSource, Observations
+
+
+STICKING, EDGE, THICKNESS = "sticking", "edge", "thickness"  # conditions that an effect may fit; else stated
 
 
 class Stage(IntEnum):
@@ -99,14 +103,35 @@ class Effect(Protocol):
         """Values (S, q) to begin a fit from, and to look for the effect with."""
 
 
+@dataclass(frozen=True, slots=True)
+class ManualCheck:
+    """A direct look at an effect: what to do, its minutes, and the std with which it shows the first parameter.
+
+    `std` is in the parameter's unit; NaN where it takes presses that the data themselves must be asked about.
+    """
+
+    action: str
+    minutes: float
+    std: float = nan
+
+
 class EffectBase:
     """What an effect has in common with the others; a new one need give `key`, `stage`, `parameters`, `apply`.
+
+    Everything that is known of an effect stands here, and no other file knows its key.
 
     `title` in words; `seen_in` the covariates against which its residual shows; `confused_with` keys of effects
     that look alike; `separated_by` what tells them apart; `source` of the equation; `threshold` where it acts only
     beyond or below some depth, so that no small amplitude stands for it; `same_over` covariates over which it has
     to have one size, where what looks like it has several; `reads_force` where it depends on the normal force
     itself: the model hands it the force that it predicts, for the measured one's noise would pass for the effect.
+
+    `order` among the effects of a stage: lower acts first, private ones last. `largest`: the size of the first
+    parameter that no rig exceeds, from where the effect vanishes, a judgement; None: its bounds. `typical`: its
+    size where nothing shows how large; None: the parameter's scale. `check`: what a person can do about it.
+    `depth_source`: the one kind of depth that it belongs to; None: any. `condition`: what it fits of the rig that
+    is otherwise stated or supposed ("sticking", "edge", "thickness"). `instead_of_beta`: its rank, from 1, among
+    what a beta that theory does not allow may be instead; 0: it is none.
     """
 
     key: ClassVar[str] = ""
@@ -119,6 +144,13 @@ class EffectBase:
     threshold: ClassVar[bool] = False
     same_over: ClassVar[tuple[str, ...]] = ()
     reads_force: ClassVar[bool] = False
+    order: ClassVar[float] = inf
+    largest: ClassVar[float | None] = None
+    typical: ClassVar[float | None] = None
+    check: ClassVar[ManualCheck | None] = None
+    depth_source: ClassVar[DepthSource | None] = None
+    condition: ClassVar[str] = ""
+    instead_of_beta: ClassVar[int] = 0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -141,3 +173,31 @@ class EffectBase:
         sides = [np.clip(first.default + s * first.scale / 2, *first.bounds) for s in (1.0, -1.0)]
         kept = [side for side in dict.fromkeys(sides) if side != first.default]
         return np.array([[side, *rest] for side in kept])
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """The state with the effect of these values."""
+        raise NotImplementedError(f"{type(self).__name__} does nothing")
+
+    def absent(self, data: Observations) -> bool:
+        """Whether these data hold nothing of it: their depth comes from elsewhere, unless said otherwise."""
+        return self.depth_source not in (None, data.depth_source)
+
+    def supposed(self, data: Observations) -> Observations:
+        """The same with what most rigs have, where it is not stated and the effect could not act without it."""
+        return data
+
+    def freed(self) -> Effect:
+        """The effect without what is stated or judged of its size beforehand."""
+        return self
+
+    def richer(self) -> Effect | None:
+        """The effect with more terms; None where there is none, or enough."""
+        return None
+
+    def richer_starts(self, values: Floats) -> Floats:
+        """Values (S, q) to begin a fit of `richer()` from, about these (p,) of its own."""
+        return values[None]
+
+    def in_picture(self, data: Observations | None = None) -> Effect | None:
+        """The effect as the picture's depth shows it, on these data; None where a picture knows nothing of it."""
+        return None

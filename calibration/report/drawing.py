@@ -12,7 +12,7 @@ from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.forward_selection import TOLD_APART
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
 from calibration.diagnosis.score_test import Scored, seen_covariates
-from calibration.diagnosis.vision_depth_check import depth_ratio, sighted, unseen_beside
+from calibration.diagnosis.vision_depth_check import depth_ratio, in_picture, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.least_squares import Fit
 from calibration.fit.minimise import Box, differentiate
@@ -183,7 +183,7 @@ def carded(found: Diagnosis) -> list[str]:
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """One card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    seen = {effect.key: effect for effect in sighted(None if found.sight is None else found.sight.base.data)}
+    seen = {effect.key: effect for effect in in_picture(None if found.sight is None else found.sight.base.data)}
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
     made = []
     elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.fit.identifiability import main_radius
+from calibration.fit.rounded_edge import usual_softening
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.result import CalibrationResult
-from calibration.result.rounded_edge import usual_softening
 from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Estimate
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fit.identifiability import main_radius, modulus_of_nu, sticking_range
+from calibration.fit.rounded_edge import usual_softening
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.result import CalibrationResult
-from calibration.result.rounded_edge import usual_softening
 from tactilevision.records import Floats, Pair
 
 TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom

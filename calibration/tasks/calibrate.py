@@ -11,21 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.fit.identifiability import beta_name, identify, main_radius
-from calibration.fit.least_squares import Fit, fit
+from calibration.fit.least_squares import fit
 from calibration.inputs.checks import at_one_depth, check, of_several_depths, of_shape
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import FlatPunch
-from calibration.laws.paper import Paper
-from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
-from calibration.laws.theory.plausible import FLAG, outside_gels
 from calibration.model.composition import Model
 from calibration.model.stages import Law
-from calibration.repeats.pure_error import allow_for_indenters, repeatability_rms
-from calibration.result.by_radius import own_lines
+from calibration.repeats.pure_error import allow_for_indenters
 from calibration.result.edge_allowance import allow_for_edge
+from calibration.result.material import determine_material
 from calibration.result.poisson_routes import (
     Route,
     in_words,
@@ -36,9 +32,7 @@ from calibration.result.poisson_routes import (
     of_radii,
     tightest,
 )
-from calibration.result.published_route import published_route
-from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
-from calibration.result.round_result import of_round
+from calibration.result.result import NO_CLOCK, CalibrationResult
 from calibration.tasks.fit_errors import fit_errors, judged, with_errors
 from tactilevision.errors import NothingCertified
 from tactilevision.records import Estimate
@@ -116,18 +110,6 @@ def _sized(data: Observations) -> Observations:
     return replace(data, presses=replace(data.presses, radius_mm=np.nan_to_num(data.presses.radius_mm)))
 
 
-def determine_material(fitted: Fit) -> CalibrationResult:
-    """The material behind a fit of any law in the catalogue."""
-    if shape_of(fitted.model.law) != FLAT:
-        found = of_round(fitted)
-    else:
-        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
-    strange = outside_gels(found.youngs_modulus)
-    if not strange:
-        return found
-    return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
-
-
 def _of_one_depth(result: CalibrationResult) -> CalibrationResult:
     """The result with what rests on theory said, and no value of beta."""
     there = "there is one press" if result.fitted.data.count == 1 else "the presses have one depth"
@@ -154,23 +136,3 @@ def _free(law: Law, data: Observations, *, single: bool) -> Law:
     if isinstance(law, FlatPunch) and several and data.gel.poisson_ratio is None:
         return replace(law, free_poisson_ratio=True)
     return law
-
-
-def _of_default(fitted: Fit) -> CalibrationResult:
-    known = identify(fitted)
-    radius, lines = main_radius(fitted), own_lines(fitted)
-    beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
-    h_mm = fitted.data.gel.thickness_mm
-    outside = beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
-    c, bend = next((c, bend) for one, c, bend in lines if one == radius)
-    deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
-    return CalibrationResult(
-        youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
-        c=c, beta=bend, reduced_modulus=known.reduced_modulus,
-        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
-        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted),
-        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
-        by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
-        warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
-        flags=("beta_outside_theory",) if outside else (),
-    )  # fmt: skip

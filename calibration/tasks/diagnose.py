@@ -22,12 +22,12 @@ from calibration.diagnosis.alternative_explanation import AlternativeExplanation
 from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
 from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
-from calibration.diagnosis.inadmissible_beta import CANDIDATES, would_have_to_be
+from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, risen, sighted
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
 from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
@@ -36,9 +36,9 @@ from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
-from calibration.tasks.calibrate import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
@@ -123,7 +123,7 @@ def _diagnosed(
     sight = None
     if seen is not None:
         sight = _outcome(
-            forward_selection(seen, sighted(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
+            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
         )
     return _determine(force, sight, catalogue, rng)
 
@@ -181,15 +181,12 @@ def _determine(
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
-    outside = "beta_outside_theory" in flags
-    explained, instead = (would_have_to_be(base), _refitted(base, CANDIDATES)) if outside else ((), ())
-    others = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
-    others += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
-    after, unseen = _material(alone, (force, sight), catalogue, [modulus / base.values[0] for modulus in others])
+    suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
+    explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
+    after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
-    candidates = tuple(dict.fromkeys(c.effect.key for s in sets for c in s))
-    if explained:
-        candidates = tuple(dict.fromkeys((*candidates, *CANDIDATES)))
+    keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
+    candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
     missing = {key: why for key, why in missing.items() if key not in candidates}
@@ -197,25 +194,31 @@ def _determine(
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
     return Diagnosis(
-        verdict=_verdict(both, flags),
+        verdict=_verdict(both, flags), candidates=candidates, flags=tuple(flags), errors=errors,
         effects=tuple(_added(one.fitted, step) for one in both for step in one.steps),
-        candidates=candidates, not_testable=small.why, visible=visible, errors=errors, before=before,
-        after=after, covariates=force.searched.last.covariates, score_test=force.searched.first.effects,
+        base=base, fitted=fitted, sight=None if sight is None else sight.searched,
+        before=before, after=after, unseen=unseen, alone_MPa=alone.youngs_modulus.interval95,
+        not_testable=small.why, visible=visible, possible_bias=small.bias, below_visibility=small.below,
+        covariates=force.searched.last.covariates, covariates_before=force.searched.first.covariates,
+        score_test=force.searched.first.effects, lack_of_fit_p=min(one.left for one in both),
         measure_next=plan_next(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
-        change_point=change_point(fitted, rng) if force.unknown else None, flags=tuple(flags),
-        would_have_to_be=explained, lack_of_fit_p=min(one.left for one in both),
-        tried=tuple(key for one in both for key in one.tried), possible_bias=small.bias,
-        below_visibility=small.below, base=base, fitted=fitted,
-        sight=None if sight is None else sight.searched,
+        change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
+        nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
+        alternative_explanation=force.alternative_explanation,
+        tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
-        covariates_before=force.searched.first.covariates,
-        left=left, odd=force.odd, nearest=nearest(force.searched) if force.unknown else None,
-        alternative_explanation=force.alternative_explanation, unseen=unseen,
-        alone_MPa=alone.youngs_modulus.interval95,
-        sizes={e.key: e.parameters[0] for e in looked},
     )  # fmt: skip
+
+
+def _moduli(
+    force: _Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]
+) -> list[float]:
+    """What else E may be, over that of the base fit."""
+    moduli = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
+    moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
+    return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 
 
 def _concluded(fitted: Fit) -> CalibrationResult:
@@ -269,7 +272,7 @@ def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float
 
 def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
     """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
-    seen = () if sight is None else sighted(sight.searched.base.data)
+    seen = () if sight is None else in_picture(sight.searched.base.data)
     return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
 
 
@@ -307,9 +310,7 @@ def _spanning(
 
 def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
     """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
-    share = max(
-        (risen(c, sight.fitted.data) for s in sight.sets for c in s if c.effect.key == "bevel_rise"), default=0.0
-    )
+    share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
     E = after.youngs_modulus
     if share <= 0 or E.interval95 is None:
         return after
@@ -335,11 +336,11 @@ def _held_out(fitted: Fit, last: Fit, errors: Errors) -> float:
     return errors.held_out_after if fitted is last else held_out_rms(fitted)
 
 
-def _refitted(base: Fit, keys: Sequence[str]) -> Sequence[Candidate]:
+def _refitted(base: Fit, effects: Sequence[Effect]) -> Sequence[Candidate]:
     """These effects on top of the base; with beta out of theory the stated thickness is itself in doubt."""
     found = []
-    for key in keys:
-        if key not in base.model.keys:
+    for effect in effects:
+        if effect.key not in base.model.keys:
             with suppress(*CANNOT_FIT):
-                found.append(refit_with(base, freed(EFFECTS[key])))
+                found.append(refit_with(base, freed(effect)))
     return found

@@ -18,7 +18,7 @@ from calibration.fit.least_squares import Problem, fit, linearise
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
-from calibration.model.stages import Effect
+from calibration.model.stages import Effect, EffectBase
 from calibration.noise.model import Noise, Whitener
 from calibration.result.result import common_assumptions
 from tactilevision.errors import InputError
@@ -61,8 +61,8 @@ BASE = np.array([0.2, 0.48, 0.8, 0.85, 0.9])
 
 def data_for(effect: Effect) -> Observations:
     """The rich data, with the depth from where the effect can act."""
-    source = {"backing_compliance": "stage", "bevel_rise": "gauge"}.get(effect.key, "vision")
-    return replace(RICH, depth_source=source)  # type: ignore[arg-type]
+    assert isinstance(effect, EffectBase)
+    return replace(RICH, depth_source=effect.depth_source or "vision")
 
 
 def planted(effect: Effect, values: Floats, data: Observations) -> Floats:

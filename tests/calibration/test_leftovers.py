@@ -12,7 +12,7 @@ from calibration.diagnosis.change_point import change_point
 from calibration.diagnosis.residual_maps import Surface, residual_map
 from calibration.diagnosis.score_test import SCATTER, score_test
 from calibration.diagnosis.unexplained import describe
-from calibration.diagnosis.vision_depth_check import sighted
+from calibration.diagnosis.vision_depth_check import in_picture
 from calibration.effects import EFFECTS
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
@@ -84,4 +84,4 @@ def test_the_exact_surface_leaves_nothing_and_a_tilt_shows_in_the_azimuth() -> N
 
 
 def test_every_effect_of_the_picture_is_in_the_catalogue() -> None:
-    assert {effect.key for effect in sighted()} <= set(EFFECTS)
+    assert {effect.key for effect in in_picture()} <= set(EFFECTS)

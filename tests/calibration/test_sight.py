@@ -9,8 +9,9 @@ import pytest
 from made_presses import indenter, observations
 from test_effects import RICH
 
-from calibration.diagnosis.vision_depth_check import Sighted, fit_vision_depth, sight_of, sighted
-from calibration.effects.photometric_drift import running_share
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, sight_of
+from calibration.effects.support.in_picture import InPicture
+from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
@@ -108,8 +109,8 @@ def test_without_a_picture_there_is_nothing_to_compare() -> None:
     assert sight_of(few) is None
 
 
-@pytest.mark.parametrize("effect", sighted(), ids=lambda e: e.key)
-def test_switched_off_the_picture_is_the_depth(effect: Sighted) -> None:
+@pytest.mark.parametrize("effect", in_picture(), ids=lambda e: e.key)
+def test_switched_off_the_picture_is_the_depth(effect: InPicture) -> None:
     off = np.array([p.default for p in effect.parameters])
     np.testing.assert_array_equal(effect.seen(GAUGE.depth_mm, off, GAUGE), GAUGE.depth_mm)
     for start in effect.starts(GAUGE):

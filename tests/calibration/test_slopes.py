@@ -11,7 +11,7 @@ import pytest
 from made_presses import indenter, observations
 
 from calibration.diagnosis.forward_selection import forward_selection
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, sighted
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
 from calibration.report.verdict import shown_size
@@ -71,7 +71,7 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
 def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[str, Any], truth: float) -> None:
     fitted = fit_vision_depth(seen(3, **fault))
     assert fitted is not None
-    found = forward_selection(fitted, sighted(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
     assert [step.best.effect.key for step in found.steps] == [key]
     first = found.steps[0].best.effect.parameters[0].name
     low, high = found.current.estimate(f"{key}.{first}").interval95 or (0.0, 0.0)
@@ -83,7 +83,7 @@ def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> 
     fitted = fit_vision_depth(seen(4))
     assert fitted is not None
     assert {"slope", "azimuth beside the face", "order", "w"} <= {c.name for c in covariates(fitted.data)}
-    found = forward_selection(fitted, sighted(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
     assert not found.steps
     assert found.last.lack_of_fit > 0.005
 

@@ -19,7 +19,7 @@ from calibration.model.composition import Model
 from calibration.repeats.outlying_presses import outlying_presses
 from calibration.report.diagnosis_report import summary
 from calibration.report.verdict import verdict_sentence
-from calibration.tasks.calibrate import determine_material
+from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Estimate, Pair

@@ -1,0 +1,81 @@
+"""An effect as the picture's depth shows it: true depth becomes seen depth, beside a certified one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from calibration.model.parameters import Parameter
+from calibration.model.stages import Effect, ManualCheck, Stage, State
+from tactilevision.records import Floats
+
+if TYPE_CHECKING:
+    from calibration.inputs.observations import Observations
+
+
+class Seen(Effect, Protocol):
+    """An effect that says what a picture makes of it."""
+
+    @property
+    def order(self) -> float:
+        """The catalogue's place."""
+
+    @property
+    def check(self) -> ManualCheck | None:
+        """What a person can do about it."""
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """What the picture makes of true depths (N,), mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class InPicture:
+    """The effect `inner` in the picture. `of_certificate`: what it says is off is the certified depth."""
+
+    inner: Seen
+    of_certificate: ClassVar[bool] = False
+
+    @property
+    def key(self) -> str:
+        """The catalogue's name."""
+        return self.inner.key
+
+    @property
+    def order(self) -> float:
+        """The catalogue's place."""
+        return self.inner.order
+
+    @property
+    def check(self) -> ManualCheck | None:
+        """The catalogue's, of the same amplitude."""
+        return self.inner.check
+
+    @property
+    def stage(self) -> Stage:
+        """True depth becomes seen depth."""
+        return Stage.DEPTH
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The effect's."""
+        return self.inner.parameters
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same, unless said otherwise."""
+        return self.parameters
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """What the picture makes of the depth."""
+        return replace(state, depth_mm=self.seen(state.depth_mm, values, data))
+
+    def seen(self, depth_mm: Floats, values: Floats, data: Observations) -> Floats:
+        """The same for depths (N,) alone, mm."""
+        return self.inner.seen(depth_mm, values, data)
+
+    def missing(self, data: Observations) -> str:
+        """Any certified depths show it, unless said otherwise."""
+        return ""
+
+    def starts(self, data: Observations) -> Floats:
+        """Where to look and to begin."""
+        return self.inner.starts(data)

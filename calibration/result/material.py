@@ -1,0 +1,51 @@
+"""From a fit to the material: E, nu, c and beta by the law that was fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fit.identifiability import beta_name, identify, main_radius
+from calibration.fit.least_squares import Fit
+from calibration.laws import FLAT, shape_of
+from calibration.laws.paper import Paper
+from calibration.laws.theory.admissible_range import beta_outside_theory, deeper_than_elements
+from calibration.laws.theory.plausible import FLAG, outside_gels
+from calibration.repeats.pure_error import repeatability_rms
+from calibration.result.by_radius import own_lines
+from calibration.result.published_route import published_route
+from calibration.result.result import NO_CLOCK, CalibrationResult, common_assumptions, r_squared
+from calibration.result.round_result import of_round
+
+
+def determine_material(fitted: Fit) -> CalibrationResult:
+    """The material behind a fit of any law in the catalogue."""
+    if shape_of(fitted.model.law) != FLAT:
+        found = of_round(fitted)
+    else:
+        found = published_route(fitted) if isinstance(fitted.model.law, Paper) else _of_default(fitted)
+    strange = outside_gels(found.youngs_modulus)
+    if not strange:
+        return found
+    return replace(found, warnings=(*found.warnings, strange), flags=(*found.flags, FLAG))
+
+
+def _of_default(fitted: Fit) -> CalibrationResult:
+    known = identify(fitted)
+    radius, lines = main_radius(fitted), own_lines(fitted)
+    beta = fitted.estimate(beta_name(fitted, radius))  # of a sharp punch, as theory's
+    h_mm = fitted.data.gel.thickness_mm
+    outside = beta_outside_theory(beta, known.poisson_ratio, a_over_h=radius / h_mm)
+    c, bend = next((c, bend) for one, c, bend in lines if one == radius)
+    deep = deeper_than_elements(float(np.max(fitted.data.depth_mm)) / h_mm)
+    return CalibrationResult(
+        youngs_modulus=known.youngs_modulus, poisson_ratio=known.poisson_ratio, poisson_ratio_source=known.source,
+        c=c, beta=bend, reduced_modulus=known.reduced_modulus,
+        youngs_modulus_of_nu=known.modulus_of_nu, covariance=known.covariance, law=fitted.model.law.key,
+        r_squared=r_squared(fitted), rms_error_N=fitted.rms_error_N, noise_floor_N=repeatability_rms(fitted),
+        clock_offset=NO_CLOCK, fitted=fitted, presses_accepted=fitted.data.presses.label,
+        by_radius=lines, assumptions=(*common_assumptions(fitted), *known.assumptions),
+        warnings=(*fitted.warnings, *fitted.data.warnings, *filter(None, (outside, deep))),
+        flags=("beta_outside_theory",) if outside else (),
+    )  # fmt: skip

@@ -1,0 +1,82 @@
+"""An effect is one file: it states all that is known of it, and no other file of the package knows its key."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import calibration
+from calibration.effects import _BUILT, EFFECTS
+from calibration.effects.support import in_picture
+from calibration.model.stages import EffectBase, Stage
+
+PACKAGE = Path(calibration.__file__).parent
+OTHERS = sorted(path for path in PACKAGE.rglob("*.py") if "effects" not in path.relative_to(PACKAGE).parts)
+HOMONYMS = {  # words that are keys of effects by accident
+    ("model/stages.py", "thickness"): "a condition of the rig",
+    ("report/validation_report.py", "friction"): "a column of the finite elements' friction",
+}
+PUBLIC = {"__init__.py": "calibration.effects.viscoelasticity"}  # the public API offers one to start from
+
+
+def effects_known(path: Path) -> set[str]:
+    """Keys of effects that stand in a file as strings, and modules of effects that it imports."""
+    known: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Constant) and node.value in EFFECTS:
+            known.add(str(node.value))
+        elif (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").removeprefix("calibration.effects.") in EFFECTS
+        ):
+            known.add(node.module or "")
+    return known
+
+
+@pytest.mark.parametrize("path", OTHERS, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_other_file_knows_an_effect(path: Path) -> None:
+    name = path.relative_to(PACKAGE).as_posix()
+    known = {key for key in effects_known(path) if (name, key) not in HOMONYMS and PUBLIC.get(name) != key}
+    assert not known, "ask the effect: see EffectBase"
+
+
+def test_a_file_that_knows_an_effect_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "knows.py"
+    path.write_text('from calibration.effects.tilt import Tilt\nif key == "friction":\n    pass\n')
+    assert effects_known(path) == {"calibration.effects.tilt", "friction"}
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.key)
+def test_an_effect_states_all_that_is_known_of_it(effect: EffectBase) -> None:
+    assert isinstance(effect, EffectBase)
+    own = vars(type(effect))
+    assert {"key", "title", "stage", "seen_in", "separated_by", "source", "order"} <= set(own)
+    first = effect.parameters[0]
+    if effect.largest is not None:
+        assert 0 < effect.largest <= max(abs(bound - first.default) for bound in first.bounds)
+    if effect.check is not None:
+        assert effect.check.minutes > 0
+        assert effect.check.action
+
+
+def test_orders_differ_and_follow_the_stages_of_the_catalogue() -> None:
+    orders = [effect.order for effect in EFFECTS.values() if isinstance(effect, EffectBase)]
+    assert len(set(orders)) == len(_BUILT) == len(EFFECTS)
+    assert orders == sorted(orders)
+
+
+def test_ranks_of_what_may_be_instead_of_beta_differ() -> None:
+    ranks = sorted(e.instead_of_beta for e in EFFECTS.values() if isinstance(e, EffectBase) and e.instead_of_beta)
+    assert ranks == list(range(1, len(ranks) + 1))
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.key)
+def test_what_the_picture_shows_bears_the_same_name(effect: EffectBase) -> None:
+    shown = effect.in_picture()
+    if shown is None:
+        assert not hasattr(effect, "seen")
+    else:
+        assert isinstance(shown, in_picture.InPicture)
+        assert (shown.key, shown.order, shown.stage) == (effect.key, effect.order, Stage.DEPTH)
