@@ -5,8 +5,11 @@ The public names, gathered. Nothing heavy is loaded before it is used.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from tactilevision.renamed import PublicPackage, install
 
 if TYPE_CHECKING:
     from calibration.effects import EFFECTS
@@ -54,6 +57,10 @@ __all__ = [
     "observe",
     "validate",
 ]
+
+
+install()  # old names, for one version
+sys.modules[__name__].__class__ = PublicPackage
 
 
 def __getattr__(name: str) -> Any:
