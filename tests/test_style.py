@@ -21,8 +21,8 @@ MEDIAN_FUNCTION = 6  # lines of code
 LONGEST_FILE = 350  # lines
 TABLES = 60  # statements laid out by hand; the formatter lays out all else
 STILL_LONG = 7  # functions over LONGEST_FUNCTION today; to be 0
-STILL_SILENT = 114  # judgements that say nothing of their meaning today; to be 0
-STILL_CROWDED = 30  # lines that hold several judgements today; to be 0
+STILL_SILENT = 62  # judgements that say nothing of their meaning today; to be 0
+STILL_CROWDED = 20  # lines that hold several judgements today; to be 0
 STILL_SHAPELESS = 165  # public array functions that name no shape or no unit today; to be 5 %
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef

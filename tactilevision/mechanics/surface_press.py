@@ -22,7 +22,7 @@ PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
 FREE_DEPTH_STD = 10.0  # mm, one sigma of a depth that is not known: as good as free
 MIN_BLOCKS = 12  # blocks beside the punch
 UNKNOWNS = 12  # columns of the linear part of the fit
-DEPTH_STEP = 0.001  # of w/h
+DEPTH_STEP = 0.001  # w/h that certified depths are rounded to, so that repeats share one cached profile
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 
 

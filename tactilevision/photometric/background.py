@@ -25,11 +25,13 @@ import numpy.typing as npt
 from tactilevision.records import Bools
 
 Picture = npt.NDArray[np.float32]
-BLOCK = 8
+BLOCK = 8  # px along each side of a block; smaller ones hold too few pixels to tell bias from noise
+# slope up to which a bias counts as the gel's own lean near a ball; less would take true slopes off
 GENTLE = 0.01
 FIRM = 0.01  # slope from darkness; all of a dark place's pixels share it, so that it does not average out
-DARK = 6.0  # grey levels
-PAIRS, SMOOTH = 4, 8.0
+DARK = 6.0  # grey levels of a channel at which clipping at black moves its mean by half a grey level
+PAIRS = 4  # draws of noise, each with both signs; more cost time at start, and the blur below averages as well
+SMOOTH = 8.0  # px, sigma of the blur of the drawn bias; less leaves more of the draws' own noise in it
 LOUD = 0.1  # slope noise at which a pixel tells no more than expecting a flat gel does
 
 

@@ -43,9 +43,9 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
-MIN_BALLS = 3
+MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
-RIDGES = (1e-4, 1e-3, 1e-2)
+RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
 GENTLE = 0.1  # slopes below are not asked to be right in proportion
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 

@@ -21,11 +21,11 @@ import numpy.typing as npt
 
 from tactilevision.records import Bytes, Floats
 
-MIN_COUNT = 12
+MIN_COUNT = 12  # spots that make a pattern; fewer may be dirt that happens to lie evenly
 DARK_GREY = 20  # below which a colour says nothing of marks
-SOFTENING_GREY = 20
-MIN_AREA_PX = 4
-LARGEST = 2.5  # usual areas
+SOFTENING_GREY = 20  # s, grey levels: keeps the noise of dark places from passing for marks
+MIN_AREA_PX = 4  # px of a spot; noise and hot pixels make smaller ones
+LARGEST = 2.5  # usual areas that a mark may have: larger patches are grooves of what is pressed
 FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
 

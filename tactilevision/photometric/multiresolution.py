@@ -26,7 +26,7 @@ from tactilevision.photometric.protocols import PixelMethod, Reading
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 
-LOUD = 4.0
+LOUD = 4.0  # deviations of a pixel's noise; less reads noise in full, more misses gentle contacts
 ROUGH = (
     3.5  # deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
 )

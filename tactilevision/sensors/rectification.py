@@ -16,7 +16,7 @@ from tactilevision.records import Bytes, Floats, Pair, Sensor
 
 Map = npt.NDArray[np.float32]
 Maps = tuple[Map, Map]
-KEPT = 8
+KEPT = 8  # maps in fixed point held in memory, the oldest given up first (test_sensors.py)
 
 _fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16]]] = {}
 

@@ -25,7 +25,8 @@ FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face
 EDGE_RADIUS_MM = 0.05  # mm, rounding of a machined edge
 PAD_RADIUS_MM = 15.0  # mm, radius of a round pad
 DEEPEST = 0.22  # w/h of the deepest simulated press
-_DEPTHS = (0.004, 0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, DEEPEST)  # thicknesses
+# w/h at which a press is solved; shape and P/w are linear between them
+_DEPTHS = (0.004, 0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, DEEPEST)
 _LINE = np.linspace(0.05, 0.2, 16)  # thicknesses over which c and beta are read, as the published punches span
 _FINER = 5  # places for each node of the surface
 

@@ -17,15 +17,16 @@ from tactilevision.records import Floats, Pair
 from tactilevision.robust import mad_std
 
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
-SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
+SAME_PLACE = 0.15  # of the contact's radius: places of presses by hand or stage differ by more
+SAME_SIZE = 0.1  # of the contact's radius: sizes of presses by hand or stage differ by more
 MOST = 0.75  # of the balls; the others are seen between the two contacts
-MIN_OF_EACH = 3
+MIN_OF_EACH = 3  # balls of one radius; one odd ball moves the median of fewer
 MIN_APART = 0.1  # of the scale: places and sizes differ by half of it
-SIGMAS = 3.0
+SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 ODD = 5.0  # times the scatter of the others
-MAX_NAMED = 3
-LITTLE = 0.1
+MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
+LITTLE = 0.1  # share of the expected slopes below which its figure says no more than that
 
 
 def one_contact(balls: Sequence[Ball | None]) -> Pair | None:

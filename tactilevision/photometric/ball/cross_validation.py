@@ -26,9 +26,9 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
 
-FOLDS = 3
+FOLDS = 3  # groups of balls; more leave less out at a time, and cost a fit for each pair of groups
 BELIEVED = 4  # balls that what is stated is worth by itself
-WITHIN = 0.6827
+WITHIN = 0.6827  # share of normal errors within one standard deviation
 
 
 class Fitter(Protocol):

@@ -28,7 +28,7 @@ from tactilevision.records import Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 MAX_PIXELS = 1500  # of the window; more only slow the fit down
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
 DOUBTFUL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more

@@ -17,8 +17,8 @@ from tactilevision.photometric.ball.shading_fit import GENTLE, PLACE_ORDER, fit_
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, STRAIGHT, Response
 from tactilevision.records import Bools, Floats
 
-STRAY = (0.0, 0.1, 0.2)
-CLEARLY = 2 / 3
+STRAY = (0.0, 0.1, 0.2)  # parts c of the light that are stray; more would bend the answer as the power does
+CLEARLY = 2 / 3  # of power 2's misfit; between the .36 and .84 of simulated lights (above; test_gamma.py)
 DARK_GREY = 30.0  # below, stray light and the black level bend the answer
 SHADOW = 0.1  # least I / I_0
 SLOWLY = terms_of({**PLACE_ORDER, 1: 2})  # over the picture, as STRAIGHT

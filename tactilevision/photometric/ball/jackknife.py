@@ -30,8 +30,8 @@ from tactilevision.photometric.ball.shading_fit import colours_of, fit_light
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
-PLACES = (16, 12)  # across, down
-DIRECTIONS = 12
+PLACES = (16, 12)  # places across and down the picture; gain changes slowly between them
+DIRECTIONS = 12  # of slope, averaged over at each place: a contact holds all of them
 CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 

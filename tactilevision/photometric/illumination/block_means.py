@@ -11,7 +11,8 @@ from tactilevision.photometric.reference import Reference
 Planes = npt.NDArray[np.float32]
 
 COARSE = 60  # means along the shorter side of the picture, about
-MIN_COUNT, MOST = 2, 4  # pixels along each side of a mean
+MIN_COUNT = 2  # pixels along each side of a mean, at least
+MOST = 4  # pixels along each side of a mean, at most: wider ones blur the smallest contacts
 
 
 def usual_pixels(reference: Reference) -> int:

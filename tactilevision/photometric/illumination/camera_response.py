@@ -14,7 +14,7 @@ import numpy as np
 
 from tactilevision.records import Floats
 
-USUAL_POWER = 2
+USUAL_POWER = 2  # of a grey level, which is light: sRGB and video write about its root
 SOFTENING_GREY = 20.0  # added to brightness where a change of it is divided by it (`change.py`)
 STRAIGHT = np.array([(a, 1 - a, i, n - i) for a in range(2) for n in range(3) for i in range(n + 1)])
 

@@ -30,7 +30,7 @@ from tactilevision.records.contact_thresholds import colour_limit
 from tactilevision.robust import median
 
 BLOCKS = 600  # blocks over the picture, about
-MAX_ITERATIONS = 3
+MAX_ITERATIONS = 3  # rounds of reweighting; each frame pays for every one
 CONVERGENCE_TOL = (
     3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
 )
@@ -38,9 +38,9 @@ CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from th
 SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
 USUAL = 1.5382  # median length of three standard normal numbers
-MIN_BLOCKS = 30
+MIN_BLOCKS = 30  # blocks away from contacts; with fewer, those beside contacts count in the fit as well
 UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
-MIN_UNEVEN = 2e-4
+MIN_UNEVEN = 2e-4  # of the brightness: the plane's deviation where the mean has not drifted at all
 LITTLE = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side

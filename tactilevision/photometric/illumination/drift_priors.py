@@ -28,7 +28,7 @@ import numpy as np
 from tactilevision.records import Bools, Floats
 from tactilevision.robust import MAD_TO_STD, median
 
-ANYTHING = 1e4
+ANYTHING = 1e4  # of g_0: a deviation so large that each channel drifts by itself
 # stray light and its deviation in parts of the light, lean in parts of g_0; m and its deviation, and lean once
 # more, in parts of that by which channels left each other; that by which they do, in parts of g_0, or anything
 DRIFT_KINDS = np.array(
@@ -43,9 +43,9 @@ DRIFT_KINDS = np.array(
     ]
 )
 PRIOR_WEIGHTS = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05])  # each kind, beforehand; all at once is rare
-LEAST = 1e-4
-FREE = 10.0  # g_0: anything
-CORRELATED = 6.0
+LEAST = 1e-4  # of the light: the least deviation of any coefficient, which keeps priors invertible
+FREE = 10.0  # of the light: deviation of g_0 of all channels alike, far above any drift
+CORRELATED = 6.0  # blocks whose noise hangs together; more widen the covariance (test_drift_error.py)
 PART = 0.4  # of the slopes under a contact, close beside it
 GUESSED = 0.04  # of its colours, where nobody knows what slopes do: more would leave nothing to read
 TERMS = 6  # g_0, g_x, g_y, b, m, m

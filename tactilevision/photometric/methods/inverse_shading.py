@@ -31,7 +31,7 @@ from tactilevision.records import Floats
 
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
 SHARES = (0.1, 0.5)  # of the weight on the drawn law; balls held out choose
-DRAWN = 8000
+DRAWN = 8000  # samples of the law, about as many as of the balls (CONTACT); more only slow the fit down
 BEYOND = 1.1  # of the steepest slope seen
 SMOOTH = 1e-6  # ridge of the polynomial through the drawn samples, which leave nothing open
 

@@ -24,9 +24,9 @@ from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
-CELLS = 48
-FINE = 2 * CELLS - 1
-PRIOR = 4.0
+CELLS = 48  # entries along each colour; more leave more of them to the cubic
+FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, as a byte counts them
+PRIOR = 4.0  # samples that the cubic is worth in each cell; more smooth the table towards it
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from tactilevision.files import replacing
 if TYPE_CHECKING:
     import torch
 
-OPSET = 17
+OPSET = 17  # of ONNX, written in the method's card; a newer one shuts out older versions of onnxruntime
 Array = npt.NDArray[np.float32]
 
 

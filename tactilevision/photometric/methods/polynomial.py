@@ -46,7 +46,7 @@ LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of 
 POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
 AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
 FAINT = 0.5  # of a combination's power: what is more noise than this is not made up for
-REACH = 1.5
+REACH = 1.5  # of the steepest slope of the samples; beyond, a cubic runs away
 
 Picture = npt.NDArray[np.float32]
 

@@ -28,10 +28,14 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 if TYPE_CHECKING:
     import torch
 
-WIDTH, LAYERS = 16, 2
-STEPS, AT_ONCE, RATE, DECAY = 900, 2048, 1e-2, 1e-3
+WIDTH = 16  # channels of a hidden layer; time per frame goes with its square
+LAYERS = 2  # hidden layers of the perceptron
+STEPS = 900  # steps of the optimiser; training time goes with them
+AT_ONCE = 2048  # samples of balls in a step, and a quarter as many of untouched gel
+RATE = 1e-2  # learning rate at its highest, no unit
+DECAY = 1e-3  # weight decay of the optimiser, no unit; larger is smoother
 SHOWN = 4  # times that each press is shown beside its own picture
-SEED = 20261121
+SEED = 20261121  # any number would do: the same samples give the same network
 QUIET = 0.1  # weight of untouched gel
 
 

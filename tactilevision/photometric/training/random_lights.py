@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SIZE_MM = (27.1, 20.3)  # GelSlim 3.0's view
 AZIMUTH_DEG = (-55.0, 180.0, 42.0)  # red, green, blue; counted from x to the picture's top
-ASTRAY_DEG = 12.0
+ASTRAY_DEG = 12.0  # degrees, one sigma by which lamps stand off these; cut at two
 GRID = (24, 32)  # of the untouched picture that a reader of light sees
 STRIP = 3  # lamps a colour; one more is its light thrown back
 

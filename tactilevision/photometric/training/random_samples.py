@@ -21,7 +21,7 @@ from tactilevision.photometric.training.single_core import one_core
 if TYPE_CHECKING:
     import torch
 
-AT_ONCE = 32  # scenes
+AT_ONCE = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
 EACH = 128  # samples a scene
 AVERAGED = 16  # frames of the reference
 
