@@ -175,7 +175,9 @@ def _apart(recording: Recording) -> dict[str, str]:
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Peak depth in mm, and the area in mm² in contact (contact/region.py); `error` of the map's method.
+    """Peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
+
+    `error` of the map's method.
 
     The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
     """
@@ -191,7 +193,7 @@ def _measured(height: HeightMap, contact: Bools) -> tuple[float, float]:
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Standard deviation of the depths from `peak_mm` on: their median; NaN where it is not known."""
+    """Standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is not known."""
     if height.std_mm is None:
         return float("nan")
     there = height.std_mm[height.valid & (height.depth_mm >= peak_mm)]

@@ -116,7 +116,7 @@ def _tukey(residual: Floats, scale_mm: float) -> Floats:
 
 
 def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
-    """Centre x, y and radius, in the unit of the places (n,), robust to what lies off the circle.
+    """Centre x, y and radius, in mm or px as the places (n,) are, robust to what lies off the circle.
 
     minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
 
@@ -133,14 +133,17 @@ def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, fl
 
 
 def weighted_solution(terms: Floats, values: Floats, weights: Floats) -> Floats:
-    """Weighted least squares (3,) of values (n,) in any unit over terms (3, n)."""
+    """Weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
     heavy = terms * weights
     normal = heavy @ terms.T + STIFFENING
     return solved(normal, heavy @ values)
 
 
 def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k) x = right (k,), any unit; they must be positive definite."""
+    """The solution (k,) of normal equations (k, k) x = right (k,), in their unit.
+
+    They must be positive definite.
+    """
     return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 

@@ -53,7 +53,7 @@ class CircularEdge:
 
 
 def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
-    """Sharp round rims about regions that are anywhere steeper than `limit`."""
+    """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `limit`."""
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
     squared = cv2.add(cv2.multiply(p, p, dst=p), cv2.multiply(q, q, dst=q), dst=p)

@@ -68,13 +68,13 @@ class PunchEdge:
 
 
 def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
+    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably."""
     walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit)]
     return [wall for wall in walls if wall is not None]
 
 
 def restore(slopes: SlopeMap, walls: list[PunchEdge], mm_per_px: Pair) -> None:
-    """Put the law's slopes in place of those that the walls hide, in place.
+    """Put the law's slopes in place of those (H, W) that the walls hide, in place.
 
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
     slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).

@@ -63,7 +63,9 @@ class ZeroPlane:
 def find_zero_plane(
     depth: Depth, untouched: Bools, mm_per_px: Pair, *, thickness_mm: float | None = None
 ) -> ZeroPlane:
-    """The zero plane of `depth` (H, W); `untouched` (h, w) are blocks of it, a coarser picture of the same view.
+    """The zero plane of `depth` (H, W), in mm.
+
+    `untouched` (h, w) are blocks of it, a coarser picture of the same view.
 
     With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
     uncertainty then the spread of the whole map.

@@ -72,7 +72,10 @@ def true_depth(press: Press, gain: float) -> float:
 
 
 def profile(press: Press, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
-    """Depth over the face's depth on the press's radial grid, blurred; `rise_factor` scales the gel beside it."""
+    """Depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
+
+    `rise_factor` scales the gel beside it.
+    """
     radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
     a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may stray
     w_over_h = min(true_depth(press, joint.gain) / joint.thickness_mm, model.deepest)

@@ -111,7 +111,7 @@ def doubt(quiet: tuple[Picture, Picture, Picture], dark: Picture) -> Picture:
 
 
 def darkness(levels: Picture) -> Picture:
-    """Grey levels by which clipping at black may have moved a channel of mean `levels`, any shape."""
+    """Grey levels by which clipping at black may have moved channels of mean `levels` (grey, any shape)."""
     return _single(DARK**2 / (DARK**2 + levels**2))
 
 

@@ -233,7 +233,7 @@ def _measure_background(
 
 
 def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:
-    """The ball of one picture whose colour change (3, H, W) is known."""
+    """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(
         image,

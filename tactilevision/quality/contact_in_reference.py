@@ -34,7 +34,7 @@ def check_reference(
 ) -> tuple[str, ...]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
-    `height_map` gives the map of a rectified picture.
+    `height_map` gives the map, in mm, of a rectified picture.
     """
     if likeness.moved is not None or likeness.touched is not None:
         return ()

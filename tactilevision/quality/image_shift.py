@@ -40,7 +40,7 @@ Single = npt.NDArray[np.float32]
 
 
 def moved_by(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
-    """By how many pixels (right, down) most of the `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
+    """Shift (right, down) in px by which most `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
 
     None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
     """

@@ -47,7 +47,7 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
 
 
 def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
-    """Maps out of a table rectified = raw[row, column], both (height, width)."""
+    """Maps out of a table rectified = raw[row, column], both (height, width) in px."""
     return np.asarray(column, np.float32), np.asarray(row, np.float32)
 
 
@@ -73,7 +73,7 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, mm_per_px: Pair
 
 
 def maps_from_grid(points_px: Floats, spacing_mm: float, mm_per_px: Pair) -> Maps:
-    """Maps from a grid pressed into the gel: its crossings (x, y) in the raw picture, `points_px` (rows, cols, 2).
+    """Maps from a grid pressed into the gel: its crossings `points_px` (rows, columns, 2), px in the raw picture.
 
     Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that
     bends lines is undone. The rectified frame spans the grid from its first to its last crossing.

@@ -93,7 +93,7 @@ def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: b
 
 
 def marker_motion(reference: Bytes, frame: Bytes, guess_px: Floats | None = None) -> MarkerMotion:
-    """The markers of `reference` and how each moved, for drawing and for following from frame to frame."""
+    """The markers of `reference` (H, W, 3) and how each moved, in px, for drawing and following."""
     return follow_markers(find_markers(reference), find_markers(frame), guess_px)
 
 

@@ -27,7 +27,7 @@ def fade(reach: Floats) -> Floats:
 
 
 def layer_surface(poisson_ratio: float, a_over_h: float, radii: Floats) -> tuple[Floats, Floats]:
-    """u_z/w and u_r/w at `radii` (in thicknesses, all outside the punch) by the linear theory."""
+    """u_z/w and u_r/w, ratios (n,), at `radii` (in thicknesses, all outside the punch) by the linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
     u, du, K, K_r, K_r_far = _waves(poisson_ratio)

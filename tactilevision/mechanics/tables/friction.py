@@ -60,7 +60,7 @@ def friction_place(friction: float) -> float:
 
 
 def monotone(places: Floats, values: Floats, at: float) -> Floats:
-    """The monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at`."""
+    """Monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at` in their unit."""
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))
     low = _interval(places.tolist(), at)

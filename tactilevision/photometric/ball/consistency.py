@@ -101,7 +101,10 @@ def in_reference(touched: Pair | None) -> list[str]:
 
 
 def coverage(cover: Floats) -> list[str]:
-    """Balls all in one corner say nothing about the light elsewhere."""
+    """A warning where balls span little of the picture: `cover` (2,) is their share of its width and height.
+
+    Balls all in one corner say nothing about the light elsewhere.
+    """
     if cover.min() > COVERED:
         return []
     return [

@@ -53,7 +53,7 @@ class ScaleUncertainty:
 
 
 def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
-    """The numbers of the balls that are left out together."""
+    """The numbers (balls,) of the balls that are left out together, one array per group."""
     numbers = np.unique(contact.press)
     return [numbers[fold::FOLDS] for fold in range(FOLDS)]
 
@@ -117,7 +117,10 @@ def _stated_unseen(
 
 
 def coverage_factor(errors: Floats, stated: Floats) -> float:
-    """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so."""
+    """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so.
+
+    Both in one unit; k is a ratio.
+    """
     if len(errors) == 0:
         return 1.0
     usual = float(np.quantile(np.abs(errors) / stated, WITHIN))
@@ -136,14 +139,14 @@ def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
 def gains_without(
     group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> dict[int, float]:
-    """The depth scale at each ball of a `group`, by a law of the others."""
+    """The depth scale, a ratio, at each ball of a `group` (balls,), by a law of the others."""
     apart = contact.where(np.isin(contact.press, group))
     law = _without(group, fit, contact, untouched_samples, ridge=ridge)
     return gains_of(law.at(apart.change, apart.place), apart)
 
 
 def gain_std(found: Floats, samples: Samples) -> float:
-    """Scatter of the depth scale over balls: 1.48 times the median distance from 1."""
+    """Scatter of the depth scale over balls, by slopes `found` (N, 2): 1.48 times the median distance from 1."""
     return mad_std(np.array([*gains_of(found, samples).values()]), centre=1.0)
 
 

@@ -50,7 +50,7 @@ class Ball:
 
 
 def ball_slopes(x_mm: Floats, y_mm: Floats, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
-    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places from its axis, any shape alike."""
+    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places (mm) from its axis, any shape alike."""
     r = np.hypot(x_mm, y_mm)
     inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
     ratio = np.minimum(contact_mm / np.maximum(r, 1e-12), 1.0)
@@ -69,11 +69,12 @@ def find_ball(
     contact_radius_px: float | None = None,
     usable: npt.NDArray[np.bool_] | None = None,
 ) -> Ball:
-    """The ball in `change` (H, W, 3), the change of colour against the untouched gel with its drift taken out.
+    """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
-    `centre_px`, `contact_radius_px` are a start where they are known; the largest blob of change otherwise. Where
-    the ball found so is DOUBTFUL, it is looked for with all colours made equal, too, and the better one kept.
-    Raises InputError where there is no contact, or none that a ball of `radius_mm` could make.
+    `usable` is a mask (H, W). `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
+    of change otherwise. Where the ball found so is DOUBTFUL, it is looked for with all colours made equal, too,
+    and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm` could
+    make.
     """
     most_px = WIDEST * radius_mm / mm_per_px[0]
 
@@ -105,7 +106,7 @@ def find_ball(
 
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:
-    """Centre x, y and radius (px) of the largest blob whose change of colour stands out of the noise."""
+    """Centre x, y and radius (px) of the largest blob of `change` (H, W, 3) that stands out of the noise."""
     size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(change, (0, 0), 1.5)), axis=2)))
     if usable is not None:
         size = np.where(usable, size, 0.0)

@@ -37,12 +37,15 @@ STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact 
 
 
 def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
-    """Standard deviation (...) of a quantity from what leaving out each of K groups adds to it, K arrays (...)."""
+    """Standard deviation of a quantity from what leaving out each of K groups adds to it.
+
+    `others` are K arrays of one shape; the result has this shape and their unit.
+    """
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 
 
 def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> Floats:
-    """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`.
+    """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`, a ratio.
 
     `others` are the laws fitted without a group of balls each, `contact` the samples under all of them.
     """

@@ -49,7 +49,10 @@ def join(parts: Sequence[Samples]) -> Samples:
 def inside_ball(
     change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats."""
+    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
+
+    Relative `change` of colour (3, H, W); `valid`, a mask (H, W).
+    """
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
     index = _draw(inside, most, rng)
@@ -60,14 +63,14 @@ def inside_ball(
 def untouched(
     change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples far from the ball, where slope is 0 and what change there is, is noise."""
+    """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
     index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
 
 def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
-    """Where (H, W) the gel counts as untouched by the ball."""
+    """Mask (H, W) of gel that counts as untouched by the ball."""
     return radii_from(ball, shape, mm_per_px) > OUTSIDE
 
 
@@ -77,7 +80,7 @@ def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
 
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:
-    """The samples with the noise of their changes, out of pictures of it (3, H, W)."""
+    """The samples with the relative noise of their changes, out of pictures of it (3, H, W)."""
     return replace(samples, noise=seen_at(samples, noise))
 
 

@@ -25,7 +25,10 @@ FREE = 1e-7  # ridge, keeps the fit solvable where balls tell nothing
 
 
 def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
-    """Powers (terms, 4) of p, q, X, Y: those of place go up to an order of their own for each i + j."""
+    """Powers (terms, 4), dimensionless, of p, q, X, Y.
+
+    Those of place go up to an order of their own for each i + j.
+    """
     return np.array(
         [
             (i, order - i, k, n - k)
@@ -41,7 +44,7 @@ TERMS = terms_of(PLACE_ORDER)
 
 
 def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np.int64] = TERMS) -> Floats:
-    """L (terms, 3) of samples."""
+    """L (terms, 3), dimensionless, of samples; `terms` (terms, 4) are powers of p, q, X, Y."""
     square = np.sum(contact.slopes**2, axis=1)
     scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
     design = _design(contact.slopes, contact.place, terms) * scale

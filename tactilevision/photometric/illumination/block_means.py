@@ -45,5 +45,5 @@ def means(picture: npt.NDArray[np.generic], px: int, out: Planes | None = None) 
 
 
 def shares(count: int, blocks: int) -> Planes:
-    """What each of `count` places on a line gives to the mean of each block (blocks, count)."""
+    """Share that each of `count` places on a line has in the mean of each block (blocks, count)."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))

@@ -254,13 +254,16 @@ class DriftTracker:
 
 
 def solid(touched: Bools) -> Bools:
-    """Those blocks (h, w) of `touched` ones that fill two by two, as a contact does; the others are noise."""
+    """Mask of those blocks (h, w) of `touched` ones that fill two by two, as a contact does.
+
+    The others are noise.
+    """
     whole = cv2.erode(touched.astype(np.uint8), SOLID, borderValue=0)
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
 def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
-    """Grey levels (3, h, w) with the affine map `undo` (3, 4) used on their light."""
+    """The `greys` (3, h, w), in grey levels, with the affine map `undo` (3, 4) used on their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)
     found = np.asarray(mix @ (light if power == 1 else light * light) + stray)

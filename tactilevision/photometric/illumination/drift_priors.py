@@ -72,7 +72,10 @@ def likely_slopes(change: Floats, answers: Floats, touched: Bools) -> Floats:
 
 
 def noise_of(change: Floats, weights: Floats) -> float:
-    """How noisy blocks (3, h, w) are against their neighbours in a row; `weights` (h, w) of those that count."""
+    """Relative noise of blocks (3, h, w) by their neighbours in a row, 1 as assumed.
+
+    `weights` (h, w) of those that count.
+    """
     bent = np.abs(change[..., 2:] - 2.0 * change[..., 1:-1] + change[..., :-2])[:, weights[:, 1:-1] > 0.5]
     return max(QUIET, MAD_TO_STD / np.sqrt(6.0) * float(median(bent.ravel()))) if bent.size else 1.0
 

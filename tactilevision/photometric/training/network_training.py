@@ -106,7 +106,7 @@ def fit_network(
 
 
 def make_module(typical_change: Floats) -> torch.nn.Module:
-    """The perceptron, untrained; `typical_change` (3,) scales its view of the colours."""
+    """The perceptron, untrained; `typical_change` (3,), relative, scales its view of the colours."""
     import torch
     from torch import nn
 
