@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -14,6 +14,7 @@ from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.ball.consistency import coverage, in_reference, odd_balls, one_contact, radii_apart
 from tactilevision.photometric.ball.cross_validation import (
     Fitter,
+    ScaleUncertainty,
     gain_std,
     gains_of,
     gains_without,
@@ -104,58 +105,99 @@ def calibrate_from_balls(
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
     balls, warnings, contact, resting = _collect(change, pictures, mm_per_px, rng)
-    _enough(len(contact), len(pictures), warnings)
-    touching, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
+    _check_count(len(contact), len(pictures), warnings)
+    pressed, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
-    (way, ridge), (found, others) = _choose(fit, touching, still)
-    law = way(touching, still, ridge=ridge)
-    background = _measure_background(law, change, pictures, balls, mm_per_px)
-    direction = float(np.median(direction_error_deg(found, touching.slopes)))
-    error = float(np.sqrt(_mean_square(found, touching)))
-    relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    doubt = scale_uncertainty(way, touching, still, ridge=ridge, law=law, others=others)
-    light = slope_observability(touching)
-    cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
-    touched = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
-    warnings += coverage(cover) + _hidden(light)
-    warnings += radii_apart(
-        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
-        lambda group: gains_without(np.array(group), way, touching, still, ridge=ridge),
-    )
-    unsure = {number: off for number, (_, off) in doubt.unseen.items()}
-    names = [picture.name for picture in pictures]
-    warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names, unsure=unsure)
-    card = MethodCard(
-        method=law.name,
+    best = _best_fit(fit, pressed, still)
+    background = _measure_background(best.law, change, pictures, balls, mm_per_px)
+    light = slope_observability(pressed)
+    cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
+    contact_px = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
+    warnings += coverage(cover) + _hidden(light) + _radii_warnings(best, balls, pressed, still)
+    warnings += in_reference(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
+    card = replace(
+        _card(best, pressed, light),
         balls=len(contact),
         balls_left_out=len(pictures) - len(contact),
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        held_out_direction_error_deg=direction,
-        held_out_slope_rms=error,
-        held_out_gain_std=gain_std(found, touching),
-        place_gain_std=np.round(doubt.gain_std, 5).tolist(),
-        coverage_factor=doubt.coverage_factor,
-        fitted_by=getattr(way, "__name__", type(way).__name__),
-        ridge=ridge,
+        response=response_of(pressed, seen_at(pressed, change.level)).told(),
+        contact_in_reference_px=contact_px,
+    )
+    relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
+    return Calibration(
+        CalibratedMethod(best.law, reference, relative, background, card),
+        tuple(balls),
+        best.direction_error_deg,
+        best.slope_error,
+        tuple(warnings),
+        tuple(best.scale.unseen.get(number) for number in range(len(pictures))),
+        tuple(best.others),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A law of all balls, how it was fitted, and its errors at balls held out.
+
+    `held_out` (N, 2): slopes of the samples by `others`, laws that each lack some of the balls.
+    """
+
+    law: ColourLaw
+    fitter: Fitter
+    ridge: float
+    held_out: Floats
+    others: list[ColourLaw]
+    scale: ScaleUncertainty
+    direction_error_deg: float
+    slope_error: float
+
+
+def _best_fit(fit: Fitter, pressed: Samples, still: Samples) -> _Fit:
+    """The law by the way to fit, and its ridge, that is least off at balls left out."""
+    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
+    scores = [held_out(fitter, pressed, still, ridge) for fitter, ridge in ways]
+    best = int(np.argmin([_relative_miss(slopes, pressed) for slopes, _ in scores]))
+    (fitter, ridge), (slopes, others) = ways[best], scores[best]
+    law = fitter(pressed, still, ridge=ridge)
+    scale = scale_uncertainty(fitter, pressed, still, ridge=ridge, law=law, others=others)
+    direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
+    error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
+    return _Fit(law, fitter, ridge, slopes, others, scale, direction, error)
+
+
+def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
+    return MethodCard(
+        method=best.law.name,
+        held_out_direction_error_deg=best.direction_error_deg,
+        held_out_slope_rms=best.slope_error,
+        held_out_gain_std=gain_std(best.held_out, pressed),
+        place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
+        coverage_factor=best.scale.coverage_factor,
+        fitted_by=getattr(best.fitter, "__name__", type(best.fitter).__name__),
+        ridge=best.ridge,
         min_slope_noise=light.best,
         max_slope_noise=light.worst,
-        steepest_slope=float(np.hypot(*touching.slopes.T).max()),
-        response=response_of(touching, seen_at(touching, change.level)).told(),
-        contact_in_reference_px=touched,
-    )
-    return Calibration(
-        CalibratedMethod(law, reference, relative, background, card),
-        tuple(balls),
-        direction,
-        error,
-        tuple(warnings),
-        tuple(doubt.unseen.get(number) for number in range(len(pictures))),
-        tuple(others),
+        steepest_slope=float(np.hypot(*pressed.slopes.T).max()),
     )
 
 
-def _enough(usable: int, of: int, why: Sequence[str]) -> None:
+def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, still: Samples) -> list[str]:
+    return radii_apart(
+        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
+        lambda group: gains_without(np.array(group), best.fitter, pressed, still, ridge=best.ridge),
+    )
+
+
+def _odd_ball_warnings(
+    best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples
+) -> list[str]:
+    unsure = {number: std for number, (_, std) in best.scale.unseen.items()}
+    names = [picture.name for picture in pictures]
+    return odd_balls(gains_of(best.held_out, pressed), balls, names, unsure=unsure)
+
+
+def _check_count(usable: int, of: int, why: Sequence[str]) -> None:
     if usable < MIN_BALLS:
         raise InputError(
             f"too few ball presses that can be used; {MIN_BALLS} are the least",
@@ -163,16 +205,6 @@ def _enough(usable: int, of: int, why: Sequence[str]) -> None:
             value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
             remedy="Press the ball at more places, over the whole picture.",
         )
-
-
-def _choose(
-    fit: Fitter, contact: Samples, untouched_samples: Samples
-) -> tuple[tuple[Fitter, float], tuple[Floats, list[ColourLaw]]]:
-    """The way to fit, and its ridge, that tells balls left out best; slopes (N, 2) and laws without them."""
-    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(way, contact, untouched_samples, ridge) for way, ridge in ways]
-    best = int(np.argmin([_relative_miss(found, contact) for found, _ in scores]))
-    return ways[best], scores[best]
 
 
 def direction_error_deg(found: Floats, true: Floats) -> Floats:
@@ -263,10 +295,6 @@ def _relative_miss(found: Floats, samples: Samples) -> float:
         for many in (samples.slopes, found - samples.slopes)
     )
     return float(np.average(off / (true + GENTLE), weights=count))
-
-
-def _mean_square(found: Floats, samples: Samples) -> float:
-    return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
 
 
 def _contact_in_reference(

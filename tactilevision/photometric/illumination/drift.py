@@ -103,41 +103,41 @@ class DriftTracker:
         blocks = self._blocks(means(rgb, self.px, out=self.means))
         change = blocks - self.level
         self._check(blocks, change)
-        usable = self.usable
         gains = np.zeros((3, 3))
         gains[:, 0] = median(self._among_usable(change / self._bright))
         change /= self.noise
+        gains, weights, touched, limit = self._reweighted(change, gains)
+        drift, undo, covariance = gains, None, None
+        if np.abs(gains[:, 0]).max() > LITTLE:
+            if self.power == 2:
+                change *= 1.0 + self._bend * change
+            drift, covariance = self._separated(change, weights, gains[:, 0], touched)
+            gains, undo = self._undoing(drift)
+        squares = self._squares(change, drift)
+        shape = (self.size[1], self.size[0])
+        untouched = (self.usable & (squares < limit)).reshape(shape)
+        misfit = float(median(self._among_usable(squares))) ** 0.5
+        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit)
+
+    def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
+        """Gains (3, 3) fitted from a start; the blocks' weights, and which are touched (blocks,); their limit."""
         heavy = change * self._shown
-        scale = 1.0
         for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)
             scale = max(1.0, float(median(self._among_usable(squares))) / USUAL**2)
             weights = squares * (1.0 / (9.0 * scale))
             weights += 1.0
             weights *= weights
-            np.divide(usable, weights, out=weights)
-            near = self._beside(usable & (squares > colour_limit(scale)))
+            np.divide(self.usable, weights, out=weights)
+            touched = self.usable & (squares > colour_limit(scale))
+            near = self._near_contact(touched)
             fitting = weights if near is None else weights * ~near
             if near is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
                 fitting = weights
             before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
             if np.abs(gains - before).max() < CONVERGENCE_TOL:
                 break
-        undo, covariance = None, None
-        if np.abs(gains[:, 0]).max() > LITTLE:
-            if self.power == 2:
-                change *= 1.0 + self._bend * change
-            found, covariance = self._parted(
-                change, fitting, gains[:, 0], usable & (squares > colour_limit(scale))
-            )
-            squares = self._squares(change, found)
-            gains, undo = self._undoing(found)
-        else:
-            squares = self._squares(change, gains)
-        shape = (self.size[1], self.size[0])
-        untouched = (usable & (squares < colour_limit(scale))).reshape(shape)
-        misfit = float(median(self._among_usable(squares))) ** 0.5
-        return Drift(gains, untouched, np.sqrt(squares).reshape(shape), undo, covariance, misfit)
+        return gains, fitting, touched, colour_limit(scale)
 
     @property
     def effects(self) -> Floats:
@@ -168,7 +168,7 @@ class DriftTracker:
         """`values` (..., blocks) of the usable blocks."""
         return values if self.all_usable else values[..., self.usable]
 
-    def _beside(self, touched: Bools) -> Bools | None:
+    def _near_contact(self, touched: Bools) -> Bools | None:
         """Blocks near enough to a contact for its slopes to pass for drift; a lone noisy block is none."""
         if not touched.any():
             return None
@@ -190,7 +190,9 @@ class DriftTracker:
         undo = np.linalg.inv(self.light[:, None] * mix / self.light)
         return gains, np.column_stack([undo, -undo @ (found[:, 3] * self.light)])
 
-    def _parted(self, change: Floats, weights: Floats, constant: Floats, touched: Bools) -> tuple[Floats, Floats]:
+    def _separated(
+        self, change: Floats, weights: Floats, constant: Floats, touched: Bools
+    ) -> tuple[Floats, Floats]:
         """The drift (3, 6) and its covariance, told from the gel's own slopes beside what is `touched` (blocks,).
 
         Lone blocks are noise.

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -68,12 +69,7 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
     place = torch.cat([flat, high[:, :, None, None].expand(count, 3, STRIP, 1)], -1).reshape(count, -1, 3)
     aim = towards * uniform(0.0, 10.0, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
     beam = uniform(8.0, 20.0, count, 3, 2)
-    tint = uniform(0.0, 0.08, count, 3, 3)
-    # GelSlim's green and blue share a good part of their light, red keeps to itself
-    tint[:, 1, 2] = uniform(0.2, 0.7, count)
-    tint[:, 2, 1] = uniform(0.0, 0.3, count)
-    tint[:, range(3), range(3)] = 1.0
-    tint *= uniform(0.5, 1.0, count, 3, 1)
+    tint = _draw_tints(count, uniform)
     thrown_back = uniform(0.0, 0.5, count, 3, 1) * tint  # by the wall opposite: one lamp for a whole strip
     mirrored = torch.cat([-towards * far[..., None], high[..., None]], -1)
     scenes = Scenes(
@@ -89,6 +85,17 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
         draw_fields(count),
     )
     return _exposed(scenes, uniform(0.6, 1.15, count, 1, 1))
+
+
+def _draw_tints(count: int, uniform: Callable[..., torch.Tensor]) -> torch.Tensor:
+    """Share of each colour (count, 3 lamps, 3 channels) in the light of a strip."""
+    tint = uniform(0.0, 0.08, count, 3, 3)
+    # GelSlim's green and blue share a good part of their light, red keeps to itself
+    tint[:, 1, 2] = uniform(0.2, 0.7, count)
+    tint[:, 2, 1] = uniform(0.0, 0.3, count)
+    tint[:, range(3), range(3)] = 1.0
+    tint *= uniform(0.5, 1.0, count, 3, 1)
+    return tint
 
 
 def draw_fields(count: int) -> torch.Tensor:
