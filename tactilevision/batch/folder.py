@@ -1,6 +1,6 @@
 """A whole folder of frames into height maps: streamed, on all cores, taken up again where it was cut off.
 
-Each frame's map is written whole under its own name before the frame counts as done (streaming.py).
+Each frame's map is written whole under its own name before the frame counts as done (jobs.py).
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def reconstruct_folder(
     of every depth: depth_std/NAME.tiff, or depth_std_mm.
     `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
-    `anchor` holds the faces of certified presses (press/anchor.py).
+    `anchor` holds the faces of certified presses (certificate/depth/face_depth.py).
     """
     out, names = Path(out), recording.frame_names
     kinds = (MAPS, STDS) if with_std else (MAPS,)

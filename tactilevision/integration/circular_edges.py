@@ -63,16 +63,16 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list
     gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)
     _, labels = cv2.connectedComponents(cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
     steep = 4 * np.bincount(labels[beyond > 0])
-    found = []
+    edges = []
     for label in np.flatnonzero(steep >= MIN_STEEP)[:8]:
         at = np.flatnonzero(labels == label)
         at = at[:: max(1, len(at) // ENOUGH)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        rim = _measure(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
-        if rim is not None:
-            found.append(rim)
-    return found
+        edge = _measure(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
+        if edge is not None:
+            edges.append(edge)
+    return edges
 
 
 def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
@@ -95,13 +95,13 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
     centre = x + shift_x, y + shift_y
     bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
     places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
-    low, middle, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
-    half, quarter = _flanks(places, np.stack([middle, middle]), np.array([0.5, 0.25]))
+    low, median, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
+    half, quarter = _flanks(places, np.stack([median, median]), np.array([0.5, 0.25]))
     blur = (half - quarter) / (QUARTER - HALF)
     if not blur < SHARP * radius:  # nor where it is not known
         return None
     std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
-    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
+    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, median, highest, std)
 
 
 def _bounds(radius: float, px: float, outer: float) -> Pair:
@@ -129,8 +129,8 @@ def _profiles(
     along_y *= down
     inward -= along_y
     if slopes.valid is not None and not slopes.valid.all():
-        seen = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
-        inward[seen == 0] = np.nan
+        known = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
+        inward[known == 0] = np.nan
     means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
     return places, np.asarray(means, np.float64) / ACROSS
 

@@ -1,4 +1,4 @@
-"""The unweighted normal equations of `surface.py`, solved by one pair of cosine transforms.
+"""The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
 
 The cosine transform of type II diagonalises the 5-point Laplacian with natural borders, with the eigenvalues
 (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis. It is quick where N has small factors alone. Where one axis has

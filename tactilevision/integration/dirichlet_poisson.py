@@ -1,6 +1,6 @@
 """Slopes to depth where the picture's border is known to lie flat: all of it at depth 0.
 
-    z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `surface.py`
+    z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `poisson.py`
 
 solved exactly by one pair of sine transforms. A border that is known takes no error of slope along: of waves and
 tilts that wrong slopes make, what a free border lets float is gone. It erases a true tilt as well, and bends a

@@ -71,23 +71,23 @@ def find_zero_plane(
     uncertainty then the spread of the whole map.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
-    outside = _outside(untouched, blocks)
-    free = outside.ravel()
-    count = np.count_nonzero(free)
+    gel = _outside(untouched, blocks)
+    flat = gel.ravel()
+    count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
-        return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
+        return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
+    terms = _terms(gel, depth.shape, mm_per_px, thickness_mm)
     tilts = [1, 2]
-    if 3 * count < 2 * len(free):  # two thirds of them never lie within half of the picture
-        tilts = [k for k in tilts if np.ptp(terms[k, free]) > 1.0]
-    used = [0, *tilts, *((3, 4) if count < len(free) else ())]
+    if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
+        tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
+    used = [0, *tilts, *((3, 4) if count < len(flat) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std, found = _robust(
-        terms if len(used) == len(terms) else terms[used], blocks, free, rises=4 in used, decay_std=decay_std
+    solution, std, inverse = _robust(
+        terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
     )
-    full, takes = np.zeros(5), np.zeros((3, len(free)), np.float32)
-    full[used], takes[[0, *tilts]] = solution, found[: 1 + len(tilts)]
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free), takes)
+    full, takes = np.zeros(5), np.zeros((3, len(flat)), np.float32)
+    full[used], takes[[0, *tilts]] = solution, inverse[: 1 + len(tilts)]
+    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(flat), takes)
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -155,14 +155,14 @@ def _outside(untouched: Bools, depth: Floats) -> Bools:
     ]
     if not pieces:
         return np.zeros_like(untouched)
-    _, found = max(pieces)
+    _, chosen = max(pieces)
     large = [label for size, label in pieces if size >= CORRELATED]
     if len(large) > 1:
         means = {label: float(depth[labels.ravel() == label].mean()) for label in large}
         highest = min(large, key=means.__getitem__)
-        if means[found] - means[highest] > LOWER * float(np.ptp(depth)):
-            found = highest
-    return np.asarray(labels == found)
+        if means[chosen] - means[highest] > LOWER * float(np.ptp(depth)):
+            chosen = highest
+    return np.asarray(labels == chosen)
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
@@ -172,29 +172,29 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     terms[:3] = plane_terms(shape, untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        away = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
-        away *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
-        np.exp(-away, out=terms[3])
-        np.multiply(away, terms[3], out=terms[4])
+        distance = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+        distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
+        np.exp(-distance, out=terms[3])
+        np.multiply(distance, terms[3], out=terms[4])
     return terms
 
 
 def _robust(
-    terms: Floats, depth: Floats, free: Bools, *, rises: bool, decay_std: float
+    terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
 ) -> tuple[Floats, float, Floats]:
-    """Reweighted least squares of terms (k, n) where `free` (n,): the coefficients, the deviation of the plane at
+    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, deviation of the plane at
     the centre, and what each coefficient takes (k, n) of the depths.
 
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
-    count, touched = np.count_nonzero(free), ~free
-    correlated, held = min(CORRELATED, count), FIRST * count if rises else 0.0
-    rows, heavy = np.concatenate([terms, depth[None]]), terms * free
+    count, touched = np.count_nonzero(untouched), ~untouched
+    correlated, prior_weight = min(CORRELATED, count), FIRST * count if rises else 0.0
+    rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):
-        sums = heavy @ rows.T
+        sums = weighted @ rows.T
         normal = sums[:, :-1] * STIFFENING[: len(terms), : len(terms)]
-        normal[-1, -1] += held
+        normal[-1, -1] += prior_weight
         before, solution = solution, cv2.solve(normal, sums[:, -1:], flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
         square = solution @ terms
         square -= depth
@@ -207,9 +207,9 @@ def _robust(
         ):
             break
         if rises:
-            held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
+            prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
         geman_mcclure_inverse(square, (3.0 * scale) ** 2)
-        heavy = terms / square
+        weighted = terms / square
     inverse = cv2.invert(normal)[1]
     std = float(scale * np.sqrt(correlated * inverse[0, 0]))
-    return solution, std, np.asarray(inverse @ heavy)
+    return solution, std, np.asarray(inverse @ weighted)

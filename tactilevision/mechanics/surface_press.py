@@ -1,4 +1,4 @@
-"""One press in the fit of bulge.py: its linear unknowns are eliminated, so that only the joint ones are left.
+"""One press in the fit of poisson_from_surface.py, its linear unknowns eliminated: only the joint ones are left.
 
 Unknowns of a press, in this order: apparent depth u (mm); relative error of the face's step; tilt of the face
 along x and y; zero plane: offset (mm), slopes along x and y; its bowl: curvatures along x, across, along y (1/mm),

@@ -121,7 +121,7 @@ def calibrate_from_balls(
         balls=len(contact),
         balls_left_out=len(pictures) - len(contact),
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        response=response_of(pressed, seen_at(pressed, change.level)).told(),
+        response=response_of(pressed, seen_at(pressed, change.level)).to_card(),
         contact_in_reference_px=contact_px,
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
@@ -207,9 +207,9 @@ def _check_count(usable: int, of: int, why: Sequence[str]) -> None:
         )
 
 
-def direction_error_deg(found: Floats, true: Floats) -> Floats:
+def direction_error_deg(slopes: Floats, true: Floats) -> Floats:
     """Angle (N,) between slopes found and true, both (N, 2)."""
-    turn = (found[:, 0] + 1j * found[:, 1]) * (true[:, 0] - 1j * true[:, 1])
+    turn = (slopes[:, 0] + 1j * slopes[:, 1]) * (true[:, 0] - 1j * true[:, 1])
     return np.asarray(np.degrees(np.abs(np.angle(turn))))
 
 
@@ -229,20 +229,20 @@ def _collect(
     for number, picture in enumerate(pictures):
         name = picture.name or f"ball {number + 1}"
         try:
-            seen, _, valid = change.measure(picture.rgb)
+            changes, _, valid = change.measure(picture.rgb)
             if marks is not None:
                 valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
-            ball = locate(seen, valid, picture, mm_per_px)
+            ball = locate(changes, valid, picture, mm_per_px)
         except InputError as fault:
             warnings.append(f"{name} left out: {fault.what}")
             balls.append(None)
             continue
         balls.append(ball)
         contact.append(
-            inside_ball(seen, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+            inside_ball(changes, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
         )
         untouched_samples.append(
-            untouched(seen, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+            untouched(changes, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
         )
     return balls, warnings, contact, untouched_samples
 
@@ -259,8 +259,8 @@ def _measure_background(
     sums = BackgroundSums(change.reference.shape)
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
-            seen, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px))
+            changes, _, valid = change.measure(picture.rgb)
+            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 
 
@@ -277,22 +277,22 @@ def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) 
     )
 
 
-def _relative_miss(found: Floats, samples: Samples) -> float:
+def _relative_miss(slopes: Floats, samples: Samples) -> float:
     """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
 
     Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
     by pixel the best guess is one that reads all slopes too low.
     """
-    steep = np.hypot(*samples.slopes.T)
+    steepness = np.hypot(*samples.slopes.T)
     sector = np.floor(
         (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
     )
-    ring = np.floor(PATCHES[1] * 0.999999 * (steep / steep.max()) ** 2)
+    ring = np.floor(PATCHES[1] * 0.999999 * (steepness / steepness.max()) ** 2)
     _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
     count = np.bincount(patch.ravel())
     true, off = (
         np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
-        for many in (samples.slopes, found - samples.slopes)
+        for many in (samples.slopes, slopes - samples.slopes)
     )
     return float(np.average(off / (true + GENTLE), weights=count))
 
@@ -302,16 +302,20 @@ def _contact_in_reference(
 ) -> Pair | None:
     """Where (x, y in px) the reference shows a contact: it is in every picture whose ball is elsewhere."""
     tracker = change.tracker
-    strange, away = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
+    changed, counted = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
             far = far_from(ball, change.reference.shape, mm_per_px).astype(np.uint8)
-            free = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
-            away += free
-            strange += free & ~tracker.measure(picture.rgb).untouched
-    ghost = (strange > REFERENCE_CONTACT_SHARE * away) & (away >= MIN_BALLS) & tracker.usable.reshape(away.shape)
-    ghost &= np.pad(np.ones(np.subtract(ghost.shape, 2), bool), 1)  # light and gel change at the border first
-    rows, columns = np.nonzero(solid(ghost))
+            untouched_blocks = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
+            counted += untouched_blocks
+            changed += untouched_blocks & ~tracker.measure(picture.rgb).untouched
+    contact = (
+        (changed > REFERENCE_CONTACT_SHARE * counted)
+        & (counted >= MIN_BALLS)
+        & tracker.usable.reshape(counted.shape)
+    )
+    contact &= np.pad(np.ones(np.subtract(contact.shape, 2), bool), 1)  # light and gel change at the border first
+    rows, columns = np.nonzero(solid(contact))
     if len(rows) == 0:
         return None
     block = change.reference.shape[1] / tracker.size[0]

@@ -50,15 +50,15 @@ def find_marks(rgb: Bytes) -> Marks | None:
         return None
     _, _, stats, centres = cv2.connectedComponentsWithStats(spots)
     area, places = stats[1:, cv2.CC_STAT_AREA].astype(float), np.asarray(centres[1:], np.float64)
-    seen = area >= MIN_AREA_PX
-    if np.count_nonzero(seen) < MIN_COUNT:
+    large = area >= MIN_AREA_PX
+    if np.count_nonzero(large) < MIN_COUNT:
         return None
-    usual = float(np.median(area[seen]))
-    alike = seen & (area > usual / LARGEST) & (area < usual * LARGEST)
+    typical_area = float(np.median(area[large]))
+    alike = large & (area > typical_area / LARGEST) & (area < typical_area * LARGEST)
     if not evenly_spaced(places[alike]):
         return None
-    marks = Marks(float(level), usual, spots)
-    return Marks(float(level), usual, marked(rgb, marks))
+    marks = Marks(float(level), typical_area, spots)
+    return Marks(float(level), typical_area, marked(rgb, marks))
 
 
 def evenly_spaced(places_px: Floats) -> bool:

@@ -30,18 +30,18 @@ BORDER = 2  # blocks along the border of the picture, which do not count
 
 
 def check_reference(
-    likeness: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+    match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
 ) -> tuple[str, ...]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
     `height_map` gives the map, in mm, of a rectified picture.
     """
-    if likeness.moved is not None or likeness.touched is not None:
+    if match.shift_px is not None or match.contact_px is not None:
         return ()
-    likeness.touched = contact_in_reference(likeness.method, height_map, pictures)
-    if likeness.touched is None:
+    match.contact_px = contact_in_reference(match.method, height_map, pictures)
+    if match.contact_px is None:
         return ()
-    x, y = likeness.touched
+    x, y = match.contact_px
     return (
         f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that "
         "has changed since. Take a new reference",
@@ -59,18 +59,18 @@ def contact_in_reference(
     tracker, maps = method.change.tracker, []
     for k in np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int)):
         with suppress(InputError):
-            found = height_map(pictures[k])
-            if found.std_mm is not None:
+            height = height_map(pictures[k])
+            if height.std_mm is not None:
                 depth, std = (
                     cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
-                    for a in (found.depth_mm, found.std_mm)
+                    for a in (height.depth_mm, height.std_mm)
                 )
-                strange = ~tracker.measure(pictures[k]).untouched
-                maps.append((depth, std, strange & tracker.usable.reshape(strange.shape)))
+                changed = ~tracker.measure(pictures[k]).untouched
+                maps.append((depth, std, changed & tracker.usable.reshape(changed.shape)))
     if len(maps) < MIN_FRAMES:
         return None
     depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
-    often = np.mean([strange for _, _, strange in maps], axis=0) > 0.5
+    often = np.mean([changed for _, _, changed in maps], axis=0) > 0.5
     least = max(MIN_MM, CLEAR * float(np.median(std)))
     block = method.reference.shape[1] / tracker.size[0]
     count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))

@@ -39,18 +39,18 @@ MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
 Single = npt.NDArray[np.float32]
 
 
-def moved_by(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
+def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
     """Shift (right, down) in px by which most `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
 
     None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
     """
     chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int))
     spectrum = _spectrum(reference)
-    found = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
-    if not found:
+    shifts = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
+    if not shifts:
         return None
-    middle = np.median(found, axis=0)
-    alike = [shift for shift in found if np.hypot(*(shift - middle)) < ALIKE_PX]
+    median = np.median(shifts, axis=0)
+    alike = [shift for shift in shifts if np.hypot(*(shift - median)) < ALIKE_PX]
     if 2 * len(alike) <= len(chosen):
         return None
     x, y = np.mean(alike, axis=0)
@@ -63,19 +63,19 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
     noise = mad_std(whole, centre=0.0) + 1e-12
     reach = min(REACH_PX, (min(shape) - 3) // 2)
-    near = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
-    y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
-    peak, still = near[y + 1, x + 1], near[reach + 1, reach + 1]
-    at: Floats = np.array([x + _top(near[y + 1, x : x + 3]), y + _top(near[y : y + 3, x + 1])]) - reach
-    if peak < max(CLEAR, ABOVE * still) or np.hypot(*at) < MIN_PX:
+    around = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
+    y, x = np.unravel_index(np.argmax(around[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
+    peak, unmoved = around[y + 1, x + 1], around[reach + 1, reach + 1]
+    at: Floats = np.array([x + _top(around[y + 1, x : x + 3]), y + _top(around[y : y + 3, x + 1])]) - reach
+    if peak < max(CLEAR, ABOVE * unmoved) or np.hypot(*at) < MIN_PX:
         return None
     return at
 
 
 def _top(three: Floats) -> float:
     """Where the parabola through three values, a pixel apart, has its top, from the middle one."""
-    bend = float(three[0] - 2.0 * three[1] + three[2])
-    return 0.0 if bend >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5))
+    curvature = float(three[0] - 2.0 * three[1] + three[2])
+    return 0.0 if curvature >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))
 
 
 def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:

@@ -42,7 +42,7 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
 def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
     """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
 
-    They are found as surfaces will be read: from then on calm gel in means of pixels, where that can be.
+    They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
     Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
     """
     free = untouched_of(method, frames)
@@ -56,7 +56,9 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
     card = dataclasses.replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
-    return dataclasses.replace(method, quiet=mean.added_to(method.current_background, method.calm), card=card)
+    return dataclasses.replace(
+        method, background=mean.added_to(method.current_background, method.kept_share), card=card
+    )
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:

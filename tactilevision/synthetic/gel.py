@@ -117,8 +117,8 @@ class Prescribed:
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
         """Sideways shift (H, W) mm of the ink in x and in y."""
-        still = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
-        return still, still.copy()
+        zero = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
+        return zero, zero.copy()
 
 
 @lru_cache(maxsize=16)

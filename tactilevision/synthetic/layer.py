@@ -22,8 +22,8 @@ FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouche
 
 def fade(reach: Floats) -> Floats:
     """1 near the contact, 0 from FAR thicknesses on, smooth in between; any shape."""
-    left = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
-    return np.asarray(left * left * (3.0 - 2.0 * left))
+    remaining = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
+    return np.asarray(remaining * remaining * (3.0 - 2.0 * remaining))
 
 
 def layer_surface(poisson_ratio: float, a_over_h: float, radii: Floats) -> tuple[Floats, Floats]:

@@ -78,8 +78,8 @@ class PunchProfile:
     def _at(self, values: Floats, depth_mm: float) -> Floats:
         low = int(np.clip(np.searchsorted(self.depths_mm, depth_mm) - 1, 0, self.depths_mm.size - 2))
         step = self.depths_mm[low + 1] - self.depths_mm[low]
-        part = max((depth_mm - self.depths_mm[low]) / step, 0.0)
-        return np.asarray((1 - part) * values[low] + part * values[low + 1])
+        share = max((depth_mm - self.depths_mm[low]) / step, 0.0)
+        return np.asarray((1 - share) * values[low] + share * values[low + 1])
 
 
 @lru_cache(maxsize=32)
@@ -116,8 +116,8 @@ def punch_profile(
     number = np.arange(nodes.size)
     radii = np.interp(np.linspace(0, number[-1], _FINER * number[-1] + 1), number, nodes)
     shift, rise = np.moveaxis(CubicSpline(nodes, moved, axis=2)(radii), 1, 0)
-    left = np.clip((pad_radius_mm - radii) / thickness_mm, 0.0, 1.0)
-    end = left * left * (3.0 - 2.0 * left)
+    remaining = np.clip((pad_radius_mm - radii) / thickness_mm, 0.0, 1.0)
+    end = remaining * remaining * (3.0 - 2.0 * remaining)
     depth = np.where(radii <= radius_mm - edge_radius_mm, 1.0, -rise)
     return PunchProfile(radius_mm, thickness_mm, radii, depths, depth * end, shift * end,
                         np.array([state.force_N for state in states]) / depths)  # fmt: skip

@@ -42,10 +42,10 @@ class PunchPress:
         depth = self._free(grid)
         if self.bevel is not None and self.face_mm > 0.5 * self.bevel.height_mm:
             part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3.0), 2.5))
-            near = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
+            window = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
             if depth[part].size:
                 depth[part] += bevel_dent(
-                    depth[part], self.bevel, near.places(self.centre_mm), self.face_mm, self.tilt
+                    depth[part], self.bevel, window.places(self.centre_mm), self.face_mm, self.tilt
                 )
         return depth
 

@@ -66,7 +66,7 @@ def held_out_depth(
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
         if id(law) not in methods:
-            methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
+            methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.background)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px)

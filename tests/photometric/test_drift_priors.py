@@ -11,7 +11,7 @@ from lamp_room import SHAPE, ball, picture, places
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.illumination.camera_response import Response
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undone
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undo_drift
 from tactilevision.photometric.illumination.drift_priors import PART, drift_of, likely_slopes, noise_of
 from tactilevision.records import Bytes, Floats
 
@@ -54,7 +54,9 @@ def test_lamps_that_fade_alike_leave_no_pattern(gain: float, contact_mm: float) 
 def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
     """What a drift leaves (3, blocks) of a picture of the untouched gel, in parts of it."""
     seen = (
-        rgb if told.undo is None else undone(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
+        rgb
+        if told.undo is None
+        else undo_drift(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
     )
     blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
     y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])

@@ -62,12 +62,12 @@ def held_out(
     fit: Fitter, contact: Samples, untouched_samples: Samples, ridge: float
 ) -> tuple[Floats, list[ColourLaw]]:
     """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and these laws."""
-    found, laws = np.empty_like(contact.slopes), []
+    slopes, laws = np.empty_like(contact.slopes), []
     for group in groups_of(contact):
-        apart = np.isin(contact.press, group)
+        left_out = np.isin(contact.press, group)
         laws.append(_without(group, fit, contact, untouched_samples, ridge=ridge))
-        found[apart] = laws[-1].at(contact.change[apart], contact.place[apart])
-    return found, laws
+        slopes[left_out] = laws[-1].at(contact.change[left_out], contact.place[left_out])
+    return slopes, laws
 
 
 def scale_uncertainty(
@@ -123,14 +123,14 @@ def coverage_factor(errors: Floats, stated: Floats) -> float:
     """
     if len(errors) == 0:
         return 1.0
-    usual = float(np.quantile(np.abs(errors) / stated, WITHIN))
-    return float(np.sqrt((BELIEVED + len(errors) * usual**2) / (BELIEVED + len(errors))))
+    ratio = float(np.quantile(np.abs(errors) / stated, WITHIN))
+    return float(np.sqrt((BELIEVED + len(errors) * ratio**2) / (BELIEVED + len(errors))))
 
 
-def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
-    """The depth scale at each ball: slopes `found` (N, 2) over the true ones."""
+def gains_of(slopes: Floats, samples: Samples) -> dict[int, float]:
+    """The depth scale at each ball: `slopes` (N, 2) over the true ones."""
     return {
-        int(number): float(np.sum((found * samples.slopes)[at]) / np.sum(samples.slopes[at] ** 2))
+        int(number): float(np.sum((slopes * samples.slopes)[at]) / np.sum(samples.slopes[at] ** 2))
         for number in np.unique(samples.press)
         for at in [samples.press == number]
     }
@@ -140,14 +140,14 @@ def gains_without(
     group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> dict[int, float]:
     """The depth scale, a ratio, at each ball of a `group` (balls,), by a law of the others."""
-    apart = contact.where(np.isin(contact.press, group))
+    left_out = contact.where(np.isin(contact.press, group))
     law = _without(group, fit, contact, untouched_samples, ridge=ridge)
-    return gains_of(law.at(apart.change, apart.place), apart)
+    return gains_of(law.at(left_out.change, left_out.place), left_out)
 
 
-def gain_std(found: Floats, samples: Samples) -> float:
-    """Scatter of the depth scale over balls, by slopes `found` (N, 2): 1.48 times the median distance from 1."""
-    return mad_std(np.array([*gains_of(found, samples).values()]), centre=1.0)
+def gain_std(slopes: Floats, samples: Samples) -> float:
+    """Scatter of the depth scale over balls, by `slopes` (N, 2): 1.48 times the median distance from 1."""
+    return mad_std(np.array([*gains_of(slopes, samples).values()]), centre=1.0)
 
 
 def _without(

@@ -55,8 +55,8 @@ def ball_slopes(x_mm: Floats, y_mm: Floats, contact_mm: float, radius_mm: float)
     inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
     ratio = np.minimum(contact_mm / np.maximum(r, 1e-12), 1.0)
     edge = 1.0 / np.sqrt(radius_mm**2 - contact_mm**2)
-    beside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
-    per_r = -np.where(r <= contact_mm, inside, beside)
+    outside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
+    per_r = -np.where(r <= contact_mm, inside, outside)
     return per_r * x_mm, per_r * y_mm
 
 
@@ -78,7 +78,7 @@ def find_ball(
     """
     most_px = WIDEST * radius_mm / mm_per_px[0]
 
-    def found(guess: tuple[float, float, float]) -> Ball:
+    def refined(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
         if radius < MIN_RADIUS_PX:
             raise InputError(
@@ -89,12 +89,12 @@ def find_ball(
             )
         return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
 
-    ball = found(first_guess(change, usable))
+    ball = refined(first_guess(change, usable))
     if ball.residual > DOUBTFUL and (centre_px is None or contact_radius_px is None):
         top = np.percentile(np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP, axis=0)
         with suppress(InputError):
-            again = found(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
-            ball = min(ball, again, key=lambda one: one.residual)
+            equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
+            ball = min(ball, equalised, key=lambda one: one.residual)
     if ball.contact_radius_px > most_px:
         raise InputError(
             "the contact is as wide as the whole ball",
@@ -136,30 +136,30 @@ def _refined(
     usable: npt.NDArray[np.bool_] | None,
 ) -> Ball:
     """Damped Gauss-Newton on centre and contact radius."""
-    seen, x_mm, y_mm = _window(change, mm_per_px, start, usable)
+    changes, x_mm, y_mm = _window(change, mm_per_px, start, usable)
     contact_mm = start[2] * mm_per_px[0]
     lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
     highest = np.array([contact_mm, contact_mm, 0.98 * radius_mm])
 
     def misfit(unknown: Floats) -> Floats:
-        return _unexplained(seen, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], unknown[2], radius_mm))
+        return _unexplained(changes, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], unknown[2], radius_mm))
 
     unknown = np.array([0.0, 0.0, min(contact_mm, 0.9 * highest[2])])
-    left, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
+    residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
     for _ in range(MAX_ITERATIONS):
-        slope = np.stack([(misfit(unknown + step * axis) - left) / step for axis in np.eye(3)], axis=-1)
+        slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
         normal = slope.T @ slope
-        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ left)
+        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residual)
         trial = np.clip(unknown + move, lowest, highest)
         after = misfit(trial)
-        if after @ after < left @ left:
-            unknown, left, damping = trial, after, 0.3 * damping
+        if after @ after < residual @ residual:
+            unknown, residual, damping = trial, after, 0.3 * damping
             if np.abs(move).max() < 2e-3 * contact_mm:
                 break
         else:
             damping *= 10.0
     centre = (start[0] + unknown[0] / mm_per_px[0], start[1] + unknown[1] / mm_per_px[1])
-    share = np.sqrt(np.mean(left**2) / np.mean(seen**2))
+    share = np.sqrt(np.mean(residual**2) / np.mean(changes**2))
     return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / mm_per_px[0]), radius_mm, float(share))
 
 
@@ -176,20 +176,20 @@ def _window(
     y, x = np.meshgrid((rows - start[1]) * mm_per_px[1], (columns - start[0]) * mm_per_px[0], indexing="ij")
     take = np.hypot(x, y) <= reach * mm_per_px[0]
     if usable is not None:
-        here, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
-        if take.sum() < MIN_SEEN * here:
+        pixels, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
+        if take.sum() < MIN_SEEN * pixels:
             raise InputError(
                 "the ball was pressed where the light is saturated or too dark",
                 where="ball press",
-                value=f"{100 * take.sum() / max(here, 1):.0f} % of its place can be used",
+                value=f"{100 * take.sum() / max(pixels, 1):.0f} % of its place can be used",
                 remedy="Press it elsewhere, or dim the light.",
             )
     return np.asarray(change[np.ix_(rows, columns)][take], np.float64), x[take], y[take]
 
 
-def _unexplained(seen: Floats, p: Floats, q: Floats) -> Floats:
+def _unexplained(changes: Floats, p: Floats, q: Floats) -> Floats:
     """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,)."""
     terms = np.stack([p, q, p * p, p * q, q * q], axis=1)
     normal = terms.T @ terms
     normal[np.diag_indices(5)] += 1e-9 * np.trace(normal)
-    return np.asarray((seen - terms @ np.linalg.solve(normal, terms.T @ seen)).ravel())
+    return np.asarray((changes - terms @ np.linalg.solve(normal, terms.T @ changes)).ravel())

@@ -38,10 +38,10 @@ def _bent(power: int, ratio: Floats, contact: Samples, bright: Bools) -> float:
     square, total = p * p + q * q, np.zeros(len(STRAY))
     upright = 1.0 / np.sqrt(1.0 + square)
     design = np.stack([upright * p**a * q**b * x**i * y**j for a, b, i, j in STRAIGHT], axis=1)
-    for seen, shown in zip(ratio.T, bright.T, strict=True):
-        weight = (seen ** (1 - power) / (power * np.sqrt(square + GENTLE**2)))[shown]
-        light = [weight * (seen**power - 1.0 - (1.0 - stray) * (upright - 1.0))[shown] for stray in STRAY]
-        straight, wanted = design[shown] * weight[:, None], np.stack(light, axis=1)
-        left = wanted - straight @ np.linalg.lstsq(straight, wanted, rcond=None)[0]
-        total += np.sum(left**2, axis=0)
+    for channel, lit in zip(ratio.T, bright.T, strict=True):
+        weight = (channel ** (1 - power) / (power * np.sqrt(square + GENTLE**2)))[lit]
+        light = [weight * (channel**power - 1.0 - (1.0 - stray) * (upright - 1.0))[lit] for stray in STRAY]
+        straight, wanted = design[lit] * weight[:, None], np.stack(light, axis=1)
+        residual = wanted - straight @ np.linalg.lstsq(straight, wanted, rcond=None)[0]
+        total += np.sum(residual**2, axis=0)
     return float(total.min())

@@ -10,9 +10,9 @@ slopes it is asked what a contact's depth rests on: with u the colours that a sl
 
     gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
 
-u is drawn from the light's law (`through_light.py`). Small between the balls, large beyond the outermost ones,
+u is drawn from the light's law (`shading_fit.py`). Small between the balls, large beyond the outermost ones,
 where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
-(`held_out_depth.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
+(`cross_validation.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
 that the law was fitted to show that.
 """
 
@@ -56,9 +56,9 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> F
     for steep in np.hypot(*contact.slopes.T).max() * np.array(STEEP):
         for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
             along = np.array([np.cos(angle), np.sin(angle)])
-            seen = colours_of(light, np.tile(steep * along, (len(place), 1)), place)
-            now = law.at(seen, place) @ along
-            gains += [(other.at(seen, place) @ along - now) / steep for other in others]
+            colours = colours_of(light, np.tile(steep * along, (len(place), 1)), place)
+            slope = law.at(colours, place) @ along
+            gains += [(other.at(colours, place) @ along - slope) / steep for other in others]
     gains /= DIRECTIONS * len(STEEP)
     maps = [
         cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)

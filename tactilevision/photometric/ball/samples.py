@@ -110,5 +110,5 @@ def _at(
 ) -> Samples:
     height, width = change.shape[1:]
     place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)
-    seen = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
-    return Samples(seen, place, slopes, np.full(len(place), number))
+    changes = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
+    return Samples(changes, place, slopes, np.full(len(place), number))

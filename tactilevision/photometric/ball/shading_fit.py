@@ -48,14 +48,14 @@ def fit_light(contact: Samples, uneven: float = UNEVEN[0], terms: npt.NDArray[np
     square = np.sum(contact.slopes**2, axis=1)
     scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
     design = _design(contact.slopes, contact.place, terms) * scale
-    left = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
+    target = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
     weights = 1.0 / (square + GENTLE**2)
-    heavy = design * (weights / weights.sum())[:, None]
-    normal = heavy.T @ design
+    weighted = design * (weights / weights.sum())[:, None]
+    normal = weighted.T @ design
     normal[np.diag_indices_from(normal)] += (
         FREE + uneven * terms[:, 2:].sum(axis=1) + BENT * (terms[:, :2].sum(axis=1) - 1)
     )
-    return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
+    return np.asarray(np.linalg.solve(normal, weighted.T @ target) * scale[:, None])
 
 
 def colours_of(law: Floats, slopes: Floats, place: Floats) -> Floats:

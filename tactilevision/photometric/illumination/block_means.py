@@ -1,4 +1,4 @@
-"""A frame in means of several pixels: what the light's drift is seen in, and calm gel is read in."""
+"""A frame in means of several pixels: what the light's drift is seen in, and gentle gel is read in."""
 
 from __future__ import annotations
 

@@ -2,12 +2,12 @@
 
     I^p = A I_0^p + o      then times 1 + g_x X + g_y Y      X, Y from -1 to 1 over the picture
 
-I^p is light (`response.py`); A mixes the channels a little where lamps fade apart, o is stray light's. It is
-fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
+I^p is light (`camera_response.py`); A mixes the channels a little where lamps fade apart, o is stray light's. It
+is fitted by iteratively reweighted least squares on block means, so that a contact (whose colours leave the
 pattern) and what lies close to it do not count: first as a gain with a plane, which is held to a part of the gain,
 as the gel's gentle slopes round a contact look much like an uneven drift; and once it is known which blocks count,
-`drift_kind.py` tells drift, its kind and those slopes apart.
-Valid while less than about half of the picture is touched.
+`drift_priors.py` tells drift, its kind and those slopes apart. Valid while less than about half of the picture is
+touched.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ class Drift:
     """`gains` (3 channels, 3): constant, x, y in parts of the brightness of a picture on which `undo` (3, 4) has
     been used, an affine map of its light; None: of the picture as it is.
 
-    `untouched` (h, w): blocks that follow it; `strangeness` (h, w) in noise. `covariance` (18, 18): of constant,
-    x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has drifted.
-    `misfit`: median strangeness, of what is touched, too.
+    `untouched` (h, w): blocks that follow it; `normalised_residual` (h, w) in noise. `covariance` (18, 18): of
+    constant, x, y, stray light, and parts of the other two channels, channel by channel; None where nothing has
+    drifted. `misfit`: median residual, of what is touched, too.
     """
 
     gains: Floats
@@ -91,12 +91,12 @@ class DriftTracker:
         self._answers: Floats = np.eye(3)[:, :, None] if answers is None else answers
         self._to_slopes = np.empty((*self._answers.shape[:2], len(self.basis)))
         self._terms, self._normal = np.empty((3, TERMS, len(x.ravel()))), np.empty((len(x.ravel()), 27))
-        self._settle()
+        self._update_level()
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Count from a picture moved towards `rgb` by `share`: what the reference follows is drift no more."""
         self.level += share * (self._blocks(means(rgb, self.px)) - self.level)
-        self._settle()
+        self._update_level()
 
     def measure(self, rgb: Bytes) -> Drift:
         """The drift of a rectified frame. Raises InputError where it cannot be one of this sensor's."""
@@ -121,7 +121,7 @@ class DriftTracker:
 
     def _reweighted(self, change: Floats, gains: Floats) -> tuple[Floats, Floats, Bools, float]:
         """Gains (3, 3) fitted from a start; the blocks' weights, and which are touched (blocks,); their limit."""
-        heavy = change * self._shown
+        weighted = change * self._shown
         for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)
             scale = max(1.0, float(median(self._among_usable(squares))) / USUAL**2)
@@ -134,7 +134,7 @@ class DriftTracker:
             fitting = weights if near is None else weights * ~near
             if near is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
                 fitting = weights
-            before, gains = gains, self._fit(heavy, fitting, gains[:, 0])
+            before, gains = gains, self._fit(weighted, fitting, gains[:, 0])
             if np.abs(gains - before).max() < CONVERGENCE_TOL:
                 break
         return gains, fitting, touched, colour_limit(scale)
@@ -144,9 +144,12 @@ class DriftTracker:
         """Grey levels (3, 6, blocks) that a unit of each coefficient in a drift's covariance adds to a channel."""
         return np.asarray(self._terms * self.noise[:, :, None])
 
-    def _settle(self) -> None:
+    def _update_level(self) -> None:
         """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
-        self.usual, self.clear = float(self._among_usable(self.level).mean()), CLEAR * float(self.noise.mean())
+        self.mean_grey, self.clear_grey = (
+            float(self._among_usable(self.level).mean()),
+            CLEAR * float(self.noise.mean()),
+        )
         np.maximum(self.level, 1.0, out=self._bright)
         np.divide(self.level, self.noise, out=self._shown)
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
@@ -175,20 +178,20 @@ class DriftTracker:
         solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
         return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
-    def _undoing(self, found: Floats) -> tuple[Floats, Floats | None]:
+    def _undoing(self, drift: Floats) -> tuple[Floats, Floats | None]:
         """Gains (3, 3) of the picture after it has been undone, out of (3, 6), and what undoes it."""
-        gain = 1.0 + self.power * found[:, 0]
-        gains = np.column_stack([np.zeros(3), found[:, 1:3] / gain[:, None]])
-        if np.abs(found[:, 3:]).max() < self.power * CONVERGENCE_TOL:
+        gain = 1.0 + self.power * drift[:, 0]
+        gains = np.column_stack([np.zeros(3), drift[:, 1:3] / gain[:, None]])
+        if np.abs(drift[:, 3:]).max() < self.power * CONVERGENCE_TOL:
             level = gain ** (1.0 / self.power)
             gains *= level[:, None]
             gains[:, 0] = level - 1.0
             return gains, None
-        mix = np.diag(gain - found[:, 4] - found[:, 5])
+        mix = np.diag(gain - drift[:, 4] - drift[:, 5])
         for c, others in enumerate(OTHERS):
-            mix[c, others] = found[c, 4:]
+            mix[c, others] = drift[c, 4:]
         undo = np.linalg.inv(self.light[:, None] * mix / self.light)
-        return gains, np.column_stack([undo, -undo @ (found[:, 3] * self.light)])
+        return gains, np.column_stack([undo, -undo @ (drift[:, 3] * self.light)])
 
     def _separated(
         self, change: Floats, weights: Floats, constant: Floats, touched: Bools
@@ -206,47 +209,47 @@ class DriftTracker:
 
     def _blocks(self, planes: Planes) -> Floats:
         """Means (3, h * w) of planes over the blocks."""
-        found = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
-        return found.astype(np.float64).reshape(3, -1)
+        blocks = (self.down @ planes).reshape(-1, planes.shape[2]) @ self.across
+        return blocks.astype(np.float64).reshape(3, -1)
 
     def _squares(self, change: Floats, gains: Floats) -> Floats:
         """Squared distance of each block from the drift over the channels, `change` in deviations of its noise."""
-        left = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
-        left *= left
-        return np.asarray(left.sum(axis=0))
+        residual = change - np.matmul(gains[:, None, :], self._terms[:, : gains.shape[1]])[:, 0]
+        residual *= residual
+        return np.asarray(residual.sum(axis=0))
 
-    def _fit(self, heavy: Floats, weights: Floats, constant: Floats) -> Floats:
+    def _fit(self, weighted: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
         normal = (weights @ self._normal).reshape(3, 9)
-        likely = UNEVEN * np.abs(constant) + MIN_UNEVEN
-        normal[:, 4::4] += (CORRELATED / likely**2)[:, None]  # the diagonal but for its first
+        prior_std = UNEVEN * np.abs(constant) + MIN_UNEVEN
+        normal[:, 4::4] += (CORRELATED / prior_std**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
-        right = (heavy * weights) @ self.basis
+        right = (weighted * weights) @ self.basis
         return np.asarray(np.linalg.solve(normal.reshape(3, 3, 3), right[:, :, None])[:, :, 0])
 
     def _check(self, blocks: Floats, change: Floats) -> None:
-        blocks, usual, clear = self._among_usable(blocks), self.usual, self.clear
+        blocks, mean_grey, clear_grey = self._among_usable(blocks), self.mean_grey, self.clear_grey
         grey = np.add.reduce(blocks, axis=1) / blocks.shape[1]
         dark = bool((grey < 0.1 * self.grey).any())
-        if dark or (blocks.max() > 252.0 > usual + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
+        if dark or (blocks.max() > 252.0 > mean_grey + 20.0 and float(median(blocks.max(axis=0))) > 252.0):
             raise InputError(
                 "the frame is " + ("black, or one of its channels is" if dark else "saturated"),
                 where="frame",
-                value=f"mean grey {grey.mean():.0f}, the reference has {usual:.0f}",
+                value=f"mean grey {grey.mean():.0f}, the reference has {mean_grey:.0f}",
                 remedy="Leave the frame out; check lights and exposure.",
             )
         size = np.abs(self._among_usable(change))
-        if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear, 0.5 * usual) * size.size:
+        if 2.0 * float(np.add.reduce(size, axis=None)) <= min(clear_grey, 0.5 * mean_grey) * size.size:
             return  # no median of what is not negative is more than twice its mean
         off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > clear and float(median(swapped.ravel())) < SWAPPED * off:
+        if off > clear_grey and float(median(swapped.ravel())) < SWAPPED * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",
                 remedy="Hand frames over as red, green, blue.",
             )
-        if off > 0.5 * usual:
+        if off > 0.5 * mean_grey:
             raise InputError(
                 "the frame is nothing like the reference",
                 where="frame",
@@ -264,14 +267,14 @@ def solid(touched: Bools) -> Bools:
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
-def undone(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
+def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
     """The `greys` (3, h, w), in grey levels, with the affine map `undo` (3, 4) used on their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)
-    found = np.asarray(mix @ (light if power == 1 else light * light) + stray)
+    linear = np.asarray(mix @ (light if power == 1 else light * light) + stray)
     if power == 2:
-        cv2.sqrt(np.maximum(found, 0.0, out=found), dst=found)
-    return found.reshape(3, *greys[0].shape)
+        cv2.sqrt(np.maximum(linear, 0.0, out=linear), dst=linear)
+    return linear.reshape(3, *greys[0].shape)
 
 
 def _centres(blocks: int, pixels: int) -> Floats:

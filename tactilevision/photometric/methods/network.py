@@ -49,10 +49,10 @@ class Network:
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
-        seen = np.concatenate([change, place], axis=1).astype(np.float32)
+        inputs = np.concatenate([change, place], axis=1).astype(np.float32)
         bound = REACH * self.steepest
-        found = run_network(self.session, np.ascontiguousarray(seen.T)[None, :, None])
-        return np.asarray(np.clip(found[0, :, 0].T, -bound, bound), np.float64)
+        slopes = run_network(self.session, np.ascontiguousarray(inputs.T)[None, :, None])
+        return np.asarray(np.clip(slopes[0, :, 0].T, -bound, bound), np.float64)
 
     def averaged(self, noise: Floats) -> Network:
         """Itself: it is as smooth as a polynomial."""
@@ -84,11 +84,11 @@ class NetworkEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        seen = self._seen[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
-        seen[0, :3], seen[0, 3:] = change, self.place[:, *window]
-        found = run_network(self.session, seen)[0]
-        np.minimum(found, self.bound, out=found)
-        np.maximum(found, -self.bound, out=out)
+        inputs = self._seen[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
+        inputs[0, :3], inputs[0, 3:] = change, self.place[:, *window]
+        slopes = run_network(self.session, inputs)[0]
+        np.minimum(slopes, self.bound, out=slopes)
+        np.maximum(slopes, -self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""

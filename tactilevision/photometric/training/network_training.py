@@ -72,11 +72,11 @@ def augmented(change: ColourChange, rgb: Bytes, ball: Ball, mm_per_px: Pair, *, 
 
     box = _around(ball, rgb.shape, mm_per_px)
     p, q, inside = _under(ball, box, mm_per_px)
-    seen, _, valid = change.measure(rgb)
+    changes, _, valid = change.measure(rgb)
     cut = (slice(None), *box)
     grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255.0
     planes = torch.as_tensor(
-        np.stack([*seen[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
+        np.stack([*changes[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
     )
     with one_core(SEED + number), torch.no_grad():
         light, place = _augmentations(max(change.reference.noise_grey) / 255.0)
@@ -85,9 +85,9 @@ def augmented(change: ColourChange, rgb: Bytes, ball: Ball, mm_per_px: Pair, *, 
         stack = planes[None].repeat(SHOWN, 1, 1, 1)
         stack[:, :3] += turned
         stack = place(stack)
-        found = torch.nonzero(stack[:, 5] > 0.999)
-        found = found[torch.randperm(len(found))[:most]]
-    return _samples(stack.double().numpy(), found.numpy(), box, rgb.shape[:2], number)
+        pixels = torch.nonzero(stack[:, 5] > 0.999)
+        pixels = pixels[torch.randperm(len(pixels))[:most]]
+    return _samples(stack.double().numpy(), pixels.numpy(), box, rgb.shape[:2], number)
 
 
 def fit_network(
@@ -142,9 +142,9 @@ def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: 
     for _ in range(steps):
         pick = torch.randint(len(pressed), (AT_ONCE,))
         rest = torch.randint(len(still), (AT_ONCE // 4,))
-        found = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
-        off = ((found[:AT_ONCE] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
-        loss = off.mean() + QUIET * (found[AT_ONCE:] ** 2).sum(1).mean() / TYPICAL**2
+        predicted = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
+        error = ((predicted[:AT_ONCE] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
+        loss = error.mean() + QUIET * (predicted[AT_ONCE:] ** 2).sum(1).mean() / TYPICAL**2
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -183,10 +183,10 @@ def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Float
 
 
 def _samples(
-    stack: Floats, found: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
+    stack: Floats, pixels: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
 ) -> Samples:
-    shot, row, column = found.T
-    seen = stack[shot, :, row, column]
+    shot, row, column = pixels.T
+    values = stack[shot, :, row, column]
     y, x = row + box[0].start, column + box[1].start
     place = np.stack([2.0 * x / (shape[1] - 1) - 1.0, 2.0 * y / (shape[0] - 1) - 1.0], axis=1)
-    return Samples(seen[:, :3], place, seen[:, 3:5], np.full(len(found), number))
+    return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))

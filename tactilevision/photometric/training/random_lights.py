@@ -54,8 +54,8 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    usual = torch.tensor(AZIMUTH_DEG)[None].expand(count, 3)
-    azimuth = torch.deg2rad(usual + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
+    mean_azimuth = torch.tensor(AZIMUTH_DEG)[None].expand(count, 3)
+    azimuth = torch.deg2rad(mean_azimuth + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
     far = uniform(20.0, 60.0, count, 3)
     high = far * torch.tan(
         torch.deg2rad(
@@ -164,11 +164,11 @@ def lattice(count: int) -> torch.Tensor:
 def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
     """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together."""
     count = len(white)
-    seen = _returned(scenes, lattice(count), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2))
+    returned = _returned(scenes, lattice(count), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2))
     tint = scenes.tint.clone()
     for colour in range(3):
-        own = [*range(STRIP * colour, STRIP * (colour + 1)), 3 * STRIP + colour]
-        top = (seen[:, :, own] @ scenes.tint[:, own]).amax((1, 2))
-        tint[:, own] *= (scenes.tint[:, STRIP * colour].amax(-1) / top)[:, None, None]
-    top = (seen @ tint).amax((1, 2))
+        lamps = [*range(STRIP * colour, STRIP * (colour + 1)), 3 * STRIP + colour]
+        top = (returned[:, :, lamps] @ scenes.tint[:, lamps]).amax((1, 2))
+        tint[:, lamps] *= (scenes.tint[:, STRIP * colour].amax(-1) / top)[:, None, None]
+    top = (returned @ tint).amax((1, 2))
     return dataclasses.replace(scenes, tint=tint * (white / top[:, None, None]))

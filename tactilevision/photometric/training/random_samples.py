@@ -1,8 +1,8 @@
 """Samples under drawn lights: what a method learns from that is to work before any ball is pressed.
 
-Each scene of `drawn_lights.py` shows gel of known slopes at random places: under balls (up to a slope of .3 to
+Each scene of `random_lights.py` shows gel of known slopes at random places: under balls (up to a slope of .3 to
 .7), on walls of every steepness to 42 degrees, in fine textures; and untouched gel. Its colour changes are counted
-from its own averaged reference, as `change.py` counts them.
+from its own averaged reference, as `colour_change.py` counts them.
 """
 
 from __future__ import annotations
@@ -63,12 +63,12 @@ def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
     untouched = shade(scenes, where, torch.zeros_like(slopes))
     level = expose(scenes, untouched, rng, averaged=AVERAGED)
     pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
-    seen = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
+    usable = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
     scene = torch.arange(first, first + AT_ONCE)[:, None].expand(-1, EACH)
 
     def samples(grey: torch.Tensor, slope: torch.Tensor) -> Samples:
         change = (grey - level) / (level + SOFTENING_GREY)
-        picked = [part[seen].double().numpy() for part in (change, place, slope)]
-        return Samples(picked[0], picked[1], picked[2], np.asarray(scene[seen].numpy(), np.int64))
+        picked = [part[usable].double().numpy() for part in (change, place, slope)]
+        return Samples(picked[0], picked[1], picked[2], np.asarray(scene[usable].numpy(), np.int64))
 
     return samples(pressed, slopes), samples(still, torch.zeros_like(slopes))
