@@ -91,13 +91,13 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], mm_per_px: Pair) -> None:
         band = (square >= inner * inner) & (square < outer * outer)
         rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
         x, y, r = x.ravel().take(columns), y.ravel().take(rows), np.sqrt(square[band])
-        steep, remaining = _looked_up(edge, r, half)
+        steep, remaining = _interpolated(edge, r, half)
         steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / edge.depth_mm) / r
         p[band] = steep * x + tilt[0] * remaining
         q[band] = steep * y + tilt[1] * remaining
 
 
-def _looked_up(edge: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
+def _interpolated(edge: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
     """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
     below, above = (np.interp(edge.places_mm + d, edge.places_mm, edge.fall_mm) for d in (half, -half))
     steep, remaining = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / edge.depth_mm

@@ -67,8 +67,8 @@ class TwoGridPoisson:
         depth: Picture = np.empty(self.shape, np.float32)
         down, across = (self.px * count for count in self.size)
         cv2.resize(coarse, (across, down), dst=depth[:down, :across], interpolation=cv2.INTER_LINEAR)
-        _straight_on(depth[:, :across], down, self.px // 2)
-        _straight_on(depth.T, across, self.px // 2)
+        _extrapolate(depth[:, :across], down, self.px // 2)
+        _extrapolate(depth.T, across, self.px // 2)
         for window, slopes in zip(windows, fine, strict=True):
             self._refine(depth, window, slopes, tilt)
         return depth
@@ -104,7 +104,7 @@ def _bases(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> tu
     return down, across, np.asarray(inverse, np.float32)
 
 
-def _straight_on(lines: Picture, known: int, clamped: int) -> None:
+def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
     """Carry the lines (rows) on straight, in place, where the coarse grid ends: `clamped` at either end, and all
     beyond `known`."""
     steps = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]

@@ -33,12 +33,12 @@ DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punc
 DECAY_STD = 0.17  # relative, from contact to contact
 USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
-FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
-NONE = 1e-3  # of the blocks' scatter: no rise at all
+FIRST_WEIGHT = 1e3  # times as heavy as all blocks: the first round leaves L as it is
+MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
 BLOCKS = 600  # over the picture, about: small against contacts, large against noise
 MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
-LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
+MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
 MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
@@ -71,7 +71,7 @@ def find_zero_plane(
     uncertainty then the spread of the whole map.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
-    gel = _outside(untouched, blocks)
+    gel = _outer_gel(untouched, blocks)
     flat = gel.ravel()
     count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
@@ -82,7 +82,7 @@ def find_zero_plane(
         tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
     used = [0, *tilts, *((3, 4) if count < len(flat) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std, inverse = _robust(
+    solution, std, inverse = _reweighted_fit(
         terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
     )
     full, takes = np.zeros(5), np.zeros((3, len(flat)), np.float32)
@@ -138,11 +138,11 @@ def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
     return np.stack([np.ones_like(places[0]), *places])
 
 
-def _outside(untouched: Bools, depth: Floats) -> Bools:
+def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
     """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
 
     All of it that hangs together with one piece of it at the picture's border: the largest, unless the blocks'
-    `depth` (rows * columns,) shows another to lie higher by more than LOWER of all that goes up and down.
+    `depth` (rows * columns,) shows another to lie higher by more than MAX_DROP of all that goes up and down.
     """
     if untouched.all():
         return untouched
@@ -160,7 +160,7 @@ def _outside(untouched: Bools, depth: Floats) -> Bools:
     if len(large) > 1:
         means = {label: float(depth[labels.ravel() == label].mean()) for label in large}
         highest = min(large, key=means.__getitem__)
-        if means[chosen] - means[highest] > LOWER * float(np.ptp(depth)):
+        if means[chosen] - means[highest] > MAX_DROP * float(np.ptp(depth)):
             chosen = highest
     return np.asarray(labels == chosen)
 
@@ -179,7 +179,7 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     return terms
 
 
-def _robust(
+def _reweighted_fit(
     terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
 ) -> tuple[Floats, float, Floats]:
     """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, deviation of the plane at
@@ -188,7 +188,7 @@ def _robust(
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
     count, touched = np.count_nonzero(untouched), ~untouched
-    correlated, prior_weight = min(CORRELATED, count), FIRST * count if rises else 0.0
+    correlated, prior_weight = min(CORRELATED, count), FIRST_WEIGHT * count if rises else 0.0
     rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):
@@ -207,7 +207,7 @@ def _robust(
         ):
             break
         if rises:
-            prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
+            prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
         geman_mcclure_inverse(square, (3.0 * scale) ** 2)
         weighted = terms / square
     inverse = cv2.invert(normal)[1]

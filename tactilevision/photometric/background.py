@@ -5,11 +5,11 @@ there; and clipping at black moves the mean of noisy frames, by about DARK^2/(DA
 that of quieter ones. The ball pictures show plenty of untouched gel: the mean slope found on it is taken off,
 and a place where noise, bias or darkness come to more than a slope is likely to be is damped towards flat:
 
-    slope -> (slope - bias) / (1 + D^2)     D = (bias^2 + noise^2) / LOUD^2 + dark^2 / FIRM^2
+    slope -> (slope - bias) / (1 + D^2)     D = (bias^2 + noise^2) / NOISE_LIMIT^2 + dark^2 / DARK_LIMIT^2
 
 so that a place of little doubt is not touched, and one with D > 1 is marked as not readable.
 The gel far from a ball still slopes a little, and always outwards at the picture's border; so a bias counts only
-as far as it exceeds GENTLE.
+as far as it exceeds MIN_BIAS.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from tactilevision.records import Bools
 Picture = npt.NDArray[np.float32]
 BLOCK = 8  # px along each side of a block; smaller ones hold too few pixels to tell bias from noise
 # slope up to which a bias counts as the gel's own lean near a ball; less would take true slopes off
-GENTLE = 0.01
-FIRM = 0.01  # slope from darkness; all of a dark place's pixels share it, so that it does not average out
+MIN_BIAS = 0.01
+DARK_LIMIT = 0.01  # slope from darkness; all of a dark place's pixels share it, so that it does not average out
 DARK = 6.0  # grey levels of a channel at which clipping at black moves its mean by half a grey level
 PAIRS = 4  # draws of noise, each with both signs; more cost time at start, and the blur below averages as well
-SMOOTH = 8.0  # px, sigma of the blur of the drawn bias; less leaves more of the draws' own noise in it
-LOUD = 0.1  # slope noise at which a pixel tells no more than expecting a flat gel does
+BLUR_PX = 8.0  # px, sigma of the blur of the drawn bias; less leaves more of the draws' own noise in it
+NOISE_LIMIT = 0.1  # slope noise at which a pixel tells no more than expecting a flat gel does
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class BackgroundSums:
         count = np.where(counted, self.count, 1.0)
         bias_x, bias_y = np.where(counted, self.sum_x / count, 0.0), np.where(counted, self.sum_y / count, 0.0)
         size = np.hypot(bias_x, bias_y)
-        kept = np.maximum(0.0, 1.0 - GENTLE / np.maximum(size, 1e-9))
+        kept = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, 1e-9))
         variance = 0.5 * np.maximum(self.squares / count - bias_x**2 - bias_y**2, 0.0)
         noise = np.where(counted, np.sqrt(variance), self._blocks(expected))
         return SlopeBackground(_single(kept * bias_x), _single(kept * bias_y), _single(noise))
@@ -110,7 +110,9 @@ def _single(values: npt.NDArray[np.floating[Any]]) -> Picture:
 
 def damping(background: tuple[Picture, Picture, Picture], dark: Picture) -> Picture:
     """D (H, W) out of bias in x, bias in y, noise, and the slope that darkness may pretend."""
-    return _single((background[0] ** 2 + background[1] ** 2 + background[2] ** 2) / LOUD**2 + (dark / FIRM) ** 2)
+    return _single(
+        (background[0] ** 2 + background[1] ** 2 + background[2] ** 2) / NOISE_LIMIT**2 + (dark / DARK_LIMIT) ** 2
+    )
 
 
 def darkness(levels: Picture) -> Picture:
@@ -122,7 +124,7 @@ def noise_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Pi
     """Mean slopes (H, W) that a law finds in nothing but noise: its even part makes a slope of the noise's square.
 
     `noise` (3, H, W) is the standard deviation of the changes. Drawn in pairs of opposite sign, in which the odd
-    part cancels; smooth over SMOOTH pixels.
+    part cancels; smooth over BLUR_PX pixels.
     """
     rng = np.random.default_rng(0)  # a fixed draw: a method does not change between runs
     total = np.zeros((2, *noise.shape[1:]), np.float32)
@@ -131,5 +133,5 @@ def noise_bias(evaluate: Callable[[Picture], tuple[Picture, Picture]], noise: Pi
         for signed in (drawn, -drawn):
             for slope, drawn_slope in zip(total, evaluate(signed), strict=True):
                 slope += drawn_slope
-    smooth = [cv2.GaussianBlur(slope / (2 * PAIRS), (0, 0), SMOOTH) for slope in total]
+    smooth = [cv2.GaussianBlur(slope / (2 * PAIRS), (0, 0), BLUR_PX) for slope in total]
     return _single(smooth[0]), _single(smooth[1])

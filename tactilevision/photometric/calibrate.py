@@ -11,7 +11,13 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground
-from tactilevision.photometric.ball.consistency import coverage, in_reference, odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball.consistency import (
+    contradicting_radii,
+    coverage_warnings,
+    odd_balls,
+    reference_warnings,
+    shared_contact,
+)
 from tactilevision.photometric.ball.cross_validation import (
     Fitter,
     ScaleUncertainty,
@@ -28,11 +34,11 @@ from tactilevision.photometric.ball.samples import (
     CONTACT,
     RESTING,
     Samples,
+    ball_samples,
     far_from,
-    inside_ball,
     join,
-    seen_at,
-    untouched,
+    resting_samples,
+    values_at,
     with_noise,
 )
 from tactilevision.photometric.card import MethodCard
@@ -47,7 +53,7 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
-GENTLE = 0.1  # slopes below are not asked to be right in proportion
+SLOPE_SOFTENING = 0.1  # slopes below are not asked to be right in proportion
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
@@ -75,9 +81,9 @@ class BallPicture:
 class Calibration:
     """A method and how far it is to be trusted.
 
-    `balls` as found, None where a picture was left out (its reason is among `warnings`);
-    `direction_error_deg` median and `slope_error` rms over balls held out of the fit; `unseen` for each ball a
-    law that never saw it, with how far its depth scale may be off there; `other_laws` these, each once.
+    `balls` as found, None where a picture was left out (its reason is among `warnings`); `direction_error_deg`
+    median and `slope_error` rms over balls held out of the fit; `held_out_laws` for each ball a law that never saw
+    it, with how far its depth scale may be off there; `other_laws` these, each once.
     """
 
     method: CalibratedMethod
@@ -85,7 +91,7 @@ class Calibration:
     direction_error_deg: float
     slope_error: float
     warnings: tuple[str, ...]
-    unseen: tuple[tuple[ColourLaw, float] | None, ...] = ()
+    held_out_laws: tuple[tuple[ColourLaw, float] | None, ...] = ()
     other_laws: tuple[ColourLaw, ...] = ()
 
 
@@ -113,15 +119,16 @@ def calibrate_from_balls(
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
-    contact_px = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
-    warnings += coverage(cover) + _hidden(light) + _radii_warnings(best, balls, pressed, still)
-    warnings += in_reference(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
+    contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
+    warnings += coverage_warnings(cover) + _observability_warnings(light)
+    warnings += _radii_warnings(best, balls, pressed, still)
+    warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
         _card(best, pressed, light),
         balls=len(contact),
         balls_left_out=len(pictures) - len(contact),
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        response=response_of(pressed, seen_at(pressed, change.level)).to_card(),
+        response=response_of(pressed, values_at(pressed, change.level)).to_card(),
         contact_in_reference_px=contact_px,
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
@@ -131,7 +138,7 @@ def calibrate_from_balls(
         best.direction_error_deg,
         best.slope_error,
         tuple(warnings),
-        tuple(best.scale.unseen.get(number) for number in range(len(pictures))),
+        tuple(best.scale.held_out_laws.get(number) for number in range(len(pictures))),
         tuple(best.others),
     )
 
@@ -157,7 +164,7 @@ def _best_fit(fit: Fitter, pressed: Samples, still: Samples) -> _Fit:
     """The law by the way to fit, and its ridge, that is least off at balls left out."""
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
     scores = [held_out(fitter, pressed, still, ridge) for fitter, ridge in ways]
-    best = int(np.argmin([_relative_miss(slopes, pressed) for slopes, _ in scores]))
+    best = int(np.argmin([_relative_error(slopes, pressed) for slopes, _ in scores]))
     (fitter, ridge), (slopes, others) = ways[best], scores[best]
     law = fitter(pressed, still, ridge=ridge)
     scale = scale_uncertainty(fitter, pressed, still, ridge=ridge, law=law, others=others)
@@ -183,7 +190,7 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
 
 
 def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, still: Samples) -> list[str]:
-    return radii_apart(
+    return contradicting_radii(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
         lambda group: gains_without(np.array(group), best.fitter, pressed, still, ridge=best.ridge),
     )
@@ -192,7 +199,7 @@ def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, 
 def _odd_ball_warnings(
     best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples
 ) -> list[str]:
-    unsure = {number: std for number, (_, std) in best.scale.unseen.items()}
+    unsure = {number: std for number, (_, std) in best.scale.held_out_laws.items()}
     names = [picture.name for picture in pictures]
     return odd_balls(gains_of(best.held_out, pressed), balls, names, unsure=unsure)
 
@@ -239,10 +246,10 @@ def _collect(
             continue
         balls.append(ball)
         contact.append(
-            inside_ball(changes, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+            ball_samples(changes, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
         )
         untouched_samples.append(
-            untouched(changes, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+            resting_samples(changes, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
         )
     return balls, warnings, contact, untouched_samples
 
@@ -277,7 +284,7 @@ def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) 
     )
 
 
-def _relative_miss(slopes: Floats, samples: Samples) -> float:
+def _relative_error(slopes: Floats, samples: Samples) -> float:
     """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
 
     Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
@@ -294,7 +301,7 @@ def _relative_miss(slopes: Floats, samples: Samples) -> float:
         np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
         for many in (samples.slopes, slopes - samples.slopes)
     )
-    return float(np.average(off / (true + GENTLE), weights=count))
+    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
 def _contact_in_reference(
@@ -322,9 +329,9 @@ def _contact_in_reference(
     return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
 
 
-def _hidden(light: Observability) -> list[str]:
+def _observability_warnings(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
-    if light.worst < GENTLE:
+    if light.worst < SLOPE_SOFTENING:
         return []
     return [
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "

@@ -15,7 +15,7 @@ from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.camera_response import response_from_card
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
-from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, SlopeMap
@@ -124,7 +124,7 @@ class CalibratedMethod:
     def tiled_evaluator(self) -> TiledEvaluator | None:
         """What reads gentle gel in means; None where the method was not settled so (card)."""
         px = self.card.tile_px or 1
-        return TiledEvaluator(self, px) if 1 < px <= smooth_pixels(self) else None
+        return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
     def read_window(self, window: Window) -> tuple[Planes, float]:
         """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.background import noise_bias
-from tactilevision.photometric.illumination.block_means import means, usual_pixels
+from tactilevision.photometric.illumination.block_means import means, tile_px_of
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.protocols import PixelMethod, Reading
@@ -27,13 +27,12 @@ from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 
 DETECTION_SIGMA = 4.0  # deviations of a pixel's noise; less reads noise in full, more misses gentle contacts
-ROUGH = (
-    3.5  # deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
-)
-EVERY = 4  # means along each side, of which one tells what most do
+# deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
+SCATTER_SIGMA = 3.5
+STRIDE = 4  # means along each side, of which one tells what most do
 BLOCK = 8  # pixels, about: grid on which windows are cut
-SHARE = 0.5  # of the picture in windows; above that all of it is read in full
-LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
+MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above that all of it is read in full
+MIN_SIDE_PX = 64  # pixels along the shorter side of the picture, below which nothing is saved
 
 PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
 
@@ -53,12 +52,12 @@ class TiledSlopes:
     steepest: float
 
 
-def smooth_pixels(method: PixelMethod) -> int:
+def tile_px_for(method: PixelMethod) -> int:
     """Pixels along each side of the means in which gentle gel is read; 1 where it is to be read pixel by pixel."""
     side = min(method.reference.shape)
-    if method.reference.marks is not None or side < LEAST:
+    if method.reference.marks is not None or side < MIN_SIDE_PX:
         return 1
-    return usual_pixels(method.reference)
+    return tile_px_of(method.reference)
 
 
 class TiledEvaluator:
@@ -89,7 +88,7 @@ class TiledEvaluator:
         self._slopes: Planes = np.empty((2, *self.kept_share.shape), np.float32)
         self.block = round(BLOCK / px)
         blocks = [-(-n // self.block) for n in self.kept_share.shape]
-        self._seen = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
+        self._active = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
@@ -142,14 +141,14 @@ class TiledEvaluator:
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
-        active = self._seen[: self.size[1], : self.size[0]]
+        active = self._active[: self.size[1], : self.size[0]]
         cv2.compare(steepest, self.slope_threshold, cv2.CMP_GT, dst=active)  # 255 where it is
         cv2.morphologyEx(active, cv2.MORPH_OPEN, PAIR, dst=active)
         scatter = cv2.multiply(_scatter(slopes), self.per_noise)
-        typical_scatter = float(median(scatter[::EVERY, ::EVERY].ravel()))
-        active |= cv2.compare(scatter, ROUGH**2 * max(1.0, typical_scatter), cv2.CMP_GT)
-        size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
-        blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
+        typical_scatter = float(median(scatter[::STRIDE, ::STRIDE].ravel()))
+        active |= cv2.compare(scatter, SCATTER_SIGMA**2 * max(1.0, typical_scatter), cv2.CMP_GT)
+        size = self._active.shape[1] // self.block, self._active.shape[0] // self.block
+        blocks = cv2.resize(self._active, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
         step, boxes = self.px * self.block, []
         for left, top, right, bottom in _merged_boxes(stats[1:, :4].tolist()):
@@ -157,7 +156,7 @@ class TiledEvaluator:
                 (slice(step * top, min(step * bottom, height)), slice(step * left, min(step * right, width)))
             )
         area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in boxes)
-        return boxes if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
+        return boxes if area < MAX_WINDOW_SHARE * height * width else [(slice(0, height), slice(0, width))]
 
     def _over(self, planes: Planes) -> Planes:
         """Means (n, h, w) of planes (n, H, W)."""

@@ -23,9 +23,10 @@ from tactilevision.records import Bytes, HeightMap, Pair
 MIN_FRAMES = 3  # frames that can be read; fewer show nothing
 MAX_FRAMES = 9  # frames that are read, at most, spread evenly
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
-CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
+# times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
+DETECTION_SIGMA = 6.0
 MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
-OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
+MIN_DENT_SHARE = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
 BORDER = 2  # blocks along the border of the picture, which do not count
 
 
@@ -71,7 +72,7 @@ def contact_in_reference(
         return None
     depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
     often = np.mean([changed for _, _, changed in maps], axis=0) > 0.5
-    least = max(MIN_MM, CLEAR * float(np.median(std)))
+    least = max(MIN_MM, DETECTION_SIGMA * float(np.median(std)))
     block = method.reference.shape[1] / tracker.size[0]
     count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))
     for number in range(1, count):
@@ -79,6 +80,6 @@ def contact_in_reference(
         top = np.unravel_index(np.argmin(np.where(patch, depth, np.inf)), depth.shape)
         high, dent = -float(depth[top]), float(depth[patch].max())
         inside = all(BORDER <= at < size - BORDER for at, size in zip(top, depth.shape, strict=True))
-        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, OVER_DENT * dent):
+        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, MIN_DENT_SHARE * dent):
             return block * (float(top[1]) + 0.5), block * (float(top[0]) + 0.5)
     return None

@@ -28,10 +28,11 @@ FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the 
 COARSE_PX = 3.0  # px: sigma of the coarser blur
 EVEN_PX = 15.0  # px: sigma of the blur over which the strength of detail is taken
 DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
-BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
+MAX_DETAIL = 3.0  # of the detail's strength: one scratch is not all there is to see
 REACH_PX = 16  # px: the largest shift that is looked for
-CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
-ABOVE = 1.5  # times the correlation of a picture that has not moved
+# deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
+DETECTION_SIGMA = 12.0
+MIN_PEAK_RATIO = 1.5  # times the correlation of a picture that has not moved
 MIN_PX = 1.5  # gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5  # px from the middle shift, within which shifts count as alike
 MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
@@ -66,13 +67,13 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     around = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
     y, x = np.unravel_index(np.argmax(around[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
     peak, unmoved = around[y + 1, x + 1], around[reach + 1, reach + 1]
-    at: Floats = np.array([x + _top(around[y + 1, x : x + 3]), y + _top(around[y : y + 3, x + 1])]) - reach
-    if peak < max(CLEAR, ABOVE * unmoved) or np.hypot(*at) < MIN_PX:
+    at: Floats = np.array([x + _vertex(around[y + 1, x : x + 3]), y + _vertex(around[y : y + 3, x + 1])]) - reach
+    if peak < max(DETECTION_SIGMA, MIN_PEAK_RATIO * unmoved) or np.hypot(*at) < MIN_PX:
         return None
     return at
 
 
-def _top(three: Floats) -> float:
+def _vertex(three: Floats) -> float:
     """Where the parabola through three values, a pixel apart, has its top, from the middle one."""
     curvature = float(three[0] - 2.0 * three[1] + three[2])
     return 0.0 if curvature >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))
@@ -89,4 +90,4 @@ def _grain(picture: npt.NDArray[Any]) -> Single:
     bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
     fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
     strength = cv2.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), EVEN_PX)) + np.float32(1e-4)
-    return np.asarray(np.clip(fine / strength, -BOUND, BOUND), np.float32)
+    return np.asarray(np.clip(fine / strength, -MAX_DETAIL, MAX_DETAIL), np.float32)

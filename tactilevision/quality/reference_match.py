@@ -2,11 +2,11 @@
 
 Drift of the light is undone (`photometric/illumination/drift.py`). What it cannot explain, in deviations of a
 block's noise, is small in most of the picture as long as that shows the reference's gel under the reference's
-lamps: its median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT larger
-where daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or the
-slopes round it, fill most of the picture, so that no untouched gel tells the drift. What passes for drift and is
-none (a lamp was moved) bends the untouched gel instead, so that its zero plane is known less well: the product of
-both may be MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain
+lamps: its median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT times
+larger where daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or
+the slopes round it, fill most of the picture, so that no untouched gel tells the drift. What passes for drift and
+is none (a lamp was moved) bends the untouched gel instead, so that its zero plane is known less well: the product
+of both may be MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain
 (`quality/image_shift.py`), which takes longer: asked for once.
 """
 

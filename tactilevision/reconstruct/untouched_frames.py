@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.background import BackgroundSums
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
@@ -49,7 +49,7 @@ def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> Ca
     if len(free) < MIN_FREE:
         return method
     whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
-    px = smooth_pixels(method)
+    px = tile_px_for(method)
     coarse = TiledEvaluator(method, px) if px > 1 else None
     for rgb in free:
         read = method.read(rgb).slopes

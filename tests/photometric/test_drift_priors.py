@@ -12,7 +12,7 @@ from tactilevision.photometric import make_reference
 from tactilevision.photometric.illumination.camera_response import Response
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undo_drift
-from tactilevision.photometric.illumination.drift_priors import PART, drift_of, likely_slopes, noise_of
+from tactilevision.photometric.illumination.drift_priors import SLOPE_SHARE, drift_of, likely_slopes, noise_of
 from tactilevision.records import Bytes, Floats
 
 BRIGHT = 3.0  # pictures of a hundred grey levels
@@ -129,7 +129,7 @@ def test_slopes_are_expected_beside_a_contact_in_proportion_to_those_under_it() 
     answers, under = rng.standard_normal((3, 2, 21 * 31)), 0.2 * rng.standard_normal((2, 21 * 31))
     likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched)
     steep = (likely / answers).reshape(3, 2, 21, 31)
-    assert steep[0, 0, 10, 15] == pytest.approx(PART * 0.2 * np.sqrt(np.log(2)), rel=0.3)
+    assert steep[0, 0, 10, 15] == pytest.approx(SLOPE_SHARE * 0.2 * np.sqrt(np.log(2)), rel=0.3)
     assert steep[:, :, 10, 17 + 3] == pytest.approx(
         steep[0, 0, 10, 15] * np.exp(-3 / np.sqrt(25 / np.pi)), rel=1e-3
     )

@@ -19,18 +19,18 @@ from tactilevision.robust import mad_std
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
 SAME_PLACE = 0.15  # of the contact's radius: places of presses by hand or stage differ by more
 SAME_SIZE = 0.1  # of the contact's radius: sizes of presses by hand or stage differ by more
-MOST = 0.75  # of the balls; the others are seen between the two contacts
+MIN_SHARE = 0.75  # of the balls; the others are seen between the two contacts
 MIN_OF_EACH = 3  # balls of one radius; one odd ball moves the median of fewer
-MIN_APART = 0.1  # of the scale: places and sizes differ by half of it
+MIN_CONTRADICTION = 0.1  # of the scale: places and sizes differ by half of it
 SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
-ODD = 5.0  # times the scatter of the others
+OUTLIER_SIGMA = 5.0  # times the scatter of the others
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
-LITTLE = 0.1  # share of the expected slopes below which its figure says no more than that
+MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 
 
-def one_contact(balls: Sequence[Ball | None]) -> Pair | None:
-    """Where (x, y in px) MOST of the balls found lie, if they are one and the same contact; None otherwise."""
+def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
+    """Where (x, y in px) MIN_SHARE of the balls found lie, if they are one and the same contact; else None."""
     known = [ball for ball in balls if ball is not None]
     if len(known) < 3:
         return None
@@ -39,10 +39,10 @@ def one_contact(balls: Sequence[Ball | None]) -> Pair | None:
     centre = np.median(place, axis=0)
     radius = float(np.median(size))
     same = (np.hypot(*(place - centre).T) < SAME_PLACE * radius) & (np.abs(size - radius) < SAME_SIZE * radius)
-    return (float(centre[0]), float(centre[1])) if same.mean() >= MOST else None
+    return (float(centre[0]), float(centre[1])) if same.mean() >= MIN_SHARE else None
 
 
-def radii_apart(
+def contradicting_radii(
     radii_mm: Mapping[int, float], gains_without: Callable[[Sequence[int]], Mapping[int, float]]
 ) -> list[str]:
     """A warning where stated radii (mm, by the number of the ball) contradict each other.
@@ -56,7 +56,7 @@ def radii_apart(
             continue
         scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
         log_ratio = float(np.median(scale))
-        if abs(log_ratio) > max(MIN_APART, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
+        if abs(log_ratio) > max(MIN_CONTRADICTION, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
             return [
                 f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
                 f"slopes as of {radius / np.exp(log_ratio):.2g} mm. One radius is wrong, and depth with it: see "
@@ -74,7 +74,7 @@ def odd_balls(
     """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
     scales = np.array(list(scale.values()))
-    median, limit = float(np.median(scales)), max(MIN_OF_ONE, ODD * mad_std(scales))
+    median, limit = float(np.median(scales)), max(MIN_OF_ONE, OUTLIER_SIGMA * mad_std(scales))
     odd = sorted(
         (number for number in scale if abs(scale[number] - median) > max(limit, SIGMAS * unsure.get(number, 0.0))),
         key=lambda number: -abs(scale[number] - median),
@@ -83,15 +83,15 @@ def odd_balls(
     for number in odd[:MAX_NAMED]:
         ball, share = balls[number], np.exp(scale[number] - median)
         assert ball is not None
+        times = f"{share:.2g}" if share > MIN_NAMED_SHARE else f"less than {MIN_NAMED_SHARE:g}"
         warnings.append(
-            f"{names[number] or f'ball {number + 1}'}: its slopes are "
-            f"{f'{share:.2g}' if share > LITTLE else f'less than {LITTLE:g}'} times what the other balls make of "
+            f"{names[number] or f'ball {number + 1}'}: its slopes are {times} times what the other balls make of "
             f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact"
         )
     return warnings
 
 
-def in_reference(contact_px: Pair | None) -> list[str]:
+def reference_warnings(contact_px: Pair | None) -> list[str]:
     """A contact in the reference is named alone: with it most balls are odd."""
     if contact_px is None:
         return []
@@ -101,7 +101,7 @@ def in_reference(contact_px: Pair | None) -> list[str]:
     ]
 
 
-def coverage(cover: Floats) -> list[str]:
+def coverage_warnings(cover: Floats) -> list[str]:
     """A warning where balls span little of the picture: `cover` (2,) is their share of its width and height.
 
     Balls all in one corner say nothing about the light elsewhere.

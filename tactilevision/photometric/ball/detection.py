@@ -30,9 +30,9 @@ Array = npt.NDArray[np.floating[Any]]
 MAX_PIXELS = 1500  # of the window; more only slow the fit down
 MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
-WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
-DOUBTFUL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
-TOP = 99.8  # percentile of change that stands for the steepest slopes of a contact
+MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
+MAX_RESIDUAL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
+TOP_PERCENTILE = 99.8  # percentile of change that stands for the steepest slopes of a contact
 MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -72,11 +72,11 @@ def find_ball(
     """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
     `usable` is a mask (H, W). `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
-    of change otherwise. Where the ball found so is DOUBTFUL, it is looked for with all colours made equal, too,
-    and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm` could
-    make.
+    of change otherwise. Where its residual exceeds MAX_RESIDUAL, it is looked for with all colours made equal,
+    too, and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm`
+    could make.
     """
-    most_px = WIDEST * radius_mm / mm_per_px[0]
+    most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
 
     def refined(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
@@ -90,8 +90,10 @@ def find_ball(
         return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
 
     ball = refined(first_guess(change, usable))
-    if ball.residual > DOUBTFUL and (centre_px is None or contact_radius_px is None):
-        top = np.percentile(np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP, axis=0)
+    if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
+        top = np.percentile(
+            np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP_PERCENTILE, axis=0
+        )
         with suppress(InputError):
             equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, equalised, key=lambda one: one.residual)
@@ -111,7 +113,7 @@ def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> t
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))
-    top = float(np.percentile(size, TOP))
+    top = float(np.percentile(size, TOP_PERCENTILE))
     if not top > 6.0 * typical:
         raise InputError(
             "no contact stands out of the noise",

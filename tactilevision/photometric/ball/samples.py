@@ -46,7 +46,7 @@ def join(parts: Sequence[Samples]) -> Samples:
     )
 
 
-def inside_ball(
+def ball_samples(
     change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
@@ -60,7 +60,7 @@ def inside_ball(
     return _at(change, index, np.stack([p, q], axis=1), number)
 
 
-def untouched(
+def resting_samples(
     change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
@@ -81,10 +81,10 @@ def radii_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Floats:
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:
     """The samples with the relative noise of their changes, out of pictures of it (3, H, W)."""
-    return replace(samples, noise=seen_at(samples, noise))
+    return replace(samples, noise=values_at(samples, noise))
 
 
-def seen_at(samples: Samples, pictures: Planes) -> Floats:
+def values_at(samples: Samples, pictures: Planes) -> Floats:
     """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
     columns, rows = (
         np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)

@@ -10,17 +10,17 @@ from tactilevision.photometric.reference import Reference
 
 Planes = npt.NDArray[np.float32]
 
-COARSE = 60  # means along the shorter side of the picture, about
-MIN_COUNT = 2  # pixels along each side of a mean, at least
-MOST = 4  # pixels along each side of a mean, at most: wider ones blur the smallest contacts
+TILES = 60  # means along the shorter side of the picture, about
+MIN_TILE_PX = 2  # pixels along each side of a mean, at least
+MAX_TILE_PX = 4  # pixels along each side of a mean, at most: wider ones blur the smallest contacts
 
 
-def usual_pixels(reference: Reference) -> int:
+def tile_px_of(reference: Reference) -> int:
     """Pixels along each side of the means in which frames are seen; marks are small, and seen finely."""
     return (
-        MIN_COUNT
+        MIN_TILE_PX
         if reference.marks is not None
-        else min(MOST, max(MIN_COUNT, round(min(reference.shape) / COARSE)))
+        else min(MAX_TILE_PX, max(MIN_TILE_PX, round(min(reference.shape) / TILES)))
     )
 
 

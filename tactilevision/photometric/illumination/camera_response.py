@@ -14,20 +14,20 @@ import numpy as np
 
 from tactilevision.records import Floats
 
-USUAL_POWER = 2  # of a grey level, which is light: sRGB and video write about its root
+DEFAULT_POWER = 2  # of a grey level, which is light: sRGB and video write about its root
 SOFTENING_GREY = 20.0  # added to brightness where a change of it is divided by it (`colour_change.py`)
-STRAIGHT = np.array([(a, 1 - a, i, n - i) for a in range(2) for n in range(3) for i in range(n + 1)])
+LINEAR_TERMS = np.array([(a, 1 - a, i, n - i) for a in range(2) for n in range(3) for i in range(n + 1)])
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
     """`power` of the grey level that is light, 1 or 2.
 
-    `answers` (12, 3): colour change of the channels to gentle slopes, by the terms STRAIGHT, powers of slope in x
-    and y and of place; None where no ball has told it.
+    `answers` (12, 3): colour change of the channels to gentle slopes, by the terms LINEAR_TERMS, powers of slope
+    in x and y and of place; None where no ball has told it.
     """
 
-    power: int = USUAL_POWER
+    power: int = DEFAULT_POWER
     answers: Floats | None = None
 
     def to_slope(self, x: Floats, y: Floats) -> Floats | None:
@@ -35,7 +35,7 @@ class Response:
         if self.answers is None:
             return None
         changes = np.zeros((3, 2, len(x)))
-        for (along_x, _, i, j), row in zip(STRAIGHT, self.answers, strict=True):
+        for (along_x, _, i, j), row in zip(LINEAR_TERMS, self.answers, strict=True):
             changes[:, 1 - along_x] += row[:, None] * (x**i * y**j)
         return changes
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.illumination.block_means import Planes, means, shares, usual_pixels
+from tactilevision.photometric.illumination.block_means import Planes, means, shares, tile_px_of
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
 from tactilevision.photometric.illumination.drift_priors import OTHERS, TERMS, drift_of, likely_slopes, noise_of
 from tactilevision.photometric.reference import Reference
@@ -31,17 +31,16 @@ from tactilevision.robust import median
 
 BLOCKS = 600  # blocks over the picture, about
 MAX_ITERATIONS = 3  # rounds of reweighting; each frame pays for every one
-CONVERGENCE_TOL = (
-    3e-4  # of the brightness, far below a grey level: a round that moves the drift by less is the last
-)
-CLEAR = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
-SWAPPED = 0.3  # of that difference, when it all but goes with red and blue in each other's place
+# of the brightness, far below a grey level: a round that moves the drift by less is the last
+CONVERGENCE_TOL = 3e-4
+DETECTION_SIGMA = 5.0  # deviations of a block's noise by which most blocks differ from the reference: no noise
+MAX_SWAPPED_SHARE = 0.3  # of that difference, when it all but goes with red and blue in each other's place
 COMPRESSED_GREY = 0.3  # what rounding and compression leave on a block's mean
-USUAL = 1.5382  # median length of three standard normal numbers
+MEDIAN_LENGTH = 1.5382  # median length of three standard normal numbers
 MIN_BLOCKS = 30  # blocks away from contacts; with fewer, those beside contacts count in the fit as well
-UNEVEN = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
-MIN_UNEVEN = 2e-4  # of the brightness: the plane's deviation where the mean has not drifted at all
-LITTLE = 1e-3  # drift whose pattern is lost in the noise
+PLANE_SHARE = 0.3  # a lamp that fades does so all over its picture: its plane is a part of its mean
+MIN_PLANE = 2e-4  # of the brightness: the plane's deviation where the mean has not drifted at all
+MIN_DRIFT = 1e-3  # drift whose pattern is lost in the noise
 SOLID = np.ones((2, 2), np.uint8)  # blocks that a contact fills at least
 NEAR = np.ones((8, 8), np.uint8)  # these, and 3 on either side
 CORRELATED = 20.0  # blocks whose errors, gentle slopes of the gel among them, hang together
@@ -73,7 +72,7 @@ class DriftTracker:
         self.power = response.power
         block = max(4, int(np.sqrt(height * width / BLOCKS)))
         self.size = (max(2, width // block), max(2, height // block))
-        self.px = usual_pixels(reference)
+        self.px = tile_px_of(reference)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
         noise = np.asarray(reference.noise_grey)[:, None]
@@ -108,11 +107,11 @@ class DriftTracker:
         change /= self.noise
         gains, weights, touched, limit = self._reweighted(change, gains)
         drift, undo, covariance = gains, None, None
-        if np.abs(gains[:, 0]).max() > LITTLE:
+        if np.abs(gains[:, 0]).max() > MIN_DRIFT:
             if self.power == 2:
                 change *= 1.0 + self._bend * change
             drift, covariance = self._separated(change, weights, gains[:, 0], touched)
-            gains, undo = self._undoing(drift)
+            gains, undo = self._inverse(drift)
         squares = self._squares(change, drift)
         shape = (self.size[1], self.size[0])
         untouched = (self.usable & (squares < limit)).reshape(shape)
@@ -124,7 +123,7 @@ class DriftTracker:
         weighted = change * self._shown
         for _ in range(MAX_ITERATIONS):
             squares = self._squares(change, gains)
-            scale = max(1.0, float(median(self._among_usable(squares))) / USUAL**2)
+            scale = max(1.0, float(median(self._among_usable(squares))) / MEDIAN_LENGTH**2)
             weights = squares * (1.0 / (9.0 * scale))
             weights += 1.0
             weights *= weights
@@ -146,10 +145,8 @@ class DriftTracker:
 
     def _update_level(self) -> None:
         """What depends on the level alone: in units of the noise, over the basis, and its normal equations."""
-        self.mean_grey, self.clear_grey = (
-            float(self._among_usable(self.level).mean()),
-            CLEAR * float(self.noise.mean()),
-        )
+        self.mean_grey = float(self._among_usable(self.level).mean())
+        self.clear_grey = DETECTION_SIGMA * float(self.noise.mean())
         np.maximum(self.level, 1.0, out=self._bright)
         np.divide(self.level, self.noise, out=self._shown)
         np.multiply(self._shown[:, None, :], self.basis.T, out=self._terms[:, :3])
@@ -178,7 +175,7 @@ class DriftTracker:
         solid = cv2.erode(touched.reshape(self.size[1], self.size[0]).view(np.uint8), SOLID)
         return np.asarray(cv2.dilate(solid, NEAR, anchor=(3, 3)).ravel() > 0)
 
-    def _undoing(self, drift: Floats) -> tuple[Floats, Floats | None]:
+    def _inverse(self, drift: Floats) -> tuple[Floats, Floats | None]:
         """Gains (3, 3) of the picture after it has been undone, out of (3, 6), and what undoes it."""
         gain = 1.0 + self.power * drift[:, 0]
         gains = np.column_stack([np.zeros(3), drift[:, 1:3] / gain[:, None]])
@@ -221,7 +218,7 @@ class DriftTracker:
     def _fit(self, weighted: Floats, weights: Floats, constant: Floats) -> Floats:
         """Weighted ridge regression: the steeper the drift's plane against its mean, the less it is believed."""
         normal = (weights @ self._normal).reshape(3, 9)
-        prior_std = UNEVEN * np.abs(constant) + MIN_UNEVEN
+        prior_std = PLANE_SHARE * np.abs(constant) + MIN_PLANE
         normal[:, 4::4] += (CORRELATED / prior_std**2)[:, None]  # the diagonal but for its first
         normal[:, 0] += 1e-9
         right = (weighted * weights) @ self.basis
@@ -243,7 +240,7 @@ class DriftTracker:
             return  # no median of what is not negative is more than twice its mean
         off = float(median(size.ravel()))
         swapped = np.abs(blocks[::-1] - self._among_usable(self.level))
-        if off > clear_grey and float(median(swapped.ravel())) < SWAPPED * off:
+        if off > clear_grey and float(median(swapped.ravel())) < MAX_SWAPPED_SHARE * off:
             raise InputError(
                 "the frame's colours are in the order blue, green, red",
                 where="frame",

@@ -24,7 +24,7 @@ from tactilevision.photometric.methods.onnx_file import open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import REACH
 from tactilevision.records import Floats
 
-SMALL = 0.05  # colour change over which the slope of the law at rest is taken
+CHANGE_STEP = 0.05  # colour change over which the slope of the law at rest is taken
 
 Picture = npt.NDArray[np.float32]
 
@@ -73,7 +73,7 @@ class NetworkEvaluator:
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))
-        self._seen = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
+        self._inputs = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
@@ -84,7 +84,7 @@ class NetworkEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        inputs = self._seen[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
+        inputs = self._inputs[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
         inputs[0, :3], inputs[0, 3:] = change, self.place[:, *window]
         slopes = run_network(self.session, inputs)[0]
         np.minimum(slopes, self.bound, out=slopes)
@@ -95,8 +95,8 @@ class NetworkEvaluator:
         total = np.zeros(self.shape, np.float32)
         for colour in range(3):
             step = np.zeros((3, *self.shape), np.float32)
-            step[colour] = SMALL
+            step[colour] = CHANGE_STEP
             up, down = self(step), self(-step)
             for above, below in zip(up, down, strict=True):
-                total += (noise[colour] * (above - below) / np.float32(2.0 * SMALL)) ** 2
+                total += (noise[colour] * (above - below) / np.float32(2.0 * CHANGE_STEP)) ** 2
         return np.asarray(np.sqrt(0.5 * total), np.float32)

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 WIDTH = 16  # channels of a hidden layer; time per frame goes with its square
 LAYERS = 2  # hidden layers of the perceptron
 STEPS = 900  # steps of the optimiser; training time goes with them
-AT_ONCE = 2048  # samples of balls in a step, and a quarter as many of untouched gel
+BATCH = 2048  # samples of balls in a step, and a quarter as many of untouched gel
 RATE = 1e-2  # learning rate at its highest, no unit
 DECAY = 1e-3  # weight decay of the optimiser, no unit; larger is smoother
 SHOWN = 4  # times that each press is shown beside its own picture
 SEED = 20261121  # any number would do: the same samples give the same network
-QUIET = 0.1  # weight of untouched gel
+UNTOUCHED_WEIGHT = 0.1  # weight of untouched gel
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: 
     optimiser = torch.optim.AdamW(module.parameters(), RATE, weight_decay=ridge)
     plan = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, steps)
     for _ in range(steps):
-        pick = torch.randint(len(pressed), (AT_ONCE,))
-        rest = torch.randint(len(still), (AT_ONCE // 4,))
+        pick = torch.randint(len(pressed), (BATCH,))
+        rest = torch.randint(len(still), (BATCH // 4,))
         predicted = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
-        error = ((predicted[:AT_ONCE] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
-        loss = error.mean() + QUIET * (predicted[AT_ONCE:] ** 2).sum(1).mean() / TYPICAL**2
+        error = ((predicted[:BATCH] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
+        loss = error.mean() + UNTOUCHED_WEIGHT * (predicted[BATCH:] ** 2).sum(1).mean() / TYPICAL**2
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -21,7 +21,7 @@ from tactilevision.photometric.training.single_core import one_core
 if TYPE_CHECKING:
     import torch
 
-AT_ONCE = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
+BATCH = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
 EACH = 128  # samples a scene
 AVERAGED = 16  # frames of the reference
 
@@ -32,7 +32,7 @@ def draw_samples(scenes: int, seed: int) -> tuple[Samples, Samples]:
 
     rng = torch.Generator().manual_seed(seed)
     with one_core(seed), torch.no_grad():
-        parts = [_draw(AT_ONCE * k, rng) for k in range(math.ceil(scenes / AT_ONCE))]
+        parts = [_draw(BATCH * k, rng) for k in range(math.ceil(scenes / BATCH))]
     return join([pressed for pressed, _ in parts]), join([still for _, still in parts])
 
 
@@ -55,16 +55,16 @@ def draw_slopes(count: int, rng: torch.Generator) -> torch.Tensor:
 def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
     import torch
 
-    scenes = draw_scenes(AT_ONCE, rng)
-    place = 2 * torch.rand(AT_ONCE, EACH, 2, generator=rng) - 1
+    scenes = draw_scenes(BATCH, rng)
+    place = 2 * torch.rand(BATCH, EACH, 2, generator=rng) - 1
     where = place * torch.tensor(SIZE_MM) / 2
-    slopes = draw_slopes(AT_ONCE, rng)
-    raised = torch.cat([where, torch.rand(AT_ONCE, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
+    slopes = draw_slopes(BATCH, rng)
+    raised = torch.cat([where, torch.rand(BATCH, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
     untouched = shade(scenes, where, torch.zeros_like(slopes))
     level = expose(scenes, untouched, rng, averaged=AVERAGED)
     pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
     usable = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
-    scene = torch.arange(first, first + AT_ONCE)[:, None].expand(-1, EACH)
+    scene = torch.arange(first, first + BATCH)[:, None].expand(-1, EACH)
 
     def samples(grey: torch.Tensor, slope: torch.Tensor) -> Samples:
         change = (grey - level) / (level + SOFTENING_GREY)
