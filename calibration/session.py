@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import nan  # one object: steps without a figure are equal
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,11 @@ class Step:
 
     key: str
     path: str = ""
-    rms_before_N: float = float("nan")
-    rms_after_N: float = float("nan")
-    held_out_before_N: float = float("nan")
-    held_out_after_N: float = float("nan")
-    repeatability_N: float = float("nan")
+    rms_before_N: float = nan
+    rms_after_N: float = nan
+    held_out_before_N: float = nan
+    held_out_after_N: float = nan
+    repeatability_N: float = nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def load_history(path: Path | str) -> History:
 
 def _step(row: dict[str, Any]) -> Step:
     def number(name: str) -> float:
-        return float("nan") if row.get(name) is None else float(row[name])
+        return nan if row.get(name) is None else float(row[name])
 
     return Step(str(row["key"]), str(row["path"]), *(number(name) for name in ERRORS))
 

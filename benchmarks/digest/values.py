@@ -81,13 +81,18 @@ def _flatten(content: object, name: str, skip: Collection[str]) -> Iterator[tupl
 
 
 def _flatten_list(content: list[object], name: str, skip: Collection[str]) -> Iterator[tuple[str, Value]]:
-    """Numbers in rows become one list, records of the same keys become columns."""
+    """Numbers in rows become one list, records of the same keys become columns.
+
+    A screen's rows are sorted by key: ranks that tie are others on another processor.
+    """
     if content and all(isinstance(row, list) and all(_is_plain(one) for one in row) for row in content):
         content = [one for row in content if isinstance(row, list) for one in row]
     if all(_is_plain(one) for one in content):
         yield from _listed(content, name)
     elif all(isinstance(row, dict) and all(_is_plain(one) for one in row.values()) for row in content):
         rows = [row for row in content if isinstance(row, dict)]
+        if name.endswith(".screen"):
+            rows.sort(key=lambda row: str(row["key"]))
         for key in dict.fromkeys(key for row in rows for key in row if key not in skip):
             yield from _listed([row.get(key) for row in rows], f"{name}.{key}")
     else:

@@ -13,7 +13,9 @@ from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import repeat_groups
 from tactilevision.records import Floats
 
-LEVEL, SHUFFLES, MIN_COUNT = 0.05, 999, 8
+LEVEL = 0.05  # chance of a jump where there is none, for one order of presses
+SHUFFLES = 999  # orders that chance is read from: p to .001
+MIN_COUNT = 8  # presses; with fewer a jump and its place cannot be told from scatter
 
 
 def change_point(fitted: Fit, rng: np.random.Generator) -> str | None:

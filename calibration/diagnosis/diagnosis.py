@@ -141,13 +141,7 @@ class Diagnosis:
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
             "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
-            "left": None
-            if self.left is None
-            else {
-                "rms_N": self.left.size_N,
-                "length_mm": self.left.length_mm,
-                "covariates": list(self.left.covariates),
-            },
+            "left": None if self.left is None else self.left.as_json(),
             "possible_bias_of_E": dict(self.possible_bias),
             "unseen": {
                 "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),

@@ -22,7 +22,7 @@ from calibration.model.composition import Model
 from calibration.noise.model import Whitener
 from tactilevision.records import Floats, Indenter
 
-SAMPLES = 17
+SAMPLES = 17  # of a forecast ramp: the shape of every effect's curve is met; more change no order
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,9 @@ from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
 AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std
-REFITTED, MOST = 8, 3
+TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
+REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
+MOST = 3  # effects in one model: the data of one recording bear no more
 NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 FEW = 49  # draws where the statistic alone is asked for

@@ -22,8 +22,9 @@ from calibration.noise.model import Noise, Whitener
 from tactilevision.records import Floats
 
 CANDIDATES = ("thickness", "edge_fillet", "depth_zero", "stiffening")
-THEORY_BETA, AT_RATIO = 0.85, 2.5 / 3
-TURNS = 25
+THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
+AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed
+TURNS = 25  # most rounds between a thickness and the beta that theory gives for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ def _with_theory(fitted: Fit, model: Model, key: str, starts: Floats, thickness_
 
 
 def straightness(data: Observations, force_N: Floats) -> float:
-    """R^2 of the straight line through P/w against w/h of this force, over samples in the gel."""
+    """R^2 (dimensionless) of the line through P/w against w/h, for forces (N,) in N, over samples in the gel."""
     inside = data.depth_mm > 0.05 * np.max(data.depth_mm)
     strain = data.depth_mm[inside] / data.gel.thickness_mm
     per_depth = force_N[inside] / data.depth_mm[inside]

@@ -27,10 +27,12 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Bools, Floats
 
-TAU_S = (0.05, 100.0)
-TAUS = (0.2, 1.0, 5.0, 25.0)
-FINEST_MM, LENGTHS, PHASES = 0.05, 24, 4
-MIN_PLACES = 12
+TAU_S = (0.05, 100.0)  # s, from a few samples to a long hold: what a press can show
+TAUS = (0.2, 1.0, 5.0, 25.0)  # s, where the fits begin, one to each factor of five
+FINEST_MM = 0.05  # shortest period of a wave in depth, mm
+LENGTHS = 24  # periods that the fits begin from, a factor 1.1 to 1.2 apart
+PHASES = 4  # of each period, a quarter of a turn apart
+MIN_PLACES = 12  # distinct depths: four for each number of the wave
 FORCE = Parameter("size_N", "N", 0.0, (-1.0, 1.0), "size", 0.02)
 
 

@@ -31,7 +31,7 @@ from calibration.tasks.calibrate import determine_material
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of
-NODES = 41
+NODES = 41  # sizes of an effect that are averaged over, of equal weight
 A_LAW = ("friction",)  # a gel that sticks is a law of its own here
 
 

@@ -16,8 +16,8 @@ from calibration.noise.model import Whitener
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Bools, Floats
 
-STARTS = 2
-FOLDS = 5
+STARTS = 2  # that promise most by their score; the others are not fitted
+FOLDS = 5  # of presses: each fifth is predicted from the other four
 CANNOT_FIT = (ConvergenceError, ValueError, ArithmeticError, RuntimeError)  # of one model: the others go on
 
 
@@ -43,7 +43,7 @@ class Candidate:
 
 
 def refit_with(base: Fit, effect: Effect, *, target_N: Floats | None = None, most: int = STARTS) -> Candidate:
-    """The effect fitted to the measurement, or to `target_N`, from the starts that promise most."""
+    """The effect fitted to the measurement, or to `target_N` (N,), from the starts that promise most."""
     data = base.data if target_N is None else base.data.with_force(target_N)
     model = base.model + effect
     whitener = Whitener(data, base.noise, base.about)
@@ -115,7 +115,7 @@ class HeldOut:
 
 
 def hold_out(model: Model, about: Fit, start: Floats, folds: Ints) -> HeldOut:
-    """Each fold of presses (M,) predicted from the others; the history of all presses stays known."""
+    """The force in N of each fold of presses (M,), predicted from the others; the history of all stays known."""
     data = about.data
     whitener = Whitener(data, about.noise, about.about)
     problem = Problem(model, data, model.parameters(data), whitener)
@@ -151,7 +151,7 @@ def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
 
 
 def press_folds(data: Observations, count: int = FOLDS) -> Ints:
-    """Fold of each press (M,): interleaved over groups of like presses, so that each fold holds all conditions."""
+    """Fold of each press (M,), 0, 1 ...: interleaved over like presses, so that each holds all conditions."""
     from calibration.inputs.conditions import repeat_groups
 
     order = np.argsort(repeat_groups(data), kind="stable")

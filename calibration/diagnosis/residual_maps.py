@@ -22,11 +22,13 @@ from calibration.diagnosis.score_test import Scored
 from tactilevision.mechanics.profile import exact_profile
 from tactilevision.records import Bools, Floats, Gel, HeightMap, Pair
 
-HALF, STEPS = 3.0, 61  # of the grid, in radii of the punch
-NEAR, FAR = (1.15, 1.7), (2.0, 2.8)  # rings beside the punch, in radii
-MIN_COUNT = 4
+HALF = 3.0  # half the width of the grid, in radii of the punch
+STEPS = 61  # places across the grid: a tenth of a radius apart
+NEAR = (1.15, 1.7)  # ring beside the punch, in radii: past its wall
+FAR = (2.0, 2.8)  # ring that the near one is compared with, in radii
+MIN_COUNT = 4  # presses: Hotelling's test of two components needs three and one more
 TOWARDS = {"right": 0.0, "bottom": np.pi / 2, "left": np.pi, "top": -np.pi / 2}
-BEVEL_HALF_ANGLE = np.pi / 3
+BEVEL_HALF_ANGLE = np.pi / 3  # rad either side of the bevel's azimuth that is left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

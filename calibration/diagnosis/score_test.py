@@ -25,12 +25,13 @@ from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
-DRAWS = 399
+DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
-DEPTH_BINS, OTHER_BINS = 16, 6
+DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
+OTHER_BINS = 6  # steps of every other covariate
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from calibration.fit.least_squares import Fit
 from calibration.inputs.denoised_depth import nominal_depth
 from tactilevision.records import Floats
 
-BINS, MIN_COUNT = 40, 6
-WIDER = (1.0, 2.0, 4.0, 8.0)
+BINS = 40  # of depth, that the mean residual is taken in
+MIN_COUNT = 6  # filled bins; with fewer no length can be stated
+WIDER = (1.0, 2.0, 4.0, 8.0)  # times k that are tried on the bins' own errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,10 @@ class Unexplained:
     size_N: float
     length_mm: float
     covariates: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Its entry `left` in diagnosis.json."""
+        return {"rms_N": self.size_N, "length_mm": self.length_mm, "covariates": list(self.covariates)}
 
 
 def unexplained(searched: Searched, plain: AlternativeExplanation | None) -> Unexplained:

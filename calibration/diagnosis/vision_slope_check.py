@@ -23,7 +23,8 @@ from tactilevision.records import Floats, Gel
 READ_STD_MM = 0.001  # of a fall: the camera's noise in the mean over a quarter of a ring; its scale is estimated
 FACE_STD = 0.02  # of a face behind its walls, relative, from press to press
 MIN_MM = 0.004  # of an expected fall: below it a micron is a quarter
-UNSTATED_NU_STD, HIGHEST_NU = 0.015, 0.499
+UNSTATED_NU_STD = 0.015  # of nu where none is stated: silicones lie in .45 to .4999
+HIGHEST_NU = 0.499  # where the profile's table ends
 MIN_PRESSES = 6  # fewer leave too little beside what each indenter may be off by
 
 

@@ -23,7 +23,8 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-SPREAD, OPEN = 0.1, 3.0  # std of the depth at which the face lets go, and how many of them the reading decides
+SPREAD = 0.1  # std of the depth at which the face lets go, over w_c
+OPEN = 3.0  # of these std about w_c, where the reading itself decides whether the face holds
 LAW = 0.05  # share of the tension that follows the law alone
 STEP = 0.01  # of the radius, for the slope of the stiffness
 

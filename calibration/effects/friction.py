@@ -21,9 +21,9 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-RATIOS = (0.4, 0.6, 0.85, 1.2)  # a/h
-LINES = (0.093, 0.277, 0.526, 0.796)  # s1
-CURVES = (2.81, 2.54, 2.31, 2.07)  # s2
+RATIOS = (0.4, 0.6, 0.85, 1.2)  # a/h of the finite elements behind LINES and CURVES
+LINES = (0.093, 0.277, 0.526, 0.796)  # s1, per unit of w/h
+CURVES = (2.81, 2.54, 2.31, 2.07)  # s2, per unit of (w/h)^2
 
 
 @dataclass(frozen=True, slots=True)

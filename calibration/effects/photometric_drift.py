@@ -16,7 +16,7 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-PAUSE_S = 3600.0
+PAUSE_S = 3600.0  # s, what a longer pause counts as: the rig does not work meanwhile
 
 
 @dataclass(frozen=True, slots=True)

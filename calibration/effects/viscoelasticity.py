@@ -21,8 +21,9 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
-TAU_S = (0.05, 100.0)
-MAX_TERMS, FASTER = 3, 8.0
+TAU_S = (0.05, 100.0)  # s, from a few samples to a long hold: what a press can show
+MAX_TERMS = 3  # of the Prony series: three decades of time
+FASTER = 8.0  # times faster or slower, where another term begins
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from calibration.result.rounded_edge import stated_edge_mm, straight_line
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Floats, Pair
 
-NODES = 201
+NODES = 201  # of nu that E's interval is taken over, a quarter of a thousandth apart
 UNFIXED = 0.6  # of silicones' range: nu from radii is taken to be fixed where its interval is shorter
 
 
@@ -276,7 +276,7 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
 
 
 def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, radius: float) -> tuple[Pair, ...]:
-    """(nu, E) at the fitted stiffness."""
+    """(nu, E in MPa) for each of `poisson_ratios` (n,), at the fitted stiffness of `radius` in mm."""
     modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
     stiffness = modulus * _unit(fitted, nu, radius)
     return tuple((float(one), float(stiffness / _unit(fitted, float(one), radius))) for one in poisson_ratios)

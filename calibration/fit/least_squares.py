@@ -160,7 +160,7 @@ def refit(fitted: Fit, data: Observations) -> Fit:
 
 
 def linearise(model: Model, values: Floats, data: Observations) -> tuple[Linear, bool]:
-    """Force, slope and a sample's noise about these parameters, and whether that noise was stated."""
+    """Force (N,) in N, slope (N,) in N/mm and noise (N,) about parameters (p,); whether that noise was stated."""
     slope = model.slope(values, data)
     base, stated = base_noise(data, slope)
     return Linear(model.predict(values, data), slope, base), stated
@@ -276,7 +276,10 @@ def _finish(problem: Problem, found: Minimum, noise: Noise, about: Linear) -> Fi
 
 
 def inverse_information(jacobian: Floats) -> Floats:
-    """(J^T J)^-1 by singular values of the scaled J; what the data do not fix at all gets a huge variance."""
+    """(J^T J)^-1 (p, p) of J (n, p), per unit of residual, by singular values of the scaled J.
+
+    What the data do not fix at all gets a huge variance.
+    """
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0, size, 1e-100)
     _, s, right = np.linalg.svd(jacobian / size, full_matrices=False)

@@ -62,7 +62,7 @@ def minimise(residual: Residual, starts: Floats, box: Box, *, tolerance: float =
 
 
 def differentiate(residual: Residual, values: Floats, box: Box) -> Floats:
-    """Jacobian (n, p) by central differences, one-sided where a bound is nearer than the step."""
+    """Jacobian (n, p), residual per unit of each value (p,): central differences, one-sided near a bound."""
     step = 6e-6 * np.maximum(np.abs(values), box.scale)  # cube root of the machine epsilon
     columns = []
     for k, size in enumerate(step):

@@ -113,6 +113,15 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
             remedy="Depth is positive into the gel: check its sign.",
         )
         return
+    yield from _deepest(data)
+    for radius in () if one_depth else np.unique(data.presses.radius_mm):
+        mine = depth[touching & (data.radius_mm == radius)]
+        if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
+            yield _of_one_depth(radius, mine)
+
+
+def _deepest(data: Observations) -> Iterator[InputError]:
+    depth = data.depth_mm
     k = int(np.argmax(depth))
     if depth[k] > data.gel.thickness_mm:
         yield InputError(
@@ -128,10 +137,6 @@ def _depths(data: Observations, *, one_depth: bool) -> Iterator[InputError]:
             value=float(depth[k]),
             remedy="Depths are in mm: are these in metres?",
         )
-    for radius in () if one_depth else np.unique(data.presses.radius_mm):
-        mine = depth[touching & (data.radius_mm == radius)]
-        if mine.size and np.ptp(mine) < SAME_DEPTH * np.max(mine):
-            yield _of_one_depth(radius, mine)
 
 
 def _forces(data: Observations, *, one_depth: bool) -> Iterator[InputError]:

@@ -17,7 +17,7 @@ from calibration.inputs.denoised_depth import BRANCHES, HOLD, SAME_MM, branches,
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Floats
 
-DEGREES = (4, 1, 3, 0)
+DEGREES = (4, 1, 3, 0)  # of the mean curve over depth in load, hold, unload and free
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Covariate:
 
 
 def repeat_groups(data: Observations) -> Ints:
-    """Number of the group of like presses, (M,)."""
+    """Number 0, 1 ... of the group of like presses, (M,)."""
     rate = np.nan_to_num(np.round(np.log2(np.maximum(data.presses.speed_mm_s, 1e-9))), nan=-99)
     table = np.column_stack([data.presses.radius_mm, rate, np.nan_to_num(data.presses.lubricated)])
     return np.asarray(np.unique(table, axis=0, return_inverse=True)[1]).reshape(-1)

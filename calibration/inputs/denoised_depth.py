@@ -12,12 +12,15 @@ import numpy as np
 
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Bools, Floats
+from tactilevision.robust import mad_std
 
-LOAD, HOLD, UNLOAD, FREE = 0, 1, 2, 3
+LOAD, HOLD, UNLOAD, FREE = range(4)
 BRANCHES = ("load", "hold", "unload", "free")
-MIN_HELD, FINEST_MM = 3, 2e-4  # samples of a plateau; std of a depth that is read very well
+MIN_HELD = 3  # samples of a plateau; fewer have no median of their own
+FINEST_MM = 2e-4  # mm, std of a depth that is read very well
 SAME_MM = 0.02  # five press zeros: depths nearer than this may be one
-COURSE, SAMPLES_A_DEGREE = 4, 4  # degree of a ramp's depth over time, at most and by its samples
+COURSE = 4  # highest degree of a ramp's depth over time
+SAMPLES_A_DEGREE = 4  # that each degree of it needs
 _KEPT: deque[tuple[tuple[np.ndarray, ...], Floats, Floats]] = deque(maxlen=8)
 
 
@@ -54,7 +57,7 @@ def _fit_plateau(way: Ints, depth_mm: Floats, first: int, last: int) -> None:
     """Move the ends of the plateau first to last of one press, in place."""
     held = depth_mm[first : last + 1]
     level = float(np.median(held))
-    flat = np.abs(depth_mm - level) <= 3 * max(1.48 * float(np.median(np.abs(held - level))), FINEST_MM)
+    flat = np.abs(depth_mm - level) <= 3 * max(mad_std(held, centre=level), FINEST_MM)
     for beside, end, step in ((LOAD, first, -1), (UNLOAD, last, 1)):
         k = end + step
         while 0 <= k < way.size and way[k] == beside and flat[k]:
@@ -80,8 +83,9 @@ def denoised_depth(data: Observations) -> Floats:
 
 
 def nominal_depth(data: Observations) -> Floats:
-    """The same without presses' own zeros, as far as equal depths show them: presses of one radius whose deepest
-    points they alone may part reach one depth, and so do plateaus, and points.
+    """Depth (N,), mm, without presses' own zeros as far as equal depths show them.
+
+    Presses of one radius whose deepest points their zeros alone may part reach one depth; so do plateaus.
 
     Not to be written to.
     """

@@ -92,7 +92,7 @@ def _leaving(time_s: Floats, depth_mm: Floats, last: int, speed_mm_s: float) -> 
 def with_corners(
     time_s: Floats, depth_mm: Floats, branch: Ints, speed_mm_s: float = np.nan
 ) -> tuple[Floats, Floats]:
-    """Time and depth of one press with the corners between its phases put in."""
+    """Time (n,) in s and depth (n,) in mm of one press, with the corners between its phases put in."""
     ways = {LOAD: speed_mm_s, UNLOAD: -speed_mm_s}
     places, times, depths = [], [], []
     for k in np.flatnonzero(np.diff(branch)):

@@ -17,7 +17,7 @@ from tactilevision.records import Bools, CertifiedPoint, Curve, Floats, Gel, Ind
 
 Ints = npt.NDArray[np.int64]
 DepthSource = Literal["vision", "stage", "gauge"]
-DAY_S = 86400.0
+DAY_S = 86400.0  # s in a day
 
 
 class RecordingLike(Protocol):

@@ -31,10 +31,10 @@ from tactilevision.errors import InputError
 from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
-SILICONE_NU: Pair = (0.45, 0.4999)
+SILICONE_NU: Pair = (0.45, 0.4999)  # of all silicones: the range where nothing states nu
 # Poisson's ratios for which E is listed where nu is open: all silicones, in steps of .005
 NU_TABLE: tuple[float, ...] = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), SILICONE_NU[1])
-NOMINAL_NU = 0.48
+NOMINAL_NU = 0.48  # where nothing states nu: within SILICONE_NU; what E would be at others is in NU_TABLE
 CHORD = 0.2  # w/h up to which theory's slopes are chords
 STATED_NU_STD = 0.005  # a nu stated without a std is taken to be good to its last usual digit
 

@@ -21,8 +21,9 @@ from calibration.model.stages import State
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records import Floats
 
-A_OVER_H = 0.8
-SLOPE, OFFSET = 0.0813, 0.4464
+A_OVER_H = 0.8  # at which the publication takes kappa, whatever the gel
+SLOPE = 0.0813  # of nu over ln beta, as published
+OFFSET = 0.4464  # nu at beta = 1, as published
 
 
 @dataclass(frozen=True, slots=True)

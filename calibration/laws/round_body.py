@@ -25,10 +25,10 @@ from tactilevision.mechanics.round_contact import Ball, Cone, contact_curve
 from tactilevision.records import Floats, Indenter
 
 BETA_STD = 0.5  # finite elements of flat punches lie between 0 and 1.3
-NODES = 4
+NODES = 4  # thicknesses of a wedge that are solved; those between are interpolated
 MIN_SHARE = 1e-3  # of the largest depth, below which the force counts as that of a power law
-TABLE = 60
-NU_STEP = 0.01
+TABLE = 60  # depths of a force curve, spaced by a constant factor
+NU_STEP = 0.01  # of nu between curves that a parabola joins
 STIFFNESS_STEP = 1e-4  # of the depth
 
 Body = Ball | Cone
@@ -55,7 +55,7 @@ def round_parameters(data: Observations, body_of: Callable[[Indenter], Body]) ->
 
 
 def apply_round(state: State, values: Floats, data: Observations, body_of: Callable[[Indenter], Body]) -> State:
-    """Force and its slope over depth on the state's own radius and thickness."""
+    """The state with force (N,) in N and slope (N,) in N/mm, on its own radius and thickness."""
     force = _force(state, values, data, body_of)
     step = STIFFNESS_STEP * np.maximum(state.depth_mm, 1e-3)
     more = _force(replace(state, depth_mm=state.depth_mm + step), values, data, body_of)

@@ -20,7 +20,8 @@ from calibration.inputs.denoised_depth import LOAD, branches
 from calibration.inputs.observations import Observations
 from tactilevision.records import Bools, Floats
 
-MIN_PRESSES, MIN_SAMPLES = 6, 3
+MIN_PRESSES = 6  # that show both loading and rest; fewer cannot say that one scatters more
+MIN_SAMPLES = 3  # of each in a press, to have a scatter at all
 
 
 class Scatter:

@@ -27,9 +27,11 @@ SPREAD = 1.0  # of the logarithm of gain and zero: a factor 2.7 either way
 UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
 STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
-CLOSE, MAX_STEPS = 1e-3, 40  # a size is never known to a thousandth
+CLOSE = 1e-3  # of the last step in ln size: a size is never known to a thousandth
+MAX_STEPS = 40  # of Newton's method, where a size lies flat
 FINEST = 1e-6  # of the largest force, of the stated noise, of a gain, in mm: nothing is known more finely
-CORRELATIONS, WHITE = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95), (0.0, 0.4, 0.7, 0.85)
+CORRELATIONS = (0.2, 0.4, 0.6, 0.8, 0.9, 0.95)  # of neighbouring samples, that are tried
+WHITE = (0.0, 0.4, 0.7, 0.85)  # shares of the variance without memory, that are tried
 
 
 def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jacobian: Floats,
@@ -74,7 +76,10 @@ def _likelihood(
 
 
 def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product, *, precision: Floats) -> float:
-    """Of these sizes, for the `product` of [residual | jacobian] with itself; leaves out what is constant."""
+    """-2 ln L (1) of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
+
+    `precision` (p, p) is that of the priors, in the parameters' own units.
+    """
     total = product.under(noise)
     information = total[1:, 1:] + precision
     try:
@@ -87,8 +92,9 @@ def minus_two_log_likelihood(noise: Noise, weighing: Weighing, product: Product,
 
 
 def prior_cost(logs: Floats, *, stated: bool) -> float:
-    """-2 ln of what is known beforehand of logs = ln scale (, ln gain, ln zero_mm): presses have a usual gain and
-    zero, and a stated noise a scale of 1 (scaled inverse chi-squared).
+    """-2 ln of the prior of logs (1,) or (3,) = ln scale, ln gain, ln zero in mm.
+
+    Presses have a usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared).
     """
     usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
     cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
@@ -96,7 +102,7 @@ def prior_cost(logs: Floats, *, stated: bool) -> float:
 
 
 def sized(noise: Noise, logs: Floats) -> Noise:
-    """The noise with logs = ln scale (, ln gain, ln zero_mm)."""
+    """The noise with logs (1,) or (3,) = ln scale, ln gain, ln zero in mm."""
     sizes = [float(size) for size in np.exp(logs)]
     if len(sizes) == 1:
         return replace(noise, scale=sizes[0])

@@ -25,13 +25,15 @@ from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import Ints
 from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from tactilevision.records import Floats
+from tactilevision.robust import MAD_TO_STD
 
-MIN_COUNT, REPEATS, SHUFFLES = 8, 3, 999
+MIN_COUNT = 8  # presses; fewer have no spread to stand out of
+REPEATS = 3  # presses of one radius that a press is compared with, itself among them
+SHUFFLES = 999  # orders that chance is read from: p to .001
 LEVEL = 0.005  # of either finding where nothing is there: beside the screen's own
-ROBUST = 1.4826
 TAILS = (2.0, 3.0, 4.0, 6.0, 10.0, 30.0, 1000.0)  # degrees of freedom
 DOF_SHARE = 0.37  # of the presses: what the median of absolute deviations is worth (Huber, Robust Statistics, 1.1)
-MIN_SPREAD_MM = 1e-3
+MIN_SPREAD_MM = 1e-3  # mm, spread of zeros that is always allowed for
 MIN_SPREAD = 0.3  # of what is expected: presses that stand out have made that larger than it is
 BEYOND_TYPICAL = 8.0  # times the usual gain and zero: two of the e-folds that the prior gives rigs (reml.SPREAD)
 OF_PRESSES = ("order", "recording date")  # for place, wait and temperature there are effects
@@ -63,7 +65,7 @@ def outlying_presses(fitted: Fit, rng: np.random.Generator) -> OutlyingPresses:
         return OutlyingPresses(scattered=scattered)
     groups, own = np.unique(data.presses.radius_mm, return_inverse=True)[1], own_zero_mm(fitted)
     beside = np.abs(_beside_like(own, groups) / _usual_mm(fitted))
-    far = beside > _limit(beside, DOF_SHARE * (own.size - np.unique(groups).size), ROBUST)
+    far = beside > _limit(beside, DOF_SHARE * (own.size - np.unique(groups).size), MAD_TO_STD)
     dof = _tail_dof(beside[~far])
     foreign = bool((beside[far] > _limit(beside, dof, _over_median(dof))).any())
     stands_out = tuple(data.presses.label[k] for k in np.flatnonzero(far))
@@ -75,7 +77,7 @@ def outlying_presses(fitted: Fit, rng: np.random.Generator) -> OutlyingPresses:
 
 
 def own_zero_mm(fitted: Fit) -> Floats:
-    """z (M,)."""
+    """Zero of each press (M,), mm: the z of the equation above."""
     return np.asarray(_along_slope(fitted, fitted.residual_N) / _stiff(fitted))
 
 

@@ -26,7 +26,7 @@ from calibration.noise.reml import (
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Floats
 
-BEYOND_CHANCE = 0.01
+BEYOND_CHANCE = 0.01  # p below which repeats' own noise replaces the stated one
 ALIKE = (
     1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
 )

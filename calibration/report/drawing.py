@@ -26,8 +26,8 @@ from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
-STEPS = 60
-BINS = 8
+STEPS = 60  # depths of a drawn curve
+BINS = 8  # of a covariate, over which residuals are averaged in figures
 
 
 def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointCloud:
@@ -112,7 +112,7 @@ def own_offsets(found: Diagnosis) -> Offsets | None:
 
 
 def confusability(found: Diagnosis, most: int = 5) -> tuple[list[str], Floats] | None:
-    """Separation (k, k) of the added and best-scoring effects that show at all; None for fewer than two."""
+    """Separation (k, k), in std (1), of the added and best-scoring effects that show; None for fewer than two."""
     keys = dict.fromkeys([*(e.key for e in found.effects), *found.candidates, *(s.key for s in found.score_test)])
     fits = []
     for key in [key for key in keys if key in EFFECTS and key in found.visible and key not in found.not_testable]:

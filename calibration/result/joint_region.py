@@ -22,8 +22,8 @@ from calibration.result.rounded_edge import usual_softening
 from tactilevision.records import Floats, Pair
 
 TWO_UNKNOWNS = 2.4477  # sqrt of the 95 % point of chi square with 2 degrees of freedom
-ONE_UNKNOWN = 1.96
-STEPS = 61
+ONE_UNKNOWN = 1.96  # 97.5 % point of the normal distribution
+STEPS = 61  # values of nu along the region's edge
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
 from tactilevision.records import Estimate, Gel
 
-HIGHEST = 0.4999
-AT_BOUND = 1e-4
+HIGHEST = 0.4999  # nu that the tables reach; .5 has no finite stiffness of a thin layer
+AT_BOUND = 1e-4  # of nu: nearer to its bound a fit stands at it
 CONTRARY = 3.0  # sigmas between two routes from which a warning says so
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from calibration.fit.least_squares import Fit
 from tactilevision.records import Floats, Indenter
 
-NU = (0.40, 0.45, 0.48, 0.4999)
-SURPLUS = (0.10, 0.47, 1.00, 1.45)
+NU = (0.40, 0.45, 0.48, 0.4999)  # at which SURPLUS was computed
+SURPLUS = (0.10, 0.47, 1.00, 1.45)  # k(nu) of the equation above, by finite elements
 
 
 def stuck_surplus(poisson_ratio: float, radius_over_h: Floats | float, w_over_h: Floats) -> Floats:

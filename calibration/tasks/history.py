@@ -23,7 +23,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.calibrate import calibrate
 from tactilevision.records import Estimate, Pair
 
-LEVEL = 0.05
+LEVEL = 0.05  # chance, over all recordings, of a change where there is none
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,11 +28,11 @@ from tactilevision.mechanics.tables.profile import EDGE_OVER_H
 from tactilevision.records import Floats, Indenter, Material
 
 LAWS = ("neo-hooke", "hencky")
-FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)
+FRICTIONS = (0.0, 0.15, 0.3, 0.6, inf)  # Coulomb's mu, from sliding freely to sticking
 BEYOND = 1.15  # the curve goes this much deeper than the deepest press, for the depth at its force
 LEVELS = 10  # a curve of many samples is compared at this many depths
 MIN_COUNT = 2  # samples that a rival must reach to be one
-RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)
+RIVALS = (0.45, 0.46, 0.47, 0.48, 0.49, 0.495)  # values of nu that are compared at one stiffness
 
 
 class Told(Protocol):

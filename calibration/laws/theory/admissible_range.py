@@ -22,10 +22,10 @@ from tactilevision.mechanics.tables.punch import force_ratio
 from tactilevision.mechanics.tables.table import Table, shipped_table
 from tactilevision.records import Estimate, Floats, Material, Pair
 
-NU = (0.30, 0.40, 0.45, 0.48, 0.495)
-HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # Hencky, sticking
-LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # neo-Hooke, frictionless
-RUBBING = 0.10
+NU = (0.30, 0.40, 0.45, 0.48, 0.495)  # at which HIGHEST and LOWEST were computed
+HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # beta of a Hencky solid that sticks
+LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # beta of a neo-Hookean solid without friction
+RUBBING = 0.10  # least beta of a punch that rubs at all
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
 STRAINS = 20  # depths at which the bend is taken
 MIN_STRAIN = 1e-3  # over less there is no bend to speak of

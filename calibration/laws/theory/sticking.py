@@ -22,8 +22,9 @@ from tactilevision.records import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-SHAPES = 12
-XI_END, XI_STEP = 600.0, 0.05  # wave numbers in 1/a
+SHAPES = 12  # of pressure and of shear: the ratio is good to .1 %
+XI_END = 600.0  # largest wave number, 1/a
+XI_STEP = 0.05  # between wave numbers, 1/a: a twentieth of what a layer of thickness a asks for
 
 
 def sticking_surplus(poisson_ratio: float, a_over_h: float) -> float:

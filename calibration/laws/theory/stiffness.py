@@ -12,8 +12,8 @@ import numpy as np
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.records import Floats, Pair
 
-NU_RANGE: Pair = (0.0, 0.4999)
-RATIO_RANGE: Pair = (0.05, 10.0)
+NU_RANGE: Pair = (0.0, 0.4999)  # of kappa's table; beyond it as at its ends
+RATIO_RANGE: Pair = (0.05, 10.0)  # a/h of kappa's table; beyond it as at its ends
 
 
 def punch_stiffness(modulus_MPa: float, poisson_ratio: float, radius_mm: Floats, thickness_mm: Floats) -> Floats:
