@@ -20,10 +20,10 @@ LONGEST_FUNCTION = 35  # lines of code: a function is read whole on one screen
 MEDIAN_FUNCTION = 6  # lines of code
 LONGEST_FILE = 350  # lines
 TABLES = 60  # statements laid out by hand; the formatter lays out all else
-STILL_LONG = 3  # functions over LONGEST_FUNCTION today; to be 0
-STILL_SILENT = 62  # judgements that say nothing of their meaning today; to be 0
-STILL_CROWDED = 20  # lines that hold several judgements today; to be 0
-STILL_SHAPELESS = 24  # public array functions that name no shape or no unit today; to be 5 %
+STILL_LONG = 1  # functions over LONGEST_FUNCTION today; to be 0
+STILL_SILENT = 0  # judgements that say nothing of their meaning
+STILL_CROWDED = 0  # lines that hold several judgements
+STILL_SHAPELESS = 0  # public array functions that name no shape or no unit
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 _ARRAYS = re.compile(r"\b(Floats|Bools|Ints|Array|Planes|Picture|Singles|NDArray|HeightMap|SlopeMap)\b")
@@ -133,7 +133,7 @@ def _takes_arrays(node: Function) -> bool:
 def test_public_array_functions_name_shape_and_unit() -> None:
     missing = []
     for path in SOURCES:
-        if "report" in path.parts:  # its Picture is a figure
+        if {"report", "cli"} & set(path.parts):  # their Picture is a figure
             continue
         for node in tree_of(path).body:
             if not isinstance(node, Function) or node.name.startswith("_") or not _takes_arrays(node):
