@@ -73,10 +73,10 @@ class BackgroundSums:
         count = np.where(counted, self.count, 1.0)
         bias_x, bias_y = np.where(counted, self.sum_x / count, 0.0), np.where(counted, self.sum_y / count, 0.0)
         size = np.hypot(bias_x, bias_y)
-        kept = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, 1e-9))
+        excess_share = np.maximum(0.0, 1.0 - MIN_BIAS / np.maximum(size, 1e-9))
         variance = 0.5 * np.maximum(self.squares / count - bias_x**2 - bias_y**2, 0.0)
         noise = np.where(counted, np.sqrt(variance), self._blocks(expected))
-        return SlopeBackground(_single(kept * bias_x), _single(kept * bias_y), _single(noise))
+        return SlopeBackground(_single(excess_share * bias_x), _single(excess_share * bias_y), _single(noise))
 
     def added_to(self, background: SlopeBackground, kept_share: Picture) -> SlopeBackground:
         """`background` with the mean slopes gathered here, which came out damped by `kept_share` (H, W), in its

@@ -110,23 +110,23 @@ def calibrate_from_balls(
     """
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
-    balls, warnings, contact, resting = _collect(change, pictures, mm_per_px, rng)
-    _check_count(len(contact), len(pictures), warnings)
-    pressed, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
+    balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
+    _check_count(len(contact_parts), len(pictures), warnings)
+    pressed, resting = (with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
-    best = _best_fit(fit, pressed, still)
+    best = _best_fit(fit, pressed, resting)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
     warnings += coverage_warnings(cover) + _observability_warnings(light)
-    warnings += _radii_warnings(best, balls, pressed, still)
+    warnings += _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
         _card(best, pressed, light),
-        balls=len(contact),
-        balls_left_out=len(pictures) - len(contact),
+        balls=len(contact_parts),
+        balls_left_out=len(pictures) - len(contact_parts),
         balls_cover=tuple(np.round(cover, 3).tolist()),
         response=response_of(pressed, values_at(pressed, change.level)).to_card(),
         contact_in_reference_px=contact_px,
@@ -160,14 +160,14 @@ class _Fit:
     slope_error: float
 
 
-def _best_fit(fit: Fitter, pressed: Samples, still: Samples) -> _Fit:
+def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
     """The law by the way to fit, and its ridge, that is least off at balls left out."""
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(fitter, pressed, still, ridge) for fitter, ridge in ways]
+    scores = [held_out(fitter, pressed, resting, ridge) for fitter, ridge in ways]
     best = int(np.argmin([_relative_error(slopes, pressed) for slopes, _ in scores]))
     (fitter, ridge), (slopes, others) = ways[best], scores[best]
-    law = fitter(pressed, still, ridge=ridge)
-    scale = scale_uncertainty(fitter, pressed, still, ridge=ridge, law=law, others=others)
+    law = fitter(pressed, resting, ridge=ridge)
+    scale = scale_uncertainty(fitter, pressed, resting, ridge=ridge, law=law, others=others)
     direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
     error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
     return _Fit(law, fitter, ridge, slopes, others, scale, direction, error)
@@ -189,10 +189,10 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
     )
 
 
-def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, still: Samples) -> list[str]:
+def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, resting: Samples) -> list[str]:
     return contradicting_radii(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
-        lambda group: gains_without(np.array(group), best.fitter, pressed, still, ridge=best.ridge),
+        lambda group: gains_without(np.array(group), best.fitter, pressed, resting, ridge=best.ridge),
     )
 
 

@@ -68,16 +68,16 @@ def load_method(path: Path | str) -> CalibratedMethod:
             remedy="Copy both files together, or calibrate again.",
         )
     try:
-        with np.load(target, allow_pickle=False) as arrays:
-            held = {name: arrays[name] for name in arrays.files}
+        with np.load(target, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as fault:
         raise InputError(f"the method cannot be read: {fault}", where=target) from fault
-    red, green, blue = (float(value) for value in held["noise_grey"])
-    marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
-    reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
-    background = SlopeBackground(*held["quiet"]) if "quiet" in held else None
-    law = _law(card, held, target)
-    return CalibratedMethod(law, reference, float(held["relative_error"]), background, card)
+    red, green, blue = (float(value) for value in arrays["noise_grey"])
+    marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
+    reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"], marks)
+    background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
+    law = _law(card, arrays, target)
+    return CalibratedMethod(law, reference, float(arrays["relative_error"]), background, card)
 
 
 def save_network(network: Network, card: Mapping[str, Any], path: Path | str) -> Path:
@@ -105,10 +105,10 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _law(card: MethodCard, held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
     name = card.method
     if name == Polynomial.name:
-        coefficients = held["law_coefficients"]
+        coefficients = arrays["law_coefficients"]
         if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
             raise InputError(
                 "a polynomial of another order than this version's",
@@ -116,9 +116,9 @@ def _law(card: MethodCard, held: Mapping[str, npt.NDArray[Any]], path: Path) -> 
                 value=coefficients.shape,
                 remedy="Calibrate again.",
             )
-        return Polynomial(coefficients, float(held["law_steepest"]))
+        return Polynomial(coefficients, float(arrays["law_steepest"]))
     if name == Lookup.name:
-        return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])
+        return Lookup(arrays["law_table"].astype(np.float32), arrays["law_lowest"], arrays["law_highest"])
     if name == Network.name:
         return _network(card, path.with_suffix(".onnx"))
     raise InputError("no photometric method of that name", where=path, value=name)

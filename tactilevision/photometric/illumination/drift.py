@@ -129,9 +129,9 @@ class DriftTracker:
             weights *= weights
             np.divide(self.usable, weights, out=weights)
             touched = self.usable & (squares > colour_limit(scale))
-            near = self._near_contact(touched)
-            fitting = weights if near is None else weights * ~near
-            if near is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
+            near_contact = self._near_contact(touched)
+            fitting = weights if near_contact is None else weights * ~near_contact
+            if near_contact is not None and np.count_nonzero(fitting) < MIN_BLOCKS:
                 fitting = weights
             before, gains = gains, self._fit(weighted, fitting, gains[:, 0])
             if np.abs(gains - before).max() < CONVERGENCE_TOL:
