@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.samples import Samples, inside_ball, join
+from tactilevision.photometric.ball.samples import Samples, ball_samples, join
 from tactilevision.photometric.calibrate import direction_error_deg, locate
 from tactilevision.photometric.card import provenance
 from tactilevision.photometric.illumination.colour_change import ColourChange
@@ -82,8 +82,8 @@ def on_real(network: Network, folder: Path) -> dict[str, Any]:
     parts: list[Samples] = []
     for number, picture in enumerate(pictures):
         seen, _, valid = change.measure(picture.rgb)
-        ball = locate(seen, valid, picture=picture, mm_per_px=SCALE)
-        parts.append(inside_ball(seen, ball, mm_per_px=SCALE, number=number, most=200, valid=valid, rng=rng))
+        ball = locate(seen, valid, picture, SCALE)
+        parts.append(ball_samples(seen, ball, SCALE, number=number, most=200, valid=valid, rng=rng))
     samples = join(parts)
     found = network.at(samples.change, samples.place)
     own = calibrate_from_balls(reference, pictures, mm_per_px=SCALE, fit=fit_polynomial)

@@ -36,7 +36,7 @@ def median(values: Array) -> Any:
 
 
 def mad_std(values: Array, *, centre: float | None = None) -> float:
-    """Standard deviation of all `values` (...), in their unit, about their median or a known `centre`."""
+    """Standard deviation of all `values` (..., n), in their unit, about their median or a known `centre`."""
     off = values if centre == 0.0 else values - (np.median(values) if centre is None else centre)
     return MAD_TO_STD * float(np.median(np.abs(off)))
 

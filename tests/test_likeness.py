@@ -161,9 +161,9 @@ def test_a_ready_method_sees_a_contact_in_its_reference(
     slopes = [ball(c, a, 4.0)[1:] for c, a in presses(3, rng)] + 2 * [(np.zeros(SHAPE), np.zeros(SHAPE))]
     frames = [picture(*one, rng, gain=grain(), lamps=lamps) for one in slopes]
     found.look(frames)
-    assert found.likeness is not None
-    assert found.likeness.touched is not None
-    assert np.hypot(*np.subtract(found.likeness.touched, in_px(place))) < contact_mm / MM_PER_PX
+    assert found.reference_match is not None
+    assert found.reference_match.contact_px is not None
+    assert np.hypot(*np.subtract(found.reference_match.contact_px, in_px(place))) < contact_mm / MM_PER_PX
     assert any("a contact in the untouched reference" in line for line in found.warnings)
     assert all(REFERENCE in found.rectified_map(rgb).flags for rgb in frames)
 
@@ -178,8 +178,8 @@ def test_no_contact_in_the_reference_is_seen_where_there_is_none(
     p, q = ball((-2.0, 1.0), radius_mm, 4.0)[1:] if radius_mm else (np.zeros(SHAPE), np.zeros(SHAPE))
     found = reader()
     found.look([picture(p, q, rng, gain=grain(), lamps=lamps, stray_grey=stray) for stray in (15, 20, 20, 12)])
-    assert found.likeness is not None
-    assert found.likeness.touched is None
+    assert found.reference_match is not None
+    assert found.reference_match.contact_px is None
     assert found.warnings == ()
 
 
@@ -187,8 +187,8 @@ def test_a_single_frame_says_nothing_of_its_reference() -> None:
     rng = np.random.default_rng(SEED + 10)
     found = touched((-3.5, 2.0), 1.6, rng)
     found.look([flat(rng, gain=grain())])
-    assert found.likeness is not None
-    assert found.likeness.touched is None
+    assert found.reference_match is not None
+    assert found.reference_match.contact_px is None
 
 
 def test_a_contact_that_the_calibration_saw_in_its_reference_is_flagged() -> None:

@@ -150,9 +150,9 @@ def test_a_reference_is_renewed_by_free_frames_only() -> None:
 def test_free_frames_take_off_slopes_that_are_not_there() -> None:
     rng = np.random.default_rng(10)
     free = [flat(rng) for _ in range(12)]
-    quiet = calibrated().method.current_background
+    background = calibrated().method.current_background
     leaning = dataclasses.replace(
-        calibrated().method, quiet=dataclasses.replace(quiet, bias_x=quiet.bias_x - 0.01)
+        calibrated().method, background=dataclasses.replace(background, bias_x=background.bias_x - 0.01)
     )
     settled = subtract_background(leaning, free)
     fresh = [flat(rng) for _ in range(6)]

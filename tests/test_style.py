@@ -20,16 +20,17 @@ LONGEST_FUNCTION = 35  # lines of code: a function is read whole on one screen
 MEDIAN_FUNCTION = 6  # lines of code
 LONGEST_FILE = 350  # lines
 TABLES = 60  # statements laid out by hand; the formatter lays out all else
-STILL_LONG = 7  # functions over LONGEST_FUNCTION today; to be 0
-STILL_SILENT = 114  # judgements that say nothing of their meaning today; to be 0
-STILL_CROWDED = 30  # lines that hold several judgements today; to be 0
-STILL_SHAPELESS = 165  # public array functions that name no shape or no unit today; to be 5 %
+STILL_LONG = 1  # functions over LONGEST_FUNCTION today; to be 0
+STILL_SILENT = 0  # judgements that say nothing of their meaning
+STILL_CROWDED = 0  # lines that hold several judgements
+STILL_SHAPELESS = 0  # public array functions that name no shape or no unit
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 _ARRAYS = re.compile(r"\b(Floats|Bools|Ints|Array|Planes|Picture|Singles|NDArray|HeightMap|SlopeMap)\b")
 _SHAPE = re.compile(r"\((?:[\w.+*\-/ ]+,)[\w.+*\-/, ]*\)|\bscalar|\bshape|like `|of `|as `")
 _UNIT = re.compile(
-    r"\b(mm\d?|um|µm|N|MPa|s|Hz|px|deg|rad|degrees|grey|per|share|slope|slopes|ratio|relative|mask|dimensionless|1)\b|[%-]1"
+    r"\b(mm[\d²³]?|um|µm|N|MPa|s|Hz|px|deg|rad|degrees|grey|per|[Ss]hares?|slopes?|ratios?|relative|[Mm]ask|1"
+    r"|dimensionless|(?:its|their|any) unit)\b|[%-]1"
 )
 
 
@@ -123,6 +124,8 @@ def test_every_judgement_says_what_it_means() -> None:
 
 
 def _takes_arrays(node: Function) -> bool:
+    if any(isinstance(mark, ast.Name) and mark.id == "overload" for mark in node.decorator_list):
+        return False  # the implementation tells
     notes = [a.annotation for a in (*node.args.args, *node.args.kwonlyargs)] + [node.returns]
     return any(note is not None and _ARRAYS.search(ast.unparse(note)) for note in notes)
 
@@ -130,7 +133,7 @@ def _takes_arrays(node: Function) -> bool:
 def test_public_array_functions_name_shape_and_unit() -> None:
     missing = []
     for path in SOURCES:
-        if "report" in path.parts:  # its Picture is a figure
+        if {"report", "cli"} & set(path.parts):  # their Picture is a figure
             continue
         for node in tree_of(path).body:
             if not isinstance(node, Function) or node.name.startswith("_") or not _takes_arrays(node):

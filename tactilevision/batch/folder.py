@@ -1,6 +1,6 @@
 """A whole folder of frames into height maps: streamed, on all cores, taken up again where it was cut off.
 
-Each frame's map is written whole under its own name before the frame counts as done (streaming.py).
+Each frame's map is written whole under its own name before the frame counts as done (jobs.py).
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def reconstruct_folder(
     of every depth: depth_std/NAME.tiff, or depth_std_mm.
     `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
-    `anchor` holds the faces of certified presses (press/anchor.py).
+    `anchor` holds the faces of certified presses (certificate/depth/face_depth.py).
     """
     out, names = Path(out), recording.frame_names
     kinds = (MAPS, STDS) if with_std else (MAPS,)
@@ -175,7 +175,9 @@ def _apart(recording: Recording) -> dict[str, str]:
 
 
 def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, float]:
-    """Peak depth in mm, and the area in mm² in contact (contact/region.py); `error` of the map's method.
+    """Peak depth (mm) of a map (H, W), and its area in contact (mm²; contact/region.py).
+
+    `error` of the map's method.
 
     The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
     """
@@ -191,7 +193,7 @@ def _measured(height: HeightMap, contact: Bools) -> tuple[float, float]:
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
-    """Standard deviation of the depths from `peak_mm` on: their median; NaN where it is not known."""
+    """Standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is not known."""
     if height.std_mm is None:
         return float("nan")
     there = height.std_mm[height.valid & (height.depth_mm >= peak_mm)]

@@ -123,7 +123,10 @@ def fingerprint_of(recording: Recording, *parts: object) -> str:
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
-    """A hash of the first frame's map: another method, or another calibration of it, gives another one."""
+    """A hash of the first frame's map (H, W), in mm.
+
+    Another method, or another calibration of it, gives another one.
+    """
     numbers = range(len(recording.frame_names))
     frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
     if frame is not None:

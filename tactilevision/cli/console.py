@@ -16,7 +16,7 @@ from tactilevision.files import write_json
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
-_FIRST = 10
+_FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
 
 
 class Progress(Protocol):

@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -54,6 +55,7 @@ def depth(
 
     warned: list[str] = []
     light = _teller(method, warned)
+    how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:
@@ -62,39 +64,22 @@ def depth(
                 where=path,
                 remedy="Name the recording, or leave --calibration out.",
             )
+        read = partial(source.open_branch, sensor=sensor, reference=reference)
         with console.progress_bar("frames") as progress:
-            branches = reconstruct_tree(
-                path,
-                out,
-                read=lambda one: source.open_branch(one, sensor, reference=reference),
-                light=light,
-                form=form.value,
-                workers=workers,
-                progress=progress,
-                with_std=with_std,
-            )
+            branches = reconstruct_tree(path, out, read=read, light=light, progress=progress, **how)
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
-        _tell(rows, out, f"SOURCE/{maps}")
+        maps = f"SOURCE/{maps}"
     else:
         recording = source.open_source(path, sensor, reference=reference)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
         with console.progress_bar("frames") as progress:
-            rows = reconstruct_folder(
-                recording,
-                reconstructor,
-                out,
-                workers=workers,
-                progress=progress,
-                form=form.value,
-                anchor=anchor,
-                with_std=with_std,
-            )
+            rows = reconstruct_folder(recording, reconstructor, out, anchor=anchor, progress=progress, **how)
         content = {"passed_over": {}, "faces_certified": anchor.depth_scale is not None}
         _draw(recording, reconstructor, rows, out / "figures", most=pictures, anchor=anchor)
-        _tell(rows, out, maps)
+    _tell(rows, out, maps)
     console.hand_over(_summary(rows) | content | {"warnings": warned}, json)
     if all(row.status != "ok" for row in rows):
         raise InputError(

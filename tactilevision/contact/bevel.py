@@ -32,7 +32,7 @@ def mean_distance_mm(distance_mm: float) -> float:
 
 
 def strip_places(reach_mm: float) -> Floats:
-    """Distances s of a strip, symmetric about the axis, out to `reach_mm`."""
+    """Distances s (n,) of a strip in mm, symmetric about the axis, out to `reach_mm`."""
     count = int(np.floor(reach_mm / STEP_MM))
     return np.linspace(-count, count, 2 * count + 1) * STEP_MM
 

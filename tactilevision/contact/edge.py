@@ -23,14 +23,14 @@ _DIRECTIONS = 180  # round the face, in which the steepest place is looked for
 
 
 def place_px(height: HeightMap, places_mm: Floats) -> Floats:
-    """Pixels (x, y) of places (..., 2) on the pad."""
+    """Pixels (x, y) of places (..., 2) on the pad, mm from its centre."""
     rows, columns = height.depth_mm.shape
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
     return np.asarray(np.asarray(places_mm) / np.asarray(height.mm_per_px) + middle, dtype=np.float64)
 
 
 def sample(field: npt.NDArray[Any], places_px: Floats) -> Floats:
-    """Bilinear values of `field` (H, W) or (H, W, C) at places (A, B, 2) in pixels; NaN outside the picture."""
+    """Bilinear values of `field` (H, W) or (H, W, C) at places (A, B, 2), px; NaN outside the picture."""
     grid = places_px.astype(np.float32)
     values = cv2.remap(
         np.asarray(field, dtype=np.float32),

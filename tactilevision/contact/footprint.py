@@ -30,7 +30,7 @@ _DETECTION_SIGMA = 6.0  # times the scatter of the filter over the view: about o
 
 
 def find_footprint(height: HeightMap, indenter: Indenter, *, prior: Footprint | None = None) -> Footprint | None:
-    """The face of `indenter` in `height`, or None where nothing stands out of the noise.
+    """The face of `indenter`, in mm, in a map (H, W), or None where nothing stands out of the noise.
 
     `prior`, a footprint of the same press, saves the search. Works from a depth of some ten times the noise on.
     """
@@ -77,7 +77,9 @@ def unevenness_mm(height: HeightMap, face: Footprint, *, away_from: Pair) -> flo
 
 
 def relief_mm(height: HeightMap, face: Footprint) -> float:
-    """How far the face is from flat, rms in mm beside a plane and a dish: what broke off shows, a tilt does not.
+    """How far the face in a map (H, W) is from flat, rms in mm beside a plane and a dish.
+
+    What broke off shows, a tilt does not.
 
     A dish, alike all round, is what a height map may make of any deep face. Read within _INNER of the radius,
     clear of the wall. NaN where too little of the face is in view.

@@ -33,7 +33,7 @@ Array = npt.NDArray[np.floating[Any]]
 
 
 def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
-    """Where something presses (H, W).
+    """Mask (H, W) of where something presses.
 
     A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
     counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. Specks

@@ -25,7 +25,7 @@ EXPORTS: dict[str, Writer] = {
 
 
 def export(height: HeightMap, folder: Path | str, *, form: str) -> Path:
-    """Write a height map as `form`, a name in EXPORTS, under its own name; returns the file.
+    """Write a height map (H, W), in mm, as `form`, a name in EXPORTS, under its own name; returns the file.
 
     Raises InputError for a format that is not known.
     """

@@ -16,12 +16,12 @@ AXES = "x right, y up, z into the gel and towards the camera, mm"
 
 
 def about(height: HeightMap) -> str:
-    """One line for a file's head: its axes, and what makes the map doubtful."""
+    """One line for a file's head: its axes in mm, and what makes the map (H, W) doubtful."""
     return f"height map; {AXES}" + (f"; doubtful: {' '.join(height.flags)}" if height.flags else "")
 
 
 def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
-    """(H, W, 3); z is 0 where the depth is not known."""
+    """Places x, y, z (H, W, 3) in mm; z is 0 where the depth is not known."""
     rows, columns = height.depth_mm.shape
     x = (np.arange(columns) - (columns - 1) / 2) * height.mm_per_px[0]
     y = ((rows - 1) / 2 - np.arange(rows)) * height.mm_per_px[1]
@@ -30,7 +30,9 @@ def points_mm(height: HeightMap) -> npt.NDArray[np.float32]:
 
 
 def triangles(height: HeightMap) -> npt.NDArray[np.int32]:
-    """(T, 3) numbers of known pixels, counted row by row among the known; two where four neighbours are known.
+    """Triangles (T, 3): dimensionless numbers of their pixels, counted row by row among the known.
+
+    Two where four neighbours are known.
 
     They run anticlockwise as seen from the camera.
     """

@@ -15,7 +15,10 @@ from tactilevision.records import HeightMap
 
 
 def write_npz(path: Path | str, height: HeightMap) -> None:
-    """Write depth, its standard deviation, scale, time and name; read back with numpy.load, no pickle in it."""
+    """Write depth (H, W) in mm, its standard deviation, scale, time and name.
+
+    Read back with numpy.load, no pickle in it.
+    """
     content: dict[str, Any] = {
         "depth_mm": masked(height),
         "mm_per_px": np.array(height.mm_per_px),

@@ -16,7 +16,7 @@ from tactilevision.records import HeightMap
 
 
 def write_ply(path: Path | str, height: HeightMap) -> None:
-    """Write vertices (x, y, z, depth_mm) and triangles."""
+    """Write vertices (x, y, z, depth), in mm, and triangles."""
     points = points_mm(height)[height.valid]
     faces = triangles(height)
     vertex = np.zeros(len(points), dtype=[("xyz", "<f4", 3), ("depth", "<f4")])

@@ -16,7 +16,9 @@ from tactilevision.records.flags import add
 
 
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
-    """Write depth in mm as float32, NaN where invalid, never clipped; the scale goes into the file's own tags.
+    """Write depth (H, W) in mm as float32, NaN where invalid, never clipped.
+
+    The scale goes into the file's own tags.
 
     `quantity`: what is in place of the depth. What makes the map doubtful (`flags`) goes there, too.
     """
@@ -35,7 +37,7 @@ def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth in
 
 
 def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
-    """Read a depth TIFF; `mm_per_px` overrides the scale in the file.
+    """Read a TIFF of depths (H, W), in mm; `mm_per_px` overrides the scale in the file.
 
     Raises InputError where it is no picture of depths, or where no scale is known.
     """
@@ -81,5 +83,5 @@ def _scale(about: Any) -> Pair | None:
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:
-    """Depth in mm as float32 with NaN where it is not known."""
+    """Depth (H, W) in mm as float32 with NaN where it is not known."""
     return np.where(height.valid, height.depth_mm, np.nan).astype(np.float32)

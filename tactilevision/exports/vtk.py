@@ -17,7 +17,7 @@ from tactilevision.records import HeightMap
 
 
 def write_vtk(path: Path | str, height: HeightMap) -> None:
-    """Write the grid of all pixels, the first row first."""
+    """Write the grid of all pixels (H, W), in mm, the first row first."""
     rows, columns = height.depth_mm.shape
     header = (
         f"# vtk DataFile Version 3.0\n{about(height)}\nBINARY\nDATASET STRUCTURED_GRID\n"

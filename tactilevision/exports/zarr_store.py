@@ -24,7 +24,7 @@ Singles = npt.NDArray[np.float32]
 
 
 def write_zarr(path: Path | str, height: HeightMap) -> None:
-    """Write a group with depth_mm (H, W), NaN where it is not known, and std_mm where it is stated."""
+    """Write a group with depth_mm (H, W), in mm, NaN where it is not known, and std_mm where it is stated."""
     fields = {"depth_mm": masked(height)}
     if height.std_mm is not None:
         fields["std_mm"] = height.std_mm.astype(np.float32)

@@ -74,9 +74,10 @@ def read_material(path: Path | str) -> Material:
 def material_sensitivity(
     field: ForceField, found: TractionMap, height: HeightMap, shear: ShearMap | None = None
 ) -> tuple[Sensitivity, ...]:
-    """Resultants with E, then nu, at the ends of the 95 % interval of the material's own covariance, the other of
-    the two held; then with both, as far as they vary together (to first order). `found` is what `field` made of
-    the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
+    """Resultants (N) of a map (H, W) with E, then nu, at the ends of the material's own 95 % interval.
+
+    The other of the two is held; then both vary, as far as they do together (to first order). `found` is what
+    `field` made of the maps; it is proportional to E, and for each end of nu a compliance is made and let go.
 
     Raises InputError where the material has no covariance.
     """

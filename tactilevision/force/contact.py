@@ -27,9 +27,10 @@ TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 
 
-def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
-    """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns); empty where
-    nothing does.
+def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArray[np.intp]:
+    """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in mm.
+
+    Empty where nothing does.
     """
     seen = depth_mm[known]
     if seen.size == 0:
@@ -46,9 +47,10 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.ND
     return np.flatnonzero(sure[patches])
 
 
-def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
-    """Cells of a weak contact beside a deep one, where the depth `left_mm` over that one's own (`moved_mm`) stands
-    out; flat indices.
+def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
+    """Flat indices of the cells (rows, columns) of a weak contact beside a deep one.
+
+    There the depth `left_mm` over that one's own (`moved_mm`) stands out.
 
     `usable` leaves out what is near the deep contact. A patch must stand out of its deviation and of what the deep
     contact's displacement may be wrong by, and by more of the two than any place rises: the map's own slow error
@@ -71,12 +73,14 @@ def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usabl
 
 
 def pulling(pressure: Floats, std: float = 0.0) -> Bools:
-    """Which of the pressures of an active set are to be left out."""
+    """Mask (C,) of the pressures (MPa) of an active set that are to be left out; `std` of one, alike."""
     return np.asarray(pressure < max(FAINTEST * float(np.max(pressure, initial=0.0)), std))
 
 
 def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
-    """A quarter of the graph Laplacian of the cells (C, C): x R x is the squared step to the neighbours.
+    """A quarter of the graph Laplacian of the cells (C,): R, dimensionless (C, C).
+
+    x R x is the squared step to the neighbours.
 
     The edge of the set is free, so a constant traction is not rough and its sum is not pulled down.
     """
@@ -96,7 +100,7 @@ def roughness(cells: npt.NDArray[np.intp], shape: tuple[int, int]) -> Floats:
 
 
 def at_border(cells: npt.NDArray[np.intp], usable: Bools) -> Bools:
-    """Which of the cells lie beside one of which nothing is known: at the border of the view, gel or map."""
+    """Mask (C,) of the cells beside one of which nothing is known: at the border of the view, gel or map."""
     inside = np.pad(usable, 1)
     row, column = np.divmod(cells, usable.shape[1])
     beyond = [inside[row + 1 + dy, column + 1 + dx] for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0))]

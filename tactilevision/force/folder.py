@@ -1,6 +1,6 @@
 """All frames of a recording into tractions and resultants, with the F/T reading beside where there is one.
 
-Streamed on all cores and taken up again where it was cut off (streaming.py).
+Streamed on all cores and taken up again where it was cut off (jobs.py).
 """
 
 from __future__ import annotations

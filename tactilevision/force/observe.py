@@ -51,7 +51,9 @@ class PixelNoise:
 def observe(
     grid: NodeGrid, height: HeightMap, *, shear: ShearMap | None, noise: PixelNoise, inside: Bools
 ) -> Observation:
-    """Means over the cells of depth and shear. `std_mm` of a pixel's depth stands in where the map has none.
+    """Means over the cells of depth and shear (H, W), in mm.
+
+    `std_mm` of a pixel's depth stands in where the map has none.
 
     Raises InputError where the maps do not belong to the grid or carry no number at all.
     """
@@ -79,8 +81,8 @@ def observe(
     return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
 
 
-def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
-    """Depth (H, W) of the material that was at each pixel of the untouched frame, and where it is known."""
+def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
+    """Depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of known ones."""
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
     if not shear.valid.all():
@@ -97,16 +99,19 @@ def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Arra
 
 
 def noise_of_cells(depth: Floats, known: Bools) -> float:
-    """Standard deviation of the cells' depths, from second differences along rows: robust to the few that
-    touch.
+    """Standard deviation of the cells' depths (rows, columns), in their mm, from second differences along rows.
+
+    Robust to the few that touch.
     """
     step = depth[:, :-2] - 2 * depth[:, 1:-1] + depth[:, 2:]
     usable = step[known[:, :-2] & known[:, 1:-1] & known[:, 2:]]
     return float(MAD_TO_STD * np.median(np.abs(usable)) / np.sqrt(6)) if usable.size else 0.0
 
 
-def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
-    """Robust size of the depths `away_mm` and more from whatever is half as deep as the deepest cell.
+def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> float:
+    """Robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
+
+    A contact is whatever is half as deep as the deepest cell.
 
     There the gel hardly moves, so this is the map's own slow error; what it does move makes the answer cautious.
     Where fewer than MIN_FAR cells are so far, the quarter that is farthest stands in.
@@ -120,8 +125,8 @@ def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
 
-def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
-    """By what factor, at least 1, the gel that lies still is farther from flat than the map's `std_mm` says.
+def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, away_mm: float) -> float:
+    """By what factor, at least 1, still gel is farther from flat than the map's `std_mm` (rows, columns) says.
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than
     MIN_FAR the map stands for itself.

@@ -95,5 +95,5 @@ def moment(fields: list[Floats], place: TractionMap) -> Triple:
 
 
 def triple(values: Floats) -> Triple:
-    """Three plain numbers."""
+    """Three plain numbers of values (3,), in their N or N mm."""
     return (float(values[0]), float(values[1]), float(values[2]))

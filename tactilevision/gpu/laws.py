@@ -9,7 +9,7 @@ import torch
 
 from tactilevision.photometric.methods.lookup import FINE, LookupEvaluator
 from tactilevision.photometric.methods.network import NetworkEvaluator
-from tactilevision.photometric.methods.polynomial import MOST, RAISED, PolynomialEvaluator
+from tactilevision.photometric.methods.polynomial import MAX_ORDER, RAISED, PolynomialEvaluator
 from tactilevision.photometric.protocols import Evaluator
 
 Law = Callable[[torch.Tensor], torch.Tensor]
@@ -34,9 +34,9 @@ def _polynomial(evaluate: PolynomialEvaluator, device: str) -> Law:
         parts = list(change)
         for first, below, _ in RAISED:
             parts += [part * parts[first.start] for part in parts[below]]
-        sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), MOST + 1, 2, -1)
-        found = sums[:, MOST]
-        for i in reversed(range(MOST)):
+        sums = (per_row @ torch.stack(parts, dim=1)).reshape(len(per_row), MAX_ORDER + 1, 2, -1)
+        found = sums[:, MAX_ORDER]
+        for i in reversed(range(MAX_ORDER)):
             found = found * x + sums[:, i]
         return found.clamp(-bound, bound).permute(1, 0, 2)
 

@@ -22,21 +22,23 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class TorchReader:
-    """Reads frames of one method on `device`: `look` where it reads calm gel in means, else `read`."""
+    """Reads frames of one method on `device`: `read_tiles` where it reads gentle gel in means, else `read`."""
 
     def __init__(self, method: ReferencedMethod, mm_per_px: Pair, device: str) -> None:
         """Raises LookupError for a colour law that torch is not told of."""
-        self.method, self.device, self.calm = method, device, method.tiled_evaluator
+        self.method, self.device, self.tiled = method, device, method.tiled_evaluator
         self.solver = TorchSolver(method.reference.shape, mm_per_px, device)
-        self.whole = _Maps(method.change.maps, method.evaluate, method.calm, method.bias, device=device)
-        calm = self.calm
-        self.half = _Maps(calm.maps, calm.evaluate, calm.calm, calm.bias, device=device) if calm else None
+        self.whole = _Maps(method.change.maps, method.evaluate, method.kept_share, method.bias, device=device)
+        tiled = self.tiled
+        self.half = (
+            _Maps(tiled.maps, tiled.evaluate, tiled.kept_share, tiled.bias, device=device) if tiled else None
+        )
 
     def follow(self) -> None:
         """To be called when the method's reference has moved."""
         for maps in (self.whole, self.half):
             if maps is not None:
-                maps.settle()
+                maps.update_scale()
 
     def read(self, rgb: Bytes) -> tuple[Reading, Picture]:
         """What a frame says, and its surface (H, W), mean 0. Raises as the method does."""
@@ -53,17 +55,17 @@ class TorchReader:
             steepest = _steepest(slopes)
         return Reading(SlopeMap(found[0], found[1], valid & method.readable), drift, steepest), depth
 
-    def look(self, rgb: Bytes) -> TiledSlopes:
-        """What a frame says, calm gel in means, as the method's own reader of calm gel gives it."""
-        assert self.calm is not None
+    def read_tiles(self, rgb: Bytes) -> TiledSlopes:
+        """What a frame says, gentle gel in means, as the method's own reader of gentle gel gives it."""
+        assert self.tiled is not None
         assert self.half is not None
         drift, valid = self.method.change.take(rgb)
-        self.calm.maps.light(drift.gains)
-        rows, columns = self.calm.even
+        self.tiled.maps.light(drift.gains)
+        rows, columns = self.tiled.even
         with torch.inference_mode():
             greys = self._greys()
-            coarse = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.calm.px))
-            windows = self.calm.windows(coarse.cpu().numpy())
+            coarse = self.half.slopes(torch.nn.functional.avg_pool2d(greys[:, rows, columns], self.tiled.px))
+            windows = self.tiled.windows(coarse.cpu().numpy())
             slopes = self.whole.slopes(greys) if windows else coarse
             fine = [slopes[:, *window] for window in windows]
             steepest = max(_steepest(part) for part in (coarse, *fine))
@@ -86,16 +88,18 @@ def _steepest(slopes: torch.Tensor) -> float:
 class _Maps:
     """One resolution: what stands between grey levels and slopes, on the device."""
 
-    def __init__(self, maps: ChangeMaps, evaluate: Evaluator, calm: Picture, bias: Planes, *, device: str) -> None:
+    def __init__(
+        self, maps: ChangeMaps, evaluate: Evaluator, kept_share: Picture, bias: Planes, *, device: str
+    ) -> None:
         law = law_on(evaluate, device)
         if law is None:
             raise LookupError(type(evaluate).__name__)
         self.law: Law = law
         self.maps, self.device = maps, device
-        self.calm, self.bias = torch.from_numpy(calm).to(device), torch.from_numpy(bias).to(device)
-        self.settle()
+        self.kept_share, self.bias = torch.from_numpy(kept_share).to(device), torch.from_numpy(bias).to(device)
+        self.update_scale()
 
-    def settle(self) -> None:
+    def update_scale(self) -> None:
         self.scale = torch.from_numpy(self.maps.scale.copy()).to(self.device)
 
     def slopes(self, greys: torch.Tensor) -> torch.Tensor:
@@ -106,4 +110,4 @@ class _Maps:
         return self.read((greys * gain + SOFTENING_GREY) * self.scale - 1.0)
 
     def read(self, change: torch.Tensor) -> torch.Tensor:
-        return self.law(change) * self.calm - self.bias
+        return self.law(change) * self.kept_share - self.bias

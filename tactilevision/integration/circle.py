@@ -70,24 +70,24 @@ def _consensus(points: Floats, start: tuple[Pair, float], scale_mm: float) -> tu
 
     Three points p, p + b, p + c lie on the circle round p + u, 2 [b; c] u = [b b; c c].
     """
-    near, wide = 3 * scale_mm, start[1]
+    tolerance, start_radius = 3 * scale_mm, start[1]
     rng = np.random.default_rng(len(points))  # a draw that repeats: the same points give the same circle
     first, b, c = points[rng.integers(0, len(points), (3, TRIALS))]
     b, c = b - first, c - first
     twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    apart = np.abs(twice) > 1e-9 * wide**2
-    first, b, c, twice = first[apart], b[apart], c[apart], twice[apart, None]
+    well_spread = np.abs(twice) > 1e-9 * start_radius**2
+    first, b, c, twice = first[well_spread], b[well_spread], c[well_spread], twice[well_spread, None]
     square_b, square_c = (np.sum(side**2, axis=1) for side in (b, c))
     to_centre = (
         np.stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b], axis=1)
         / twice
     )
     radii = np.hypot(*to_centre.T)
-    likely = (0.3 * wide < radii) & (radii < 3 * wide)
+    likely = (0.3 * start_radius < radii) & (radii < 3 * start_radius)
     centres = np.concatenate([np.asarray(start[0], np.float64)[None], (first + to_centre)[likely]])
-    radii = np.concatenate([[wide], radii[likely]])
-    away = np.hypot(*(points.T[:, None] - centres.T[..., None]))
-    best = int(np.argmax(np.count_nonzero(np.abs(away - radii[:, None]) < near, axis=1)))
+    radii = np.concatenate([[start_radius], radii[likely]])
+    distance = np.hypot(*(points.T[:, None] - centres.T[..., None]))
+    best = int(np.argmax(np.count_nonzero(np.abs(distance - radii[:, None]) < tolerance, axis=1)))
     return centres[best], float(radii[best])
 
 
@@ -115,8 +115,8 @@ def _tukey(residual: Floats, scale_mm: float) -> Floats:
     return tukey_weight(residual, spread)
 
 
-def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
-    """Centre x, y and radius, in the unit of the places (n,), robust to what lies off the circle.
+def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
+    """Centre x, y and radius, in mm or px as the places (n,) are, robust to what lies off the circle.
 
     minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
 
@@ -132,15 +132,18 @@ def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float,
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
-def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
-    """Weighted least squares (3,) of values (n,) in any unit over terms (3, n)."""
-    heavy = terms * weights
-    normal = heavy @ terms.T + STIFFENING
-    return solved(normal, heavy @ values)
+def weighted_solution(terms: Floats, values: Floats, weights: Floats) -> Floats:
+    """Weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
+    weighted = terms * weights
+    normal = weighted @ terms.T + STIFFENING
+    return solved(normal, weighted @ values)
 
 
 def solved(normal: Floats, right: Floats) -> Floats:
-    """The solution (k,) of normal equations (k, k) x = right (k,), any unit; they must be positive definite."""
+    """The solution (k,) of normal equations (k, k) x = right (k,), in their unit.
+
+    They must be positive definite.
+    """
     return np.asarray(cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0])
 
 

@@ -14,16 +14,16 @@ from tactilevision.records import Floats, Pair, SlopeMap
 from tactilevision.robust import geman_mcclure_weight, median
 
 MIN_STEEP = 12  # pixels; fewer are noise
-ENOUGH = 200  # pixels that tell a circle to look for a rim on
+MAX_SAMPLES = 200  # pixels that tell a circle to look for a rim on
 MIN_RADIUS_PX = 6.0  # px: of a smaller circle no flank can be told
 MIN_ROUND = 1 / 3  # of the rim in the picture
 OFF_ROUND_PX = 1.0  # spread of the flank about a circle
-SHARP = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
+MAX_BLUR = 0.12  # of the radius: sigma of a blurred edge; wider flanks are bodies without an edge
 BIN_PX = 0.5  # px: step of the profile across the edge
 ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
-OUTER = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
+OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
@@ -52,8 +52,8 @@ class CircularEdge:
     std: Floats
 
 
-def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[CircularEdge]:
-    """Sharp round rims about regions that are anywhere steeper than `limit`."""
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
+    """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `limit`."""
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
     squared = cv2.add(cv2.multiply(p, p, dst=p), cv2.multiply(q, q, dst=q), dst=p)
@@ -63,19 +63,19 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> l
     gentle = cv2.compare(squared, 0.25 * limit**2, cv2.CMP_GT)
     _, labels = cv2.connectedComponents(cv2.morphologyEx(gentle, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)))
     steep = 4 * np.bincount(labels[beyond > 0])
-    found = []
+    edges = []
     for label in np.flatnonzero(steep >= MIN_STEEP)[:8]:
         at = np.flatnonzero(labels == label)
-        at = at[:: max(1, len(at) // ENOUGH)]
+        at = at[:: max(1, len(at) // MAX_SAMPLES)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        rim = _measure(slopes, mm_per_px, quick_circle(x, y, weight=squared.ravel()[at].astype(np.float64)))
-        if rim is not None:
-            found.append(rim)
-    return found
+        edge = _fit_edge(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
+        if edge is not None:
+            edges.append(edge)
+    return edges
 
 
-def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
+def _fit_edge(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
     """The rim near a circle, None where it is not round and sharp.
 
     Twice: first about the edge alone, by a circle that what lies outside makes too large.
@@ -93,15 +93,15 @@ def _measure(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, floa
     if spread > OFF_ROUND_PX * px or not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
     centre = x + shift_x, y + shift_y
-    bounds = _bounds(radius, px, (1 + OUTER) * radius + 8.0 * px)
+    bounds = _bounds(radius, px, (1 + OUTER_SHARE) * radius + 8.0 * px)
     places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
-    low, middle, high, highest = _parts(values, 0.25, 0.5, 0.75, 0.8)
-    half, quarter = _flanks(places, np.stack([middle, middle]), np.array([0.5, 0.25]))
+    low, median, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
+    half, quarter = _flanks(places, np.stack([median, median]), np.array([0.5, 0.25]))
     blur = (half - quarter) / (QUARTER - HALF)
-    if not blur < SHARP * radius:  # nor where it is not known
+    if not blur < MAX_BLUR * radius:  # nor where it is not known
         return None
     std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
-    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, middle, highest, std)
+    return CircularEdge(centre, half + HALF * blur, blur, uneven, places, median, highest, std)
 
 
 def _bounds(radius: float, px: float, outer: float) -> Pair:
@@ -123,19 +123,19 @@ def _profiles(
     x, y = across * (r / np.float32(mm_per_px[0])), down * (r / np.float32(mm_per_px[1]))
     x += np.float32(circle[0] / mm_per_px[0])
     y += np.float32(circle[1] / mm_per_px[1])
-    inward = _at(slopes.dz_dx, x, y)
+    inward = _sampled(slopes.dz_dx, x, y)
     inward *= -across
-    along_y = _at(slopes.dz_dy, x, y)
+    along_y = _sampled(slopes.dz_dy, x, y)
     along_y *= down
     inward -= along_y
     if slopes.valid is not None and not slopes.valid.all():
-        seen = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
-        inward[seen == 0] = np.nan
+        known = cv2.remap(slopes.valid.view(np.uint8), x, y, cv2.INTER_NEAREST)
+        inward[known == 0] = np.nan
     means = np.add.reduce(inward.reshape(sectors, ACROSS, -1), axis=1)
     return places, np.asarray(means, np.float64) / ACROSS
 
 
-def _at(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
+def _sampled(plane: npt.NDArray[np.floating], x: Picture, y: Picture) -> Picture:
     plane = np.asarray(plane, np.float32)
     return np.asarray(cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan))
 
@@ -167,7 +167,7 @@ def window_of(
     return (slice(y0, y1), slice(x0, x1)), np.asarray(x, np.float64), np.asarray(y, np.float64)
 
 
-def _parts(values: Floats, *shares: float) -> Floats:
+def _quantiles(values: Floats, *shares: float) -> Floats:
     """The values (shares, J) that a share of the known ones in each column of (K, J) do not exceed, or NaN."""
     last = np.maximum(np.count_nonzero(np.isfinite(values), axis=0) - 1, 0)
     ordered = np.sort(values, axis=0)  # NaN last

@@ -1,4 +1,4 @@
-"""The unweighted normal equations of `surface.py`, solved by one pair of cosine transforms.
+"""The unweighted normal equations of `poisson.py`, solved by one pair of cosine transforms.
 
 The cosine transform of type II diagonalises the 5-point Laplacian with natural borders, with the eigenvalues
 (2 - 2 cos(pi k/N))/d^2, k = 0 .. N-1, per axis. It is quick where N has small factors alone. Where one axis has
@@ -24,7 +24,7 @@ from scipy import fft
 from tactilevision.records import Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
-QUICK = 11  # the greatest prime factor that the transform has code of its own for
+MAX_FACTOR = 11  # the greatest prime factor that the transform has code of its own for
 
 
 class TransformSolver:
@@ -115,7 +115,7 @@ def _continued(shape: tuple[int, int]) -> tuple[int, int]:
     factors = [_greatest_factor(count) for count in shape]
     axis = int(np.argmax(factors))
     count = shape[axis]
-    return axis, fft.next_fast_len(count, real=True) if factors[axis] > QUICK else count
+    return axis, fft.next_fast_len(count, real=True) if factors[axis] > MAX_FACTOR else count
 
 
 def _greatest_factor(count: int) -> int:

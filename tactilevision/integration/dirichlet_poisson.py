@@ -1,6 +1,6 @@
 """Slopes to depth where the picture's border is known to lie flat: all of it at depth 0.
 
-    z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `surface.py`
+    z = 0 on the outermost pixels,   L z = div (p, q) within        L, div: those of `poisson.py`
 
 solved exactly by one pair of sine transforms. A border that is known takes no error of slope along: of waves and
 tilts that wrong slopes make, what a free border lets float is gone. It erases a true tilt as well, and bends a
@@ -20,14 +20,14 @@ from tactilevision.integration.dct_poisson import edge_divergence
 from tactilevision.records import Pair, SlopeMap
 
 Array = npt.NDArray[np.floating[Any]]
-LEVEL = 0.05  # of the depth that comes out: what the border may rise or fall by
+MAX_BORDER_RISE = 0.05  # of the depth that comes out: what the border may rise or fall by
 
 
 def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     """Depth (H, W) in mm, float64, 0 on the outermost pixels.
 
     Raises InputError where the slopes are not finite and valid throughout, or go up and down along the border by
-    more than LEVEL of the depth within: a contact, or a tilt, is cut by it.
+    more than MAX_BORDER_RISE of the depth within: a contact, or a tilt, is cut by it.
     """
     p, q = np.asarray(slopes.dz_dx, np.float64), np.asarray(slopes.dz_dy, np.float64)
     known = np.isfinite(p) & np.isfinite(q) & (True if slopes.valid is None else slopes.valid)
@@ -46,7 +46,7 @@ def integrate_dirichlet(slopes: SlopeMap, mm_per_px: Pair) -> Array:
     modes = fft.dstn(right, type=1) / -(bend[0][:, None] + bend[1][None, :])
     depth = np.pad(fft.idstn(modes, type=1), 1)
     rises, deep = _rises_mm(p, q, mm_per_px), float(np.abs(depth).max())
-    if rises > LEVEL * deep:
+    if rises > MAX_BORDER_RISE * deep:
         raise InputError(
             "the border is not flat",
             where="integrate",

@@ -67,22 +67,22 @@ class PunchEdge:
     std_mm: float
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes`; `limit` is the steepest slope that is read reliably."""
-    walls = [_through(rim, limit, min(mm_per_px)) for rim in find_circular_edges(slopes, mm_per_px, limit=limit)]
-    return [wall for wall in walls if wall is not None]
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
+    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably."""
+    edges = [_fit_edge(circle, limit, min(mm_per_px)) for circle in find_circular_edges(slopes, mm_per_px, limit)]
+    return [edge for edge in edges if edge is not None]
 
 
-def restore(slopes: SlopeMap, walls: list[PunchEdge], *, mm_per_px: Pair) -> None:
-    """Put the law's slopes in place of those that the walls hide, in place.
+def restore(slopes: SlopeMap, edges: list[PunchEdge], mm_per_px: Pair) -> None:
+    """Put the law's slopes in place of those (H, W) that the walls hide, in place.
 
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
     slope = -u'(s) (1 + t.x/w) r/|r| + t (1 - u/w).
     """
     half = 0.5 * min(mm_per_px)
-    for wall in walls:
-        outer, inner = wall.radius_mm + wall.reach_mm, wall.radius_mm + wall.places_mm[0]
-        window, x, y = window_of(slopes.dz_dx.shape, wall.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
+    for edge in edges:
+        outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
+        window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px, outer)
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -91,60 +91,62 @@ def restore(slopes: SlopeMap, walls: list[PunchEdge], *, mm_per_px: Pair) -> Non
         band = (square >= inner * inner) & (square < outer * outer)
         rows, columns = np.divmod(np.flatnonzero(band).astype(np.int32), np.int32(band.shape[1]))
         x, y, r = x.ravel().take(columns), y.ravel().take(rows), np.sqrt(square[band])
-        steep, left = _looked_up(wall, r, half)
-        steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / wall.depth_mm) / r
-        p[band] = steep * x + tilt[0] * left
-        q[band] = steep * y + tilt[1] * left
+        steep, remaining = _interpolated(edge, r, half)
+        steep *= (1.0 + (tilt[0] * x + tilt[1] * y) / edge.depth_mm) / r
+        p[band] = steep * x + tilt[0] * remaining
+        q[band] = steep * y + tilt[1] * remaining
 
 
-def _looked_up(wall: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
+def _interpolated(edge: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floats]:
     """Mean slope u' within `half` of distances `r` (n,) from the axis, and 1 - u/w there."""
-    below, above = (np.interp(wall.places_mm + d, wall.places_mm, wall.fall_mm) for d in (half, -half))
-    steep, left = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / wall.depth_mm
-    at = (r - (wall.radius_mm + wall.places_mm[0])) / (wall.places_mm[1] - wall.places_mm[0])
+    below, above = (np.interp(edge.places_mm + d, edge.places_mm, edge.fall_mm) for d in (half, -half))
+    steep, remaining = (above - below) / (2 * half), 1.0 - 0.5 * (above + below) / edge.depth_mm
+    at = (r - (edge.radius_mm + edge.places_mm[0])) / (edge.places_mm[1] - edge.places_mm[0])
     i = at.astype(np.int32)
     at -= i
     np.minimum(i, len(steep) - 2, out=i)
-    steep, left = (line.take(i) + at * np.diff(line).take(i) for line in (steep, left))
-    return steep, left
+    steep, remaining = (line.take(i) + at * np.diff(line).take(i) for line in (steep, remaining))
+    return steep, remaining
 
 
 def restore_windows(
     fine: Sequence[Planes], windows: Sequence[Window], *, valid: Bools, mm_per_px: Pair, limit: float
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
-    found = []
+    edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        walls = find_punch_edges(slopes, mm_per_px, limit=limit)
-        restore(slopes, walls, mm_per_px=mm_per_px)
+        restored = find_punch_edges(slopes, mm_per_px, limit)
+        restore(slopes, restored, mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
-        found += [replace(wall, centre_mm=(wall.centre_mm[0] + left, wall.centre_mm[1] + top)) for wall in walls]
-    return found
+        edges += [
+            replace(edge, centre_mm=(edge.centre_mm[0] + left, edge.centre_mm[1] + top)) for edge in restored
+        ]
+    return edges
 
 
-def _through(rim: CircularEdge, limit: float, px: float) -> PunchEdge | None:
+def _fit_edge(edge: CircularEdge, limit: float, px: float) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
-    mean, s = rim.slopes, rim.places_mm - rim.radius_mm
-    far = max(FAR * rim.radius_mm, 8 * px)
+    mean, s = edge.slopes, edge.places_mm - edge.radius_mm
+    far = max(FAR * edge.radius_mm, 8 * px)
     known = np.isfinite(mean)
-    steep = known & ~(rim.highest < limit)
+    steep = known & ~(edge.highest < limit)
     use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
     if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
-    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + rim.std**2)[use]
-    law = _Law(rim.radius_mm, px, far)
-    found, covariance = law.fitted(s[use], mean[use], std)
-    shift, reach = float(found[0]), float(s[steep].max() + px)
-    falls, fall, rate = law.falls(found, reach - shift)
+    std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
+    law = _Law(edge.radius_mm, px, far)
+    unknown, covariance = law.fitted(s[use], mean[use], std)
+    shift, reach = float(unknown[0]), float(s[steep].max() + px)
+    falls, fall, rate = law.falls(unknown, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
-    inner = -3.0 * float(np.hypot(*np.exp(found[1:3])))
+    inner = -3.0 * float(np.hypot(*np.exp(unknown[1:3])))
     bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
     read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
-    return PunchEdge(rim.centre_mm, rim.radius_mm + shift, reach - shift, law.edges[table], falls[table],
+    return PunchEdge(edge.centre_mm, edge.radius_mm + shift, reach - shift, law.edges[table], falls[table],
                 fall + beyond, fall - read,
-                float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * rim.uneven_mm)))  # fmt: skip
+                float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * edge.uneven_mm)))  # fmt: skip
 
 
 class _Law:
@@ -168,28 +170,28 @@ class _Law:
         Damped Gauss-Newton from the usual blur and the half-space's law through what lies outside.
         """
         rate = np.interp(s, self.places, self.rates[0]) * (s > 3 * self.px)
-        usual = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
+        start = np.array([0.0, np.log(EDGE_PX[0] * self.px), np.log(CAMERA_PX[0] * self.px),
                           float(rate @ slopes / (rate @ rate)), 0.0, 0.0])  # fmt: skip
-        bend = 3 * usual[3] / self.radius_mm
-        prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * usual[3], bend, bend / self.radius_mm]) ** -2
+        bend = 3 * start[3] / self.radius_mm
+        prior = np.array([2 * self.px, EDGE_PX[1], CAMERA_PX[1], 10 * start[3], bend, bend / self.radius_mm]) ** -2
 
-        def left(unknown: Floats) -> tuple[float, Floats, Floats]:
+        def misfit(unknown: Floats) -> tuple[float, Floats, Floats]:
             """Squares that are left, half their gradient (6,), and the normal equations (6, 6)."""
-            seen, rates = self._seen(unknown, s)
-            off, aside = (seen - slopes) / std, unknown - usual
+            predicted, rates = self._shown(unknown, s)
+            off, aside = (predicted - slopes) / std, unknown - start
             rates /= std
             uphill, normal = rates @ off + prior * aside, rates @ rates.T
             normal[EACH, EACH] += prior
             return float(off @ off + prior @ aside**2), uphill, normal
 
-        unknown, damping = usual, DAMPING
-        squares, uphill, normal = left(unknown)
+        unknown, damping = start, DAMPING
+        squares, uphill, normal = misfit(unknown)
         for _ in range(MAX_ITERATIONS):
             if uphill @ solved(normal, uphill) < CONVERGENCE_TOL:
                 break
             for _ in range(5):
                 trial = unknown - solved(normal * (1.0 + damping * np.eye(6)), uphill)
-                after = left(trial)
+                after = misfit(trial)
                 if after[0] < squares:
                     break
                 damping *= 30.0
@@ -204,14 +206,14 @@ class _Law:
         lines = _blur(self.lines, sigma)
         falls = unknown[3:] @ lines
         i = min(max(int((s - self.edges[0]) / self.step), 1), len(falls) - 3)
-        part = (s - self.edges[i]) / self.step
+        share = (s - self.edges[i]) / self.step
         before, low, high, after = falls[i - 1 : i + 3]
-        there = (1.0 - part) * lines[:, i] + part * lines[:, i + 1]
-        bend = (1.0 - part) * (before + high - 2.0 * low) + part * (low + after - 2.0 * high)
-        rates = np.array([-(high - low) / self.step, sigma * sigma * bend, 0.0, *there])
-        return falls, float(unknown[3:] @ there), rates
+        line = (1.0 - share) * lines[:, i] + share * lines[:, i + 1]
+        bend = (1.0 - share) * (before + high - 2.0 * low) + share * (low + after - 2.0 * high)
+        rates = np.array([-(high - low) / self.step, sigma * sigma * bend, 0.0, *line])
+        return falls, float(unknown[3:] @ line), rates
 
-    def _seen(self, unknown: Floats, s: Floats) -> tuple[Floats, Floats]:
+    def _shown(self, unknown: Floats, s: Floats) -> tuple[Floats, Floats]:
         """Slopes (n,) that the picture shows at `s` (n,), and their rates (6, n) by unknown.
 
         A Gaussian's blur diffuses: what the log of its sigma adds is sigma^2 times the second derivative.
@@ -227,17 +229,17 @@ class _Law:
         light[0, 1:] *= up**3
         np.multiply(light[0, 1:], -slope, out=light[1, 1:])
         sigma = max(camera, 1.0) * self.step
-        away = ((s - unknown[0])[:, None] - self.places) / sigma
-        near = np.exp(-0.5 * away * away)
-        blurred = np.matmul(light, near.T)
-        seen = blurred[0, 0] / blurred[1, 0]
-        found = np.empty((2, 6, len(s)))
-        found[:, 1], found[:, 3:] = blurred[:, 1], blurred[:, 2:]
-        near *= away
-        found[:, 0] = light[:, 0] @ near.T / sigma
-        near *= away
-        found[:, 2] = light[:, 0] @ near.T
-        return seen, (found[0] - seen * found[1]) / blurred[1, 0]
+        distance = ((s - unknown[0])[:, None] - self.places) / sigma
+        kernel = np.exp(-0.5 * distance * distance)
+        blurred = np.matmul(light, kernel.T)
+        slopes = blurred[0, 0] / blurred[1, 0]
+        light_rates = np.empty((2, 6, len(s)))
+        light_rates[:, 1], light_rates[:, 3:] = blurred[:, 1], blurred[:, 2:]
+        kernel *= distance
+        light_rates[:, 0] = light[:, 0] @ kernel.T / sigma
+        kernel *= distance
+        light_rates[:, 2] = light[:, 0] @ kernel.T
+        return slopes, (light_rates[0] - slopes * light_rates[1]) / blurred[1, 0]
 
 
 def _blur(rows: Floats, sigma: float) -> Floats:

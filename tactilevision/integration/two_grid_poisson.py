@@ -1,6 +1,6 @@
 """Slopes known coarsely all over and finely in windows, to depth: small solutions in place of one large one.
 
-The coarse slopes, in a window the means of its fine ones, are integrated on their own grid (`surface.py`), and the
+The coarse slopes, in a window the means of its fine ones, are integrated on their own grid (`poisson.py`), and the
 surface z is carried over to the single pixels, linear in between. What is then left of a window's fine equations,
 
     L e = div (p, q) - L z      e = 0 on the window's rim; nothing flows over the picture's border
@@ -8,7 +8,7 @@ surface z is carried over to the single pixels, linear in between. What is then 
 (L: 5-point Laplacian) is solved by products with L's eigenvectors along either axis: at the size of a window as
 quick as transforms, and at any size. Means of a gradient are the gradient of means, so that a step comes out as
 high coarsely as finely, and e is small and local: the depth of contacts is within .1 um that of one solution.
-Assumes gentle slopes at the rims of windows, as `calm.py` cuts them.
+Assumes gentle slopes at the rims of windows, as `multiresolution.py` cuts them.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class TwoGridPoisson:
         depth: Picture = np.empty(self.shape, np.float32)
         down, across = (self.px * count for count in self.size)
         cv2.resize(coarse, (across, down), dst=depth[:down, :across], interpolation=cv2.INTER_LINEAR)
-        _straight_on(depth[:, :across], down, self.px // 2)
-        _straight_on(depth.T, across, self.px // 2)
+        _extrapolate(depth[:, :across], down, self.px // 2)
+        _extrapolate(depth.T, across, self.px // 2)
         for window, slopes in zip(windows, fine, strict=True):
             self._refine(depth, window, slopes, tilt)
         return depth
@@ -76,15 +76,15 @@ class TwoGridPoisson:
     def _refine(self, depth: Picture, window: Window, slopes: Planes, tilt: Pair) -> None:
         """Put the surface of the slopes in a window, those of a plane taken off, into `depth`, in place."""
         p, q = (plane - np.float32(lean) for plane, lean in zip(slopes, tilt, strict=True))
-        free = [(along.start == 0, along.stop == count) for along, count in zip(window, self.shape, strict=True)]
+        ends = [(along.start == 0, along.stop == count) for along, count in zip(window, self.shape, strict=True)]
         z = depth[window]
-        if all(side for sides in free for side in sides):
+        if all(side for sides in ends for side in sides):
             z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
             return
-        left = edge_divergence(p, q, half=self.half)
-        left -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
-        rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in free)
-        z[rows, columns] += _solved(left[rows, columns], self.mm_per_px, (free[0], free[1]))
+        residual = edge_divergence(p, q, self.half)
+        residual -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
+        rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in ends)
+        z[rows, columns] += _solved(residual[rows, columns], self.mm_per_px, (ends[0], ends[1]))
 
 
 def _solved(right: Picture, step_mm: Pair, free: tuple[Ends, Ends]) -> Picture:
@@ -104,13 +104,13 @@ def _bases(shape: tuple[int, int], step_mm: Pair, free: tuple[Ends, Ends]) -> tu
     return down, across, np.asarray(inverse, np.float32)
 
 
-def _straight_on(lines: Picture, known: int, clamped: int) -> None:
+def _extrapolate(lines: Picture, known: int, clamped: int) -> None:
     """Carry the lines (rows) on straight, in place, where the coarse grid ends: `clamped` at either end, and all
     beyond `known`."""
-    away = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]
+    steps = np.arange(1, len(lines) - known + clamped + 1, dtype=np.float32)[:, None]
     first, last = lines[clamped], lines[known - clamped - 1]
-    lines[:clamped] = first + away[:clamped][::-1] * (first - lines[clamped + 1])
-    lines[known - clamped :] = last + away * (last - lines[known - clamped - 2])
+    lines[:clamped] = first + steps[:clamped][::-1] * (first - lines[clamped + 1])
+    lines[known - clamped :] = last + steps * (last - lines[known - clamped - 2])
 
 
 @lru_cache(maxsize=32)

@@ -33,12 +33,12 @@ DECAY_PER_THICKNESS = 0.9  # of the thickness over which the rise dies out: punc
 DECAY_STD = 0.17  # relative, from contact to contact
 USUAL_THICKNESS_MM = 3.0  # mm, of gel whose thickness nobody has told
 THICKNESS_STD = 0.3  # relative deviation of such a thickness
-FIRST = 1e3  # times as heavy as all blocks: the first round leaves L as it is
-NONE = 1e-3  # of the blocks' scatter: no rise at all
+FIRST_WEIGHT = 1e3  # times as heavy as all blocks: the first round leaves L as it is
+MIN_RISE = 1e-3  # of the blocks' scatter: no rise at all
 CORRELATED = 50.0  # blocks, a tenth of the picture, over which errors of integrated slopes hang together
 BLOCKS = 600  # over the picture, about: small against contacts, large against noise
 MIN_BLOCKS = 12  # untouched blocks; fewer do not fix a tilt
-LOWER = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
+MAX_DROP = 0.5  # of the depth from end to end: a piece of gel that lies so far below another is a face
 MAX_ITERATIONS = 4  # rounds of reweighting, at most: a frame has little time
 CONVERGENCE_TOL = 0.1  # of the blocks' scatter about the plane: a round that moves it by less is the last
 STIFFENING = 1.0 + 1e-9 * np.eye(5)  # factor on normal equations: terms that are alike leave them singular
@@ -63,29 +63,31 @@ class ZeroPlane:
 def find_zero_plane(
     depth: Depth, untouched: Bools, *, mm_per_px: Pair, thickness_mm: float | None = None
 ) -> ZeroPlane:
-    """The zero plane of `depth` (H, W); `untouched` (h, w) are blocks of it, a coarser picture of the same view.
+    """The zero plane of `depth` (H, W), in mm.
+
+    `untouched` (h, w) are blocks of it, a coarser picture of the same view.
 
     With too little untouched gel to fix a tilt the offset alone is taken, and with none at all the median, its
     uncertainty then the spread of the whole map.
     """
     blocks = _means(np.asarray(depth), untouched.shape)
-    outside = _outside(untouched, blocks)
-    free = outside.ravel()
-    count = np.count_nonzero(free)
+    gel = _outer_gel(untouched, blocks)
+    flat = gel.ravel()
+    count = np.count_nonzero(flat)
     if count < MIN_BLOCKS:
-        return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(free.mean()))
-    terms = _terms(outside, depth.shape, mm_per_px, thickness_mm)
+        return ZeroPlane(float(np.median(blocks)), (0.0, 0.0), float(np.std(blocks)), float(flat.mean()))
+    terms = _terms(gel, depth.shape, mm_per_px, thickness_mm)
     tilts = [1, 2]
-    if 3 * count < 2 * len(free):  # two thirds of them never lie within half of the picture
-        tilts = [k for k in tilts if np.ptp(terms[k, free]) > 1.0]
-    used = [0, *tilts, *((3, 4) if count < len(free) else ())]
+    if 3 * count < 2 * len(flat):  # two thirds of them never lie within half of the picture
+        tilts = [k for k in tilts if np.ptp(terms[k, flat]) > 1.0]
+    used = [0, *tilts, *((3, 4) if count < len(flat) else ())]
     decay_std = DECAY_STD if thickness_mm else float(np.hypot(DECAY_STD, THICKNESS_STD))
-    solution, std, found = _robust(
-        terms if len(used) == len(terms) else terms[used], blocks, free, rises=4 in used, decay_std=decay_std
+    solution, std, inverse = _reweighted_fit(
+        terms if len(used) == len(terms) else terms[used], blocks, flat, rises=4 in used, decay_std=decay_std
     )
-    full, takes = np.zeros(5), np.zeros((3, len(free)), np.float32)
-    full[used], takes[[0, *tilts]] = solution, found[: 1 + len(tilts)]
-    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(free), takes)
+    full, takes = np.zeros(5), np.zeros((3, len(flat)), np.float32)
+    full[used], takes[[0, *tilts]] = solution, inverse[: 1 + len(tilts)]
+    return ZeroPlane(float(full[0]), (float(full[1]), float(full[2])), std, count / len(flat), takes)
 
 
 def level(depth: Depth, zero: ZeroPlane) -> None:
@@ -136,11 +138,11 @@ def plane_terms(shape: tuple[int, ...], blocks: tuple[int, ...]) -> Floats:
     return np.stack([np.ones_like(places[0]), *places])
 
 
-def _outside(untouched: Bools, depth: Floats) -> Bools:
+def _outer_gel(untouched: Bools, depth: Floats) -> Bools:
     """The untouched blocks round all contacts; a flat face, whose slopes are none, only looks untouched.
 
     All of it that hangs together with one piece of it at the picture's border: the largest, unless the blocks'
-    `depth` (rows * columns,) shows another to lie higher by more than LOWER of all that goes up and down.
+    `depth` (rows * columns,) shows another to lie higher by more than MAX_DROP of all that goes up and down.
     """
     if untouched.all():
         return untouched
@@ -153,14 +155,14 @@ def _outside(untouched: Bools, depth: Floats) -> Bools:
     ]
     if not pieces:
         return np.zeros_like(untouched)
-    _, found = max(pieces)
+    _, chosen = max(pieces)
     large = [label for size, label in pieces if size >= CORRELATED]
     if len(large) > 1:
         means = {label: float(depth[labels.ravel() == label].mean()) for label in large}
         highest = min(large, key=means.__getitem__)
-        if means[found] - means[highest] > LOWER * float(np.ptp(depth)):
-            found = highest
-    return np.asarray(labels == found)
+        if means[chosen] - means[highest] > MAX_DROP * float(np.ptp(depth)):
+            chosen = highest
+    return np.asarray(labels == chosen)
 
 
 def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_mm: float | None) -> Floats:
@@ -170,29 +172,29 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     terms[:3] = plane_terms(shape, untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        away = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
-        away *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
-        np.exp(-away, out=terms[3])
-        np.multiply(away, terms[3], out=terms[4])
+        distance = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+        distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
+        np.exp(-distance, out=terms[3])
+        np.multiply(distance, terms[3], out=terms[4])
     return terms
 
 
-def _robust(
-    terms: Floats, depth: Floats, free: Bools, *, rises: bool, decay_std: float
+def _reweighted_fit(
+    terms: Floats, depth: Floats, untouched: Bools, *, rises: bool, decay_std: float
 ) -> tuple[Floats, float, Floats]:
-    """Reweighted least squares of terms (k, n) where `free` (n,): the coefficients, the deviation of the plane at
+    """Reweighted least squares of terms (k, n) where `untouched` (n,): coefficients, deviation of the plane at
     the centre, and what each coefficient takes (k, n) of the depths.
 
     Where it `rises`, the last coefficient is expected to be a part `decay_std` of the one before.
     """
-    count, touched = np.count_nonzero(free), ~free
-    correlated, held = min(CORRELATED, count), FIRST * count if rises else 0.0
-    rows, heavy = np.concatenate([terms, depth[None]]), terms * free
+    count, touched = np.count_nonzero(untouched), ~untouched
+    correlated, prior_weight = min(CORRELATED, count), FIRST_WEIGHT * count if rises else 0.0
+    rows, weighted = np.concatenate([terms, depth[None]]), terms * untouched
     solution: Floats = np.zeros(len(terms))
     for _ in range(MAX_ITERATIONS):
-        sums = heavy @ rows.T
+        sums = weighted @ rows.T
         normal = sums[:, :-1] * STIFFENING[: len(terms), : len(terms)]
-        normal[-1, -1] += held
+        normal[-1, -1] += prior_weight
         before, solution = solution, cv2.solve(normal, sums[:, -1:], flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
         square = solution @ terms
         square -= depth
@@ -205,9 +207,9 @@ def _robust(
         ):
             break
         if rises:
-            held = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * NONE)) ** 2
+            prior_weight = correlated * (scale / (decay_std * abs(float(solution[-2])) + scale * MIN_RISE)) ** 2
         geman_mcclure_inverse(square, (3.0 * scale) ** 2)
-        heavy = terms / square
+        weighted = terms / square
     inverse = cv2.invert(normal)[1]
     std = float(scale * np.sqrt(correlated * inverse[0, 0]))
-    return solution, std, np.asarray(inverse @ heavy)
+    return solution, std, np.asarray(inverse @ weighted)

@@ -40,7 +40,7 @@ RATIO_DISTANCES = (0.25, 0.5, 1.0, 2.0)  # d/h; beyond, where s is small, the la
 RATIO_POISSON = (0.3, 0.45, 0.48, 0.499)  # Poisson's ratio, nodes of the ratios
 RATIO_A_OVER_H = (0.4, 2.5 / 3, 1.5)  # a/h, nodes of the ratios
 RATIO_FRICTIONS = (0.0, 0.15, 0.3, np.inf)  # Coulomb's coefficient, nodes of the ratios
-RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h
+RATIO_DEPTHS = (0.01, 0.05, 0.1, 0.15, 0.2, 0.25)  # w/h, nodes of the ratios
 DIRECTIONS = 180  # azimuths of the boundary's mean
 SAME_PAD = 1e-9  # relative difference below which two pads are one
 

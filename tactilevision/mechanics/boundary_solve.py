@@ -62,7 +62,7 @@ def stiffness_at_touch(poisson_ratio: float, a_over_h: float, *, d_over_h: float
 
 
 def depth_ratios() -> Floats:
-    """Share (a/h, nu, d/h, friction, w/h) that the rim takes off at depth, over that at small strain."""
+    """Ratios (a/h, nu, d/h, friction, w/h) of the share the rim takes off at depth to that at small strain."""
     grid = list(product(b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS))
     shape = *map(len, (b.RATIO_A_OVER_H, b.RATIO_POISSON, b.RATIO_DISTANCES, b.RATIO_FRICTIONS)), -1
     return np.array([depth_ratio(*place) for place in grid]).reshape(shape)

@@ -51,7 +51,7 @@ WHITE = NoiseModel(0.0, 1.0, START_STD_MM)
 
 
 def matern(distance: Floats) -> Floats:
-    """Correlation at a distance in units of the length."""
+    """Correlation, -1 to 1, at a distance of any shape in parts of the length: dimensionless."""
     reach = np.sqrt(3) * distance
     return np.asarray((1 + reach) * np.exp(-reach))
 

@@ -51,7 +51,10 @@ def kappa(poisson_ratio: float, a_over_h: float) -> float: ...
 @overload
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats: ...
 def kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> float | Floats:
-    """kappa from the integral equation; numbers give a float, arrays an array of their broadcast shape."""
+    """kappa, dimensionless, from the integral equation.
+
+    Numbers give a float, arrays an array of their broadcast shape.
+    """
     check_range(poisson_ratio, a_over_h, where="kappa")
     nu, alpha = np.broadcast_arrays(np.asarray(poisson_ratio, float), np.asarray(a_over_h, float))
     values = [solve_punch(float(n), float(a)).kappa for n, a in zip(nu.flat, alpha.flat, strict=True)]
@@ -82,7 +85,10 @@ def fast_kappa(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> Floats:
 
 
 def fast_kappa_gradient(poisson_ratio: npt.ArrayLike, a_over_h: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """(d kappa/d nu, d kappa/d(a/h)) of fast_kappa; within 3e-5 of kappa_gradient."""
+    """(d kappa/d nu, d kappa/d(a/h)) of fast_kappa, dimensionless, of their broadcast shape.
+
+    Within 3e-5 of kappa_gradient.
+    """
     nu, alpha = _checked(poisson_ratio, a_over_h)
     s, t = _stretched(nu), np.log(alpha)
     value = np.exp(_spline().ev(s, t))

@@ -47,7 +47,7 @@ def youngs_modulus(
 def youngs_modulus_log_gradient(
     poisson_ratio: npt.ArrayLike, *, radius_mm: npt.ArrayLike, thickness_mm: npt.ArrayLike
 ) -> dict[str, Floats]:
-    """Partial derivatives of ln E at fixed c, for carrying uncertainty from what was measured to E.
+    """Partial derivatives of ln E at fixed c, of their broadcast shape: they carry uncertainty to E.
 
     Keys: `ln_c` (always 1), `poisson_ratio`, `ln_radius`, `ln_thickness`. With s = d ln kappa/d ln(a/h):
     d ln E/d nu = -2 nu/(1 - nu^2) - d ln kappa/d nu,  d ln E/d ln a = -1 - s,  d ln E/d ln h = s.
@@ -107,7 +107,7 @@ def moduli_of_neo_hooke(c10_MPa: float, d1_per_MPa: float) -> tuple[float, float
 
 
 def positive(name: str, value: npt.ArrayLike) -> Floats:
-    """`value` as an array of any shape, or InputError where any of it is not a finite number above 0."""
+    """`value` as an array of any shape, in its unit; InputError where any of it is not finite and above 0."""
     numbers = np.asarray(value, dtype=float)
     if not (np.isfinite(numbers) & (numbers > 0)).all():
         raise InputError(

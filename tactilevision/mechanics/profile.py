@@ -98,7 +98,8 @@ def exact_profile(r_over_a: npt.ArrayLike, poisson_ratio: float, *, a_over_h: fl
 def linear_profile(r_over_a: Floats, case: PunchCase, /) -> tuple[Floats, Floats]:
     """exact_profile from a spline in r (error below 3e-6 of the depth for a/h above .2, 1e-4 below).
 
-    Beyond r = a + 20 h both are 0. A ProfileSource; depth and friction of the case play no part in it.
+    Rise and u_r over w, dimensionless, of the shape of `r_over_a`; beyond r = a + 20 h both are 0. A
+    ProfileSource; depth and friction of the case play no part in it.
     """
     s = np.sqrt((np.asarray(r_over_a, dtype=float) - 1) * case.a_over_h)
     if not (s >= 0).all():

@@ -56,7 +56,7 @@ class PunchSolution:
 
 @lru_cache(maxsize=8)
 def gauss(nodes: int, end: float = 1.0) -> tuple[Floats, Floats]:
-    """Gauss-Legendre nodes and weights (n,) on [0, end]; read-only, since they are shared."""
+    """Gauss-Legendre nodes and weights (n,), dimensionless, on [0, end]; read-only, since they are shared."""
     x, weights = np.polynomial.legendre.leggauss(nodes)
     x, weights = end * (x + 1) / 2, end * weights / 2
     x.setflags(write=False)
@@ -65,7 +65,10 @@ def gauss(nodes: int, end: float = 1.0) -> tuple[Floats, Floats]:
 
 
 def layer_defect(u: Floats, poisson_ratio: float) -> Floats:
-    """1 - K(u), written so that nothing cancels: 1 at u = 0 for nu = .5, and ~ 4u^2 exp(-2u)/k for large u."""
+    """1 - K(u), dimensionless, for u of any shape, written so that nothing cancels.
+
+    1 at u = 0 for nu = .5, and ~ 4u^2 exp(-2u)/k for large u.
+    """
     k = 3 - 4 * poisson_ratio
     fall = np.exp(-2 * u)
     part = (4 * u**2 + 1 + k**2) * fall
@@ -73,7 +76,7 @@ def layer_defect(u: Floats, poisson_ratio: float) -> Floats:
 
 
 def layer_defect_slope(u: Floats, poisson_ratio: float) -> Floats:
-    """d(1 - K)/d nu at fixed u."""
+    """d(1 - K)/d nu, dimensionless, at fixed u of any shape."""
     k = 3 - 4 * poisson_ratio
     fall = np.exp(-2 * u)
     bottom = k * (1 + fall**2) + (4 * u**2 + 1 + k**2) * fall

@@ -146,7 +146,10 @@ def contact_force(
 def half_space_force(
     body: Ball | Cone, depth_mm: npt.ArrayLike, *, youngs_modulus_MPa: float, poisson_ratio: float
 ) -> Floats:
-    """Hertz' ball (a parabola) and Sneddon's cone: what thin-layer corrections multiply. N, mm, MPa."""
+    """Hertz' ball (a parabola) and Sneddon's cone: what thin-layer corrections multiply.
+
+    In N, of the shape of `depth_mm`.
+    """
     depth = positive("depth_mm", depth_mm)
     modulus = reduced_modulus(youngs_modulus_MPa, poisson_ratio)
     if isinstance(body, Ball):

@@ -1,4 +1,4 @@
-"""One press in the fit of bulge.py: its linear unknowns are eliminated, so that only the joint ones are left.
+"""One press in the fit of poisson_from_surface.py, its linear unknowns eliminated: only the joint ones are left.
 
 Unknowns of a press, in this order: apparent depth u (mm); relative error of the face's step; tilt of the face
 along x and y; zero plane: offset (mm), slopes along x and y; its bowl: curvatures along x, across, along y (1/mm),
@@ -22,7 +22,7 @@ PLANE_STD = (1.0, 0.1, 0.1)  # as good as free: mm, and mm per mm
 FREE_DEPTH_STD = 10.0  # mm, one sigma of a depth that is not known: as good as free
 MIN_BLOCKS = 12  # blocks beside the punch
 UNKNOWNS = 12  # columns of the linear part of the fit
-DEPTH_STEP = 0.001  # of w/h
+DEPTH_STEP = 0.001  # w/h that certified depths are rounded to, so that repeats share one cached profile
 SHAPE_END = 1.5  # thicknesses over which the last error of the shape fades
 
 
@@ -71,8 +71,11 @@ def true_depth(press: Press, gain: float) -> float:
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
-def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
-    """Depth over the face's depth on the press's radial grid, blurred; `rise_factor` scales the gel beside it."""
+def profile(press: Press, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
+    """Depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
+
+    `rise_factor` scales the gel beside it.
+    """
     radius, r = press.blocks.view.radius_mm, press.blocks.r_mm
     a_over_h = float(np.clip(radius / joint.thickness_mm, *model.a_over_h_range))  # a step of the fit may stray
     w_over_h = min(true_depth(press, joint.gain) / joint.thickness_mm, model.deepest)

@@ -38,14 +38,14 @@ CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
 def upright(x: Floats, a_over_h: float) -> Floats:
-    """w_up/(a theta) at x (any shape); a/h beyond the table takes the nearest that it has."""
+    """w_up/(a theta), dimensionless, at x of any shape; a/h beyond the table takes the nearest that it has."""
     ratio = np.full(x.shape, float(np.clip(a_over_h, RATIOS[0], RATIOS[-1])))
     inside = np.maximum(_spline().ev(np.clip(x, -1, 2), ratio), 0.0)
     return np.asarray(np.where(x >= 2, x, np.where(x <= -1, 0.0, inside)))
 
 
 def solve(x: Floats, a_over_h: float, *, squares: int = SQUARES) -> Floats:
-    """The same by solving the contact for each x (n,); half a second for thirty on one core."""
+    """The same ratio by solving the contact for each x (n,); half a second for thirty on one core."""
     side = 2 / squares
     wave = np.fft.rfft2(_influence(squares, side, a_over_h))
     line = (np.arange(squares) + 0.5) * side - 1

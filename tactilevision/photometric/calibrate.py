@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -11,9 +11,16 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground
-from tactilevision.photometric.ball.consistency import coverage, in_reference, odd_balls, one_contact, radii_apart
+from tactilevision.photometric.ball.consistency import (
+    contradicting_radii,
+    coverage_warnings,
+    odd_balls,
+    reference_warnings,
+    shared_contact,
+)
 from tactilevision.photometric.ball.cross_validation import (
     Fitter,
+    ScaleUncertainty,
     gain_std,
     gains_of,
     gains_without,
@@ -27,11 +34,11 @@ from tactilevision.photometric.ball.samples import (
     CONTACT,
     RESTING,
     Samples,
+    ball_samples,
     far_from,
-    inside_ball,
     join,
-    seen_at,
-    untouched,
+    resting_samples,
+    values_at,
     with_noise,
 )
 from tactilevision.photometric.card import MethodCard
@@ -43,10 +50,10 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
 
-MIN_BALLS = 3
+MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
-RIDGES = (1e-4, 1e-3, 1e-2)
-GENTLE = 0.1  # slopes below are not asked to be right in proportion
+RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
+SLOPE_SOFTENING = 0.1  # slopes below are not asked to be right in proportion
 PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
@@ -74,9 +81,9 @@ class BallPicture:
 class Calibration:
     """A method and how far it is to be trusted.
 
-    `balls` as found, None where a picture was left out (its reason is among `warnings`);
-    `direction_error_deg` median and `slope_error` rms over balls held out of the fit; `unseen` for each ball a
-    law that never saw it, with how far its depth scale may be off there; `other_laws` these, each once.
+    `balls` as found, None where a picture was left out (its reason is among `warnings`); `direction_error_deg`
+    median and `slope_error` rms over balls held out of the fit; `held_out_laws` for each ball a law that never saw
+    it, with how far its depth scale may be off there; `other_laws` these, each once.
     """
 
     method: CalibratedMethod
@@ -84,7 +91,7 @@ class Calibration:
     direction_error_deg: float
     slope_error: float
     warnings: tuple[str, ...]
-    unseen: tuple[tuple[ColourLaw, float] | None, ...] = ()
+    held_out_laws: tuple[tuple[ColourLaw, float] | None, ...] = ()
     other_laws: tuple[ColourLaw, ...] = ()
 
 
@@ -103,59 +110,101 @@ def calibrate_from_balls(
     """
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
-    balls, warnings, contact, resting = _collect(change, pictures, mm_per_px, rng)
-    _enough(len(contact), len(pictures), warnings)
-    touching, still = (with_noise(join(parts), change.noise) for parts in (contact, resting))
+    balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
+    _check_count(len(contact_parts), len(pictures), warnings)
+    pressed, resting = (with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts))
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
-    (way, ridge), (found, others) = _choose(fit, touching, still)
-    law = way(touching, still, ridge=ridge)
-    background = _measure_background(law, change, pictures, balls, mm_per_px)
-    direction = float(np.median(direction_error_deg(found, touching.slopes)))
-    error = float(np.sqrt(_mean_square(found, touching)))
-    relative = error / float(np.sqrt(np.mean(np.sum(touching.slopes**2, axis=1))))
-    doubt = scale_uncertainty(way, touching, untouched_samples=still, ridge=ridge, law=law, others=others)
-    light = slope_observability(touching)
-    cover = 0.5 * np.ptp(touching.place, axis=0)  # places run from -1 to 1
-    touched = one_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
-    warnings += coverage(cover) + _hidden(light)
-    warnings += radii_apart(
-        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
-        lambda group: gains_without(np.array(group), way, contact=touching, untouched_samples=still, ridge=ridge),
-    )
-    unsure = {number: off for number, (_, off) in doubt.unseen.items()}
-    names = [picture.name for picture in pictures]
-    warnings += in_reference(touched) or odd_balls(gains_of(found, touching), balls, names=names, unsure=unsure)
-    card = MethodCard(
-        method=law.name,
-        balls=len(contact),
-        balls_left_out=len(pictures) - len(contact),
+    best = _best_fit(fit, pressed, resting)
+    background = _measure_background(best.law, change, pictures, balls, mm_per_px)
+    light = slope_observability(pressed)
+    cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
+    contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
+    warnings += coverage_warnings(cover) + _observability_warnings(light)
+    warnings += _radii_warnings(best, balls, pressed, resting)
+    warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
+    card = replace(
+        _card(best, pressed, light),
+        balls=len(contact_parts),
+        balls_left_out=len(pictures) - len(contact_parts),
         balls_cover=tuple(np.round(cover, 3).tolist()),
-        held_out_direction_error_deg=direction,
-        held_out_slope_rms=error,
-        held_out_gain_std=gain_std(found, touching),
-        place_gain_std=np.round(doubt.gain_std, 5).tolist(),
-        coverage_factor=doubt.coverage_factor,
-        fitted_by=getattr(way, "__name__", type(way).__name__),
-        ridge=ridge,
+        response=response_of(pressed, values_at(pressed, change.level)).to_card(),
+        contact_in_reference_px=contact_px,
+    )
+    relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
+    return Calibration(
+        CalibratedMethod(best.law, reference, relative, background, card),
+        tuple(balls),
+        best.direction_error_deg,
+        best.slope_error,
+        tuple(warnings),
+        tuple(best.scale.held_out_laws.get(number) for number in range(len(pictures))),
+        tuple(best.others),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A law of all balls, how it was fitted, and its errors at balls held out.
+
+    `held_out` (N, 2): slopes of the samples by `others`, laws that each lack some of the balls.
+    """
+
+    law: ColourLaw
+    fitter: Fitter
+    ridge: float
+    held_out: Floats
+    others: list[ColourLaw]
+    scale: ScaleUncertainty
+    direction_error_deg: float
+    slope_error: float
+
+
+def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
+    """The law by the way to fit, and its ridge, that is least off at balls left out."""
+    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
+    scores = [held_out(fitter, pressed, resting, ridge) for fitter, ridge in ways]
+    best = int(np.argmin([_relative_error(slopes, pressed) for slopes, _ in scores]))
+    (fitter, ridge), (slopes, others) = ways[best], scores[best]
+    law = fitter(pressed, resting, ridge=ridge)
+    scale = scale_uncertainty(fitter, pressed, resting, ridge=ridge, law=law, others=others)
+    direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
+    error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
+    return _Fit(law, fitter, ridge, slopes, others, scale, direction, error)
+
+
+def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
+    return MethodCard(
+        method=best.law.name,
+        held_out_direction_error_deg=best.direction_error_deg,
+        held_out_slope_rms=best.slope_error,
+        held_out_gain_std=gain_std(best.held_out, pressed),
+        place_gain_std=np.round(best.scale.gain_std, 5).tolist(),
+        coverage_factor=best.scale.coverage_factor,
+        fitted_by=getattr(best.fitter, "__name__", type(best.fitter).__name__),
+        ridge=best.ridge,
         min_slope_noise=light.best,
         max_slope_noise=light.worst,
-        steepest_slope=float(np.hypot(*touching.slopes.T).max()),
-        response=response_of(touching, seen_at(touching, change.level)).told(),
-        contact_in_reference_px=touched,
-    )
-    return Calibration(
-        CalibratedMethod(law, reference, relative, background, card),
-        tuple(balls),
-        direction,
-        error,
-        tuple(warnings),
-        tuple(doubt.unseen.get(number) for number in range(len(pictures))),
-        tuple(others),
+        steepest_slope=float(np.hypot(*pressed.slopes.T).max()),
     )
 
 
-def _enough(usable: int, of: int, why: Sequence[str]) -> None:
+def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, resting: Samples) -> list[str]:
+    return contradicting_radii(
+        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
+        lambda group: gains_without(np.array(group), best.fitter, pressed, resting, ridge=best.ridge),
+    )
+
+
+def _odd_ball_warnings(
+    best: _Fit, balls: Sequence[Ball | None], pictures: Sequence[BallPicture], pressed: Samples
+) -> list[str]:
+    unsure = {number: std for number, (_, std) in best.scale.held_out_laws.items()}
+    names = [picture.name for picture in pictures]
+    return odd_balls(gains_of(best.held_out, pressed), balls, names, unsure=unsure)
+
+
+def _check_count(usable: int, of: int, why: Sequence[str]) -> None:
     if usable < MIN_BALLS:
         raise InputError(
             f"too few ball presses that can be used; {MIN_BALLS} are the least",
@@ -165,19 +214,9 @@ def _enough(usable: int, of: int, why: Sequence[str]) -> None:
         )
 
 
-def _choose(
-    fit: Fitter, contact: Samples, untouched_samples: Samples
-) -> tuple[tuple[Fitter, float], tuple[Floats, list[ColourLaw]]]:
-    """The way to fit, and its ridge, that tells balls left out best; slopes (N, 2) and laws without them."""
-    ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(way, contact, untouched_samples=untouched_samples, ridge=ridge) for way, ridge in ways]
-    best = int(np.argmin([_relative_miss(found, contact) for found, _ in scores]))
-    return ways[best], scores[best]
-
-
-def direction_error_deg(found: Floats, true: Floats) -> Floats:
+def direction_error_deg(slopes: Floats, true: Floats) -> Floats:
     """Angle (N,) between slopes found and true, both (N, 2)."""
-    turn = (found[:, 0] + 1j * found[:, 1]) * (true[:, 0] - 1j * true[:, 1])
+    turn = (slopes[:, 0] + 1j * slopes[:, 1]) * (true[:, 0] - 1j * true[:, 1])
     return np.asarray(np.degrees(np.abs(np.angle(turn))))
 
 
@@ -197,20 +236,20 @@ def _collect(
     for number, picture in enumerate(pictures):
         name = picture.name or f"ball {number + 1}"
         try:
-            seen, _, valid = change.measure(picture.rgb)
+            changes, _, valid = change.measure(picture.rgb)
             if marks is not None:
                 valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
-            ball = locate(seen, valid, picture=picture, mm_per_px=mm_per_px)
+            ball = locate(changes, valid, picture, mm_per_px)
         except InputError as fault:
             warnings.append(f"{name} left out: {fault.what}")
             balls.append(None)
             continue
         balls.append(ball)
         contact.append(
-            inside_ball(seen, ball, mm_per_px=mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+            ball_samples(changes, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
         )
         untouched_samples.append(
-            untouched(seen, ball, mm_per_px=mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+            resting_samples(changes, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
         )
     return balls, warnings, contact, untouched_samples
 
@@ -227,13 +266,13 @@ def _measure_background(
     sums = BackgroundSums(change.reference.shape)
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
-            seen, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(seen), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
+            changes, _, valid = change.measure(picture.rgb)
+            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 
 
-def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
-    """The ball of one picture whose colour change (3, H, W) is known."""
+def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:
+    """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(
         image,
@@ -245,28 +284,24 @@ def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pai
     )
 
 
-def _relative_miss(found: Floats, samples: Samples) -> float:
+def _relative_error(slopes: Floats, samples: Samples) -> float:
     """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
 
     Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
     by pixel the best guess is one that reads all slopes too low.
     """
-    steep = np.hypot(*samples.slopes.T)
+    steepness = np.hypot(*samples.slopes.T)
     sector = np.floor(
         (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
     )
-    ring = np.floor(PATCHES[1] * 0.999999 * (steep / steep.max()) ** 2)
+    ring = np.floor(PATCHES[1] * 0.999999 * (steepness / steepness.max()) ** 2)
     _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
     count = np.bincount(patch.ravel())
     true, off = (
         np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
-        for many in (samples.slopes, found - samples.slopes)
+        for many in (samples.slopes, slopes - samples.slopes)
     )
-    return float(np.average(off / (true + GENTLE), weights=count))
-
-
-def _mean_square(found: Floats, samples: Samples) -> float:
-    return float(np.mean(np.sum((found - samples.slopes) ** 2, axis=1)))
+    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
 def _contact_in_reference(
@@ -274,25 +309,29 @@ def _contact_in_reference(
 ) -> Pair | None:
     """Where (x, y in px) the reference shows a contact: it is in every picture whose ball is elsewhere."""
     tracker = change.tracker
-    strange, away = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
+    changed, counted = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
-            far = far_from(ball, change.reference.shape, mm_per_px=mm_per_px).astype(np.uint8)
-            free = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
-            away += free
-            strange += free & ~tracker.measure(picture.rgb).untouched
-    ghost = (strange > REFERENCE_CONTACT_SHARE * away) & (away >= MIN_BALLS) & tracker.usable.reshape(away.shape)
-    ghost &= np.pad(np.ones(np.subtract(ghost.shape, 2), bool), 1)  # light and gel change at the border first
-    rows, columns = np.nonzero(solid(ghost))
+            far = far_from(ball, change.reference.shape, mm_per_px).astype(np.uint8)
+            untouched_blocks = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
+            counted += untouched_blocks
+            changed += untouched_blocks & ~tracker.measure(picture.rgb).untouched
+    contact = (
+        (changed > REFERENCE_CONTACT_SHARE * counted)
+        & (counted >= MIN_BALLS)
+        & tracker.usable.reshape(counted.shape)
+    )
+    contact &= np.pad(np.ones(np.subtract(contact.shape, 2), bool), 1)  # light and gel change at the border first
+    rows, columns = np.nonzero(solid(contact))
     if len(rows) == 0:
         return None
     block = change.reference.shape[1] / tracker.size[0]
     return float(block * (np.median(columns) + 0.5)), float(block * (np.median(rows) + 0.5))
 
 
-def _hidden(light: Observability) -> list[str]:
+def _observability_warnings(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
-    if light.worst < GENTLE:
+    if light.worst < SLOPE_SOFTENING:
         return []
     return [
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "

@@ -21,11 +21,11 @@ import numpy.typing as npt
 
 from tactilevision.records import Bytes, Floats
 
-MIN_COUNT = 12
+MIN_COUNT = 12  # spots that make a pattern; fewer may be dirt that happens to lie evenly
 DARK_GREY = 20  # below which a colour says nothing of marks
-SOFTENING_GREY = 20
-MIN_AREA_PX = 4
-LARGEST = 2.5  # usual areas
+SOFTENING_GREY = 20  # s, grey levels: keeps the noise of dark places from passing for marks
+MIN_AREA_PX = 4  # px of a spot; noise and hot pixels make smaller ones
+LARGEST = 2.5  # usual areas that a mark may have: larger patches are grooves of what is pressed
 FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
 
@@ -50,15 +50,15 @@ def find_marks(rgb: Bytes) -> Marks | None:
         return None
     _, _, stats, centres = cv2.connectedComponentsWithStats(spots)
     area, places = stats[1:, cv2.CC_STAT_AREA].astype(float), np.asarray(centres[1:], np.float64)
-    seen = area >= MIN_AREA_PX
-    if np.count_nonzero(seen) < MIN_COUNT:
+    large = area >= MIN_AREA_PX
+    if np.count_nonzero(large) < MIN_COUNT:
         return None
-    usual = float(np.median(area[seen]))
-    alike = seen & (area > usual / LARGEST) & (area < usual * LARGEST)
+    typical_area = float(np.median(area[large]))
+    alike = large & (area > typical_area / LARGEST) & (area < typical_area * LARGEST)
     if not evenly_spaced(places[alike]):
         return None
-    marks = Marks(float(level), usual, spots)
-    return Marks(float(level), usual, marked(rgb, marks))
+    marks = Marks(float(level), typical_area, spots)
+    return Marks(float(level), typical_area, marked(rgb, marks))
 
 
 def evenly_spaced(places_px: Floats) -> bool:

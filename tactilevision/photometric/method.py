@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.background import BackgroundSums, SlopeBackground, darkness, doubt, noise_bias
+from tactilevision.photometric.background import BackgroundSums, SlopeBackground, damping, darkness, noise_bias
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.illumination.camera_response import response_of_card
+from tactilevision.photometric.illumination.camera_response import response_from_card
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
-from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, SlopeMap
@@ -28,13 +28,13 @@ Array = npt.NDArray[np.floating[Any]]
 class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
     """A method that compares a frame with a reference, follows its light, and knows its own error.
 
-    `told` (h, w): blocks of the picture where the law holds, for the zero plane.
+    `trusted_blocks` (h, w): blocks of the picture where the law holds, for the zero plane.
     """
 
     relative_error: float
-    quiet: SlopeBackground | None
+    background: SlopeBackground | None
     card: MethodCard
-    told: Bools
+    trusted_blocks: Bools
 
     @property
     def tiled_evaluator(self) -> TiledEvaluator | None: ...
@@ -64,29 +64,33 @@ class CalibratedMethod:
     law: ColourLaw
     reference: Reference
     relative_error: float = 0.0
-    quiet: SlopeBackground | None = None
+    background: SlopeBackground | None = None
     card: MethodCard = field(default_factory=MethodCard)
 
     def __post_init__(self) -> None:
         self.name = self.law.name
-        self.change = ColourChange(self.reference, response_of_card(self.card.response))
+        self.change = ColourChange(self.reference, response_from_card(self.card.response))
         self.evaluate = self.law.evaluator(self.reference.shape)
         noise = self.evaluate.noise(self.change.noise)
-        quiet = self.quiet.over(self.reference.shape) if self.quiet else (0 * noise, 0 * noise, noise)
+        background = (
+            self.background.over(self.reference.shape) if self.background else (0 * noise, 0 * noise, noise)
+        )
         dark = self.evaluate.noise(self.change.scale * darkness(self.change.level))
-        self.calm: Picture = np.asarray(1.0 / (1.0 + doubt(quiet, dark) ** 2), np.float32)
-        self.rest = noise_bias(self.evaluate, self.change.noise)
-        self.bias: Planes = np.stack([(q + r) * self.calm for q, r in zip(quiet[:2], self.rest, strict=True)])
-        self.noise: Picture = quiet[2] * self.calm
-        self.readable: Bools = self.reference.usable & (self.calm > 0.5)
-        calm = cv2.resize(self.calm, self.change.tracker.size, interpolation=cv2.INTER_AREA)
-        self.told: Bools = np.asarray(calm > 0.95)
+        self.kept_share: Picture = np.asarray(1.0 / (1.0 + damping(background, dark) ** 2), np.float32)
+        self.noise_bias = noise_bias(self.evaluate, self.change.noise)
+        self.bias: Planes = np.stack(
+            [(q + r) * self.kept_share for q, r in zip(background[:2], self.noise_bias, strict=True)]
+        )
+        self.noise: Picture = background[2] * self.kept_share
+        self.readable: Bools = self.reference.usable & (self.kept_share > 0.5)
+        kept_share = cv2.resize(self.kept_share, self.change.tracker.size, interpolation=cv2.INTER_AREA)
+        self.trusted_blocks: Bools = np.asarray(kept_share > 0.95)
 
     @property
     def current_background(self) -> SlopeBackground:
         """What is known of untouched gel, as blocks, also where no ball picture told it."""
-        if self.quiet is not None:
-            return self.quiet
+        if self.background is not None:
+            return self.background
         return BackgroundSums(self.reference.shape).result(self.evaluate.noise(self.change.noise))
 
     def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
@@ -112,15 +116,15 @@ class CalibratedMethod:
         return Reading(SlopeMap(slopes[0], slopes[1], valid & self.readable), drift, steepest)
 
     def evaluate_tiled(self, rgb_rectified: Bytes) -> Reading:
-        """As `read`, calm gel in means of pixels: for surfaces, in which single pixels do not matter."""
+        """As `read`, gentle gel in means of pixels: for surfaces, in which single pixels do not matter."""
         reader = self.tiled_evaluator
         return reader.read(rgb_rectified) if reader else self.read(rgb_rectified)
 
     @cached_property
     def tiled_evaluator(self) -> TiledEvaluator | None:
-        """What reads calm gel in means; None where the method was not settled so (card)."""
+        """What reads gentle gel in means; None where the method was not settled so (card)."""
         px = self.card.tile_px or 1
-        return TiledEvaluator(self, px) if 1 < px <= smooth_pixels(self) else None
+        return TiledEvaluator(self, px) if 1 < px <= tile_px_for(self) else None
 
     def read_window(self, window: Window) -> tuple[Planes, float]:
         """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""
@@ -134,7 +138,7 @@ class CalibratedMethod:
         for window, change in parts:
             part = slopes[:, window[0].start - top : window[0].stop - top]
             self.evaluate.strip(change, window, part)
-            part *= self.calm[window]
+            part *= self.kept_share[window]
             part -= self.bias[:, *window]
             steepest = max(steepest, cv2.norm(cv2.magnitude(part[0], part[1]), cv2.NORM_INF))
         return steepest
@@ -147,7 +151,7 @@ class CalibratedMethod:
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""
-        return CalibratedMethod(self.law, reference, self.relative_error, self.quiet, self.card)
+        return CalibratedMethod(self.law, reference, self.relative_error, self.background, self.card)
 
     def with_card(self, card: MethodCard) -> CalibratedMethod:
         """The same method with another card."""

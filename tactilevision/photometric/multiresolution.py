@@ -1,12 +1,12 @@
-"""Calm gel read in means of several pixels, and what is pressed in full.
+"""Gentle gel read in means of several pixels, and what is pressed in full.
 
 Where the surface hardly slopes its colours change slowly from pixel to pixel, and the mean of 2 by 2 to 4 by 4
 says as much of it as they do one by one: a small part of the work. So the whole picture is read in such means, and
-once more pixel by pixel in windows round all that slopes by LOUD deviations of a single pixel's noise, or where
-neighbouring means differ by more than noise, as they do in a contact of their size.
-The coarse reading has its own noise, and so its own mean slope of noise in the dark (`quiet.py`): a method is read
-so only where frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a
-law is smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
+once more pixel by pixel in windows round all that slopes by DETECTION_SIGMA deviations of a single pixel's noise,
+or where neighbouring means differ by more than noise, as they do in a contact of their size. The coarse reading
+has its own noise, and so its own mean slope of noise in the dark (`background.py`): a method is read so only where
+frames of untouched gel, read so, have told what to take off. What single pixels' noise smooths in a law is
+smoothed in the law instead. Not for gel with marks, which are filled in the whole picture first.
 """
 
 from __future__ import annotations
@@ -19,21 +19,20 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.background import noise_bias
-from tactilevision.photometric.illumination.block_means import means, usual_pixels
+from tactilevision.photometric.illumination.block_means import means, tile_px_of
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.protocols import PixelMethod, Reading
 from tactilevision.records import Bools, Bytes, SlopeMap
 from tactilevision.robust import median
 
-LOUD = 4.0
-ROUGH = (
-    3.5  # deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
-)
-EVERY = 4  # means along each side, of which one tells what most do
+DETECTION_SIGMA = 4.0  # deviations of a pixel's noise; less reads noise in full, more misses gentle contacts
+# deviations of a mean's noise by which 3 by 3 means scatter, or as many times what most of a frame does
+SCATTER_SIGMA = 3.5
+STRIDE = 4  # means along each side, of which one tells what most do
 BLOCK = 8  # pixels, about: grid on which windows are cut
-SHARE = 0.5  # of the picture in windows; above that all of it is read in full
-LEAST = 64  # pixels along the shorter side of the picture, below which nothing is saved
+MAX_WINDOW_SHARE = 0.5  # of the picture in windows; above that all of it is read in full
+MIN_SIDE_PX = 64  # pixels along the shorter side of the picture, below which nothing is saved
 
 PAIR, ROUND = np.ones((2, 2), np.uint8), np.ones((3, 3), np.uint8)
 
@@ -42,8 +41,8 @@ Picture = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class TiledSlopes:
-    """What one frame says, calm gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and `fine`
-    (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
+    """What one frame says, gentle gel in means: slopes `coarse` (2, h, w), overwritten by the next frame, and
+    `fine` (2, rows, columns) for each of the `windows` of the whole picture; the rest as in `Reading`."""
 
     coarse: Planes
     windows: list[Window]
@@ -53,12 +52,12 @@ class TiledSlopes:
     steepest: float
 
 
-def smooth_pixels(method: PixelMethod) -> int:
-    """Pixels along each side of the means in which calm gel is read; 1 where it is to be read pixel by pixel."""
+def tile_px_for(method: PixelMethod) -> int:
+    """Pixels along each side of the means in which gentle gel is read; 1 where it is to be read pixel by pixel."""
     side = min(method.reference.shape)
-    if method.reference.marks is not None or side < LEAST:
+    if method.reference.marks is not None or side < MIN_SIDE_PX:
         return 1
-    return usual_pixels(method.reference)
+    return tile_px_of(method.reference)
 
 
 class TiledEvaluator:
@@ -78,29 +77,30 @@ class TiledEvaluator:
         noise = self._over(method.change.noise)
         missing = np.sqrt(1.0 - 1.0 / px**2) * np.median(noise, axis=(1, 2)).astype(np.float64)
         self.evaluate = method.law.averaged(missing).evaluator((len(y), len(x)))
-        self.calm = self._over(method.calm[None])[0]
-        rest = np.stack(noise_bias(self.evaluate, noise / np.float32(px))) - self._over(np.stack(method.rest))
-        self.bias = self._over(method.bias) + rest * self.calm
+        self.kept_share = self._over(method.kept_share[None])[0]
+        extra = np.stack(noise_bias(self.evaluate, noise / np.float32(px)))
+        extra -= self._over(np.stack(method.noise_bias))
+        self.bias = self._over(method.bias) + extra * self.kept_share
         noise = self._over(method.noise[None])[0]
-        self.loud = LOUD * noise
-        self.per_noise = np.where(self.calm > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
+        self.slope_threshold = DETECTION_SIGMA * noise
+        self.per_noise = np.where(self.kept_share > 0.5, noise / np.float32(px), np.float32(np.inf)) ** -2
         self._change = np.empty_like(self.maps.mean)
-        self._slopes: Planes = np.empty((2, *self.calm.shape), np.float32)
+        self._slopes: Planes = np.empty((2, *self.kept_share.shape), np.float32)
         self.block = round(BLOCK / px)
-        blocks = [-(-n // self.block) for n in self.calm.shape]
-        self._seen = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
+        blocks = [-(-n // self.block) for n in self.kept_share.shape]
+        self._active = np.zeros((self.block * blocks[0], self.block * blocks[1]), np.uint8)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, as the method's own."""
         self.maps.mean += np.float32(share) * (means(rgb, self.px) - self.maps.mean)
-        self.maps.settle()
+        self.maps.update_scale()
 
     def read(self, rgb: Bytes) -> Reading:
-        """As the method's own reading, calm gel in means."""
-        look = self.look(rgb)
-        return Reading(self.whole(look), look.drift, look.steepest)
+        """As the method's own reading, gentle gel in means."""
+        tiles = self.read_tiles(rgb)
+        return Reading(self.full_map(tiles), tiles.drift, tiles.steepest)
 
-    def look(self, rgb: Bytes) -> TiledSlopes:
+    def read_tiles(self, rgb: Bytes) -> TiledSlopes:
         """What a frame says; less work than `read`. Raises as the method does."""
         drift, valid = self.method.change.take(rgb)
         self.maps.light(drift.gains)
@@ -113,50 +113,50 @@ class TiledEvaluator:
             fine.append(slopes)
         return TiledSlopes(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
 
-    def whole(self, look: TiledSlopes) -> SlopeMap:
-        """The slopes of a look pixel by pixel."""
+    def full_map(self, tiles: TiledSlopes) -> SlopeMap:
+        """The slopes of `tiles` pixel by pixel."""
         down, across = (side.stop for side in self.even)
         slopes: Planes = np.empty((2, *self.method.reference.shape), np.float32)
-        for plane, mean in zip(slopes, look.coarse, strict=True):
+        for plane, mean in zip(slopes, tiles.coarse, strict=True):
             cv2.resize(mean, (across, down), dst=plane[:down, :across], interpolation=cv2.INTER_LINEAR)
         slopes[:, down:] = slopes[:, down - 1, None]
         slopes[..., across:] = slopes[..., across - 1, None]
-        for window, fine in zip(look.windows, look.fine, strict=True):
+        for window, fine in zip(tiles.windows, tiles.fine, strict=True):
             slopes[:, *window] = fine
-        return SlopeMap(slopes[0], slopes[1], look.valid)
+        return SlopeMap(slopes[0], slopes[1], tiles.valid)
 
     def _read(self) -> None:
         """The slopes (2, h, w) of the frame taken in, in means."""
         greys = self.method.change.means(self.px)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
-            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, out=change), window, part)
-            part *= self.calm[window]
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, change), window, part)
+            part *= self.kept_share[window]
             part -= self.bias[:, window[0]]
 
     def windows(self, slopes: Planes) -> list[Window]:
-        """Windows of the whole picture round what is not calm in its coarse `slopes`, a block to spare.
+        """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.
 
         Lone means are noise, but where they scatter about each other too much there is a contact of their size.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
-        seen = self._seen[: self.size[1], : self.size[0]]
-        cv2.compare(steepest, self.loud, cv2.CMP_GT, dst=seen)  # 255 where it is
-        cv2.morphologyEx(seen, cv2.MORPH_OPEN, PAIR, dst=seen)
+        active = self._active[: self.size[1], : self.size[0]]
+        cv2.compare(steepest, self.slope_threshold, cv2.CMP_GT, dst=active)  # 255 where it is
+        cv2.morphologyEx(active, cv2.MORPH_OPEN, PAIR, dst=active)
         scatter = cv2.multiply(_scatter(slopes), self.per_noise)
-        usual = float(median(scatter[::EVERY, ::EVERY].ravel()))
-        seen |= cv2.compare(scatter, ROUGH**2 * max(1.0, usual), cv2.CMP_GT)
-        size = self._seen.shape[1] // self.block, self._seen.shape[0] // self.block
-        blocks = cv2.resize(self._seen, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
+        typical_scatter = float(median(scatter[::STRIDE, ::STRIDE].ravel()))
+        active |= cv2.compare(scatter, SCATTER_SIGMA**2 * max(1.0, typical_scatter), cv2.CMP_GT)
+        size = self._active.shape[1] // self.block, self._active.shape[0] // self.block
+        blocks = cv2.resize(self._active, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))
-        step, found = self.px * self.block, []
-        for left, top, right, bottom in _apart(stats[1:, :4].tolist()):
-            found.append(
+        step, boxes = self.px * self.block, []
+        for left, top, right, bottom in _merged_boxes(stats[1:, :4].tolist()):
+            boxes.append(
                 (slice(step * top, min(step * bottom, height)), slice(step * left, min(step * right, width)))
             )
-        area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in found)
-        return found if area < SHARE * height * width else [(slice(0, height), slice(0, width))]
+        area = sum((rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in boxes)
+        return boxes if area < MAX_WINDOW_SHARE * height * width else [(slice(0, height), slice(0, width))]
 
     def _over(self, planes: Planes) -> Planes:
         """Means (n, h, w) of planes (n, H, W)."""
@@ -172,14 +172,14 @@ def _scatter(slopes: Planes) -> Picture:
     return np.asarray(total)
 
 
-def _apart(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
+def _merged_boxes(boxes: Sequence[Sequence[int]]) -> list[tuple[int, int, int, int]]:
     """Boxes (left, top, right, bottom) of (left, top, width, height), those that overlap made one."""
-    apart: list[tuple[int, int, int, int]] = []
+    merged: list[tuple[int, int, int, int]] = []
     for left, top, width, height in boxes:
         right, bottom = left + width, top + height
-        while near := [b for b in apart if left < b[2] and b[0] < right and top < b[3] and b[1] < bottom]:
-            apart.remove(near[0])
-            left, top = min(left, near[0][0]), min(top, near[0][1])
-            right, bottom = max(right, near[0][2]), max(bottom, near[0][3])
-        apart.append((left, top, right, bottom))
-    return apart
+        while overlapping := [b for b in merged if left < b[2] and b[0] < right and top < b[3] and b[1] < bottom]:
+            merged.remove(overlapping[0])
+            left, top = min(left, overlapping[0][0]), min(top, overlapping[0][1])
+            right, bottom = max(right, overlapping[0][2]), max(bottom, overlapping[0][3])
+        merged.append((left, top, right, bottom))
+    return merged

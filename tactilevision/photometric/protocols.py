@@ -64,16 +64,16 @@ class Reading:
 class PixelMethod(Protocol):
     """A method that reads colour changes from a reference, pixel by pixel; pictures are (H, W) float32.
 
-    `calm` is the share of the law's slope that is kept, 0 to 1; `bias` (2, H, W) is taken off it. `rest` are the
-    two parts of the bias that noise makes; `noise` is the deviation of a slope, without unit.
+    `kept_share` of the law's slope is kept, 0 to 1; `bias` (2, H, W) is taken off it. `noise_bias` are the two
+    parts of the bias that noise makes; `noise` is the deviation of a slope, without unit.
     """
 
     law: ColourLaw
     evaluate: Evaluator
     reference: Reference
     change: ColourChange
-    calm: Picture
-    rest: tuple[Picture, Picture]
+    kept_share: Picture
+    noise_bias: tuple[Picture, Picture]
     bias: Planes
     noise: Picture
     readable: Bools

@@ -94,9 +94,9 @@ def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, 
     """A contact in one of several flats shows as a patch that leaves their median."""
     if len(stack) < 3:
         return
-    middle = np.median(stack, axis=0)
+    median = np.median(stack, axis=0)
     for index, flat in enumerate(stack):
-        change = cv2.GaussianBlur(flat - middle, (0, 0), 3.0)
+        change = cv2.GaussianBlur(flat - median, (0, 0), 3.0)
         change -= np.median(change, axis=(0, 1))
         size = np.abs(change / np.asarray(noise, np.float32)).max(axis=2)
         if (size > 5.0).mean() > 0.002:

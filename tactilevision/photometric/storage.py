@@ -36,17 +36,17 @@ FORMAT = 1  # version of a method's card; cards of another are refused
 def save_method(method: ReferencedMethod, path: Path | str) -> Path:
     """Write `path` (.npz) and the card beside it; returns the path of the numbers."""
     target = Path(path).with_suffix(".npz")
-    held = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
+    arrays = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
         "reference": method.reference.rgb,
         "noise_grey": np.asarray(method.reference.noise_grey),
         "usable": method.reference.usable,
         "marks": np.array(method.reference.marks is not None),
         "relative_error": np.array(method.relative_error),
     }
-    if method.quiet is not None:
-        held["quiet"] = np.stack([method.quiet.bias_x, method.quiet.bias_y, method.quiet.noise])
+    if method.background is not None:
+        arrays["quiet"] = np.stack([method.background.bias_x, method.background.bias_y, method.background.noise])
     with replacing(target) as temporary:
-        np.savez_compressed(temporary, **held)  # type: ignore[arg-type]
+        np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
     entries: dict[str, Any] = {"format": FORMAT, "method": method.name, "sha256": digest(target)}
     if isinstance(method.law, Network):
         light = np.round(light_of(method.reference), 1).tolist()  # the network may travel without its numbers
@@ -68,16 +68,16 @@ def load_method(path: Path | str) -> CalibratedMethod:
             remedy="Copy both files together, or calibrate again.",
         )
     try:
-        with np.load(target, allow_pickle=False) as arrays:
-            held = {name: arrays[name] for name in arrays.files}
+        with np.load(target, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as fault:
         raise InputError(f"the method cannot be read: {fault}", where=target) from fault
-    red, green, blue = (float(value) for value in held["noise_grey"])
-    marks = find_marks(np.rint(held["reference"]).astype(np.uint8)) if held.get("marks", False) else None
-    reference = Reference(held["reference"], (red, green, blue), held["usable"], marks)
-    quiet = SlopeBackground(*held["quiet"]) if "quiet" in held else None
-    law = _law(card, held, target)
-    return CalibratedMethod(law, reference, float(held["relative_error"]), quiet, card)
+    red, green, blue = (float(value) for value in arrays["noise_grey"])
+    marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
+    reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"], marks)
+    background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
+    law = _law(card, arrays, target)
+    return CalibratedMethod(law, reference, float(arrays["relative_error"]), background, card)
 
 
 def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
@@ -105,10 +105,10 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _law(card: MethodCard, held: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
     name = card.method
     if name == Polynomial.name:
-        coefficients = held["law_coefficients"]
+        coefficients = arrays["law_coefficients"]
         if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
             raise InputError(
                 "a polynomial of another order than this version's",
@@ -116,9 +116,9 @@ def _law(card: MethodCard, held: Mapping[str, npt.NDArray[Any]], path: Path) -> 
                 value=coefficients.shape,
                 remedy="Calibrate again.",
             )
-        return Polynomial(coefficients, float(held["law_steepest"]))
+        return Polynomial(coefficients, float(arrays["law_steepest"]))
     if name == Lookup.name:
-        return Lookup(held["law_table"].astype(np.float32), held["law_lowest"], held["law_highest"])
+        return Lookup(arrays["law_table"].astype(np.float32), arrays["law_lowest"], arrays["law_highest"])
     if name == Network.name:
         return _network(card, path.with_suffix(".onnx"))
     raise InputError("no photometric method of that name", where=path, value=name)
@@ -138,9 +138,9 @@ def _network(card: MethodCard, path: Path) -> Network:
         raise InputError("the network is missing", where=path, remedy="Copy it together with its card.")
     content = path.read_bytes()
     session = open_bytes(content, card.onnx_sha256, where=path)
-    found = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
-    if found.shape != (1, 2, 1, 1):
-        raise InputError("the network does not give slopes", where=path, value=found.shape)
+    slopes = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
+    if slopes.shape != (1, 2, 1, 1):
+        raise InputError("the network does not give slopes", where=path, value=slopes.shape)
     return Network(content, card.steepest_slope, path)
 
 

@@ -165,7 +165,10 @@ def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], *, repeata
 
 @style.house_look
 def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
-    """How many std part the row's effect from the best the column's can do instead; below 3 they look alike."""
+    """How many std (effects, effects) part the row's effect from the best the column's can do instead.
+
+    Below 3 they look alike.
+    """
     size = 1.6 + 0.75 * len(keys)
     figure, (axes,) = style.new_figure(size + 1.2, size)
     image = axes.imshow(np.minimum(separation, 9), cmap="cividis_r", vmin=0, vmax=9)
@@ -229,8 +232,8 @@ def draw_sighting(seen: Sighting) -> Figure:
 
 
 @style.house_look
-def draw_residual_map(residual_mm: Floats, axis: Floats, *, count: int) -> Figure:
-    """The mean residual height map about the punch's axis; white where nothing is compared."""
+def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
+    """The mean residual height map (n, n), in mm, about the punch's axis; white where nothing is compared."""
     figure, (axes,) = style.new_figure(4.4, 3.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))
     image = axes.pcolormesh(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @style.house_look
 def draw_height(height: HeightMap, *, title: str = "") -> Figure:
-    """The map from above with contours, scale bar and colour bar, and two cuts through its deepest place."""
+    """The map (H, W), in mm, from above with contours and bars, and two cuts through its deepest place."""
     figure, axes = style.new_figure(10, 4.2, columns=2)
     above, cuts = axes
     image = depth_image(above, height)
@@ -34,7 +34,7 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
 
 @style.house_look
 def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
-    """The rectified frame with the depth's contours, the depth from above, and two cuts: one strip."""
+    """The rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
     figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
     overlay(frame, rgb, height=height, footprint=None)
     frame.set_title(titled(height, title or height.name))
@@ -49,7 +49,7 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
 
 @style.house_look
 def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
-    """Which way the surface faces: its tilt in degrees, arrows towards the depth; the gel lit from above left."""
+    """Which way the surface (H, W) faces: its tilt in degrees, arrows towards the depth; lit from above left."""
     figure, (tilt, lit) = style.new_figure(10, 4.2, columns=2)
     depth = np.where(height.valid, height.depth_mm, np.nan)
     down_x, down_y = (
@@ -94,7 +94,10 @@ def _draw_arrows(axes: Axes, height: HeightMap, slopes: tuple[Floats, Floats]) -
 
 @style.house_look
 def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
-    """The surface in perspective, depth downwards. The vertical scale is exaggerated and says by how much."""
+    """The surface (H, W), in mm, in perspective, depth downwards.
+
+    The vertical scale is exaggerated and says by how much.
+    """
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.axes3d import Axes3D
 
@@ -122,8 +125,8 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
 
 
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, title: str = "") -> Figure:
-    """The rectified frame with the contours of the depth and the indenter's circle on it."""
+def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, title: str = "") -> Figure:
+    """The rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height=height, footprint=footprint)
     axes.set_title(titled(height, title or height.name))
@@ -132,7 +135,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, 
 
 @style.house_look
 def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second minus first") -> Figure:
-    """Second map minus first, on a scale that is symmetric about no change.
+    """Second map minus first (H, W), in mm, on a scale that is symmetric about no change.
 
     Raises InputError for maps of two sizes or two scales.
     """
@@ -162,12 +165,12 @@ def _size_of(height: HeightMap) -> str:
 
 
 def titled(height: HeightMap, words: str) -> str:
-    """A picture's title with what makes its map doubtful, so that no picture of it goes without."""
+    """A picture's title with what makes its map (H, W) doubtful, so that no picture of it goes without."""
     return f"{words} · doubtful: {', '.join(height.flags)}" if height.flags else words
 
 
 def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
-    """Draw the depth in mm with contours; places of unknown depth are grey."""
+    """Draw the depth (H, W) in mm with contours; places of unknown depth are grey."""
     import matplotlib as mpl
 
     depth = np.where(height.valid, height.depth_mm, np.nan)
@@ -198,8 +201,8 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     return image
 
 
-def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
-    """Depth along x and along y through one place, with the standard deviation as a band where it is known."""
+def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
+    """Depth (H, W), in mm, along x and along y through one place; its standard deviation as a band where known."""
     cuts = (
         ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
         ("along y", style.ORANGE, (slice(None), column), height.mm_per_px[1]),
@@ -229,8 +232,8 @@ def _lit(down_x: Floats, down_y: Floats) -> Floats:
     return np.asarray(np.clip(light, 0, 1))
 
 
-def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint | None) -> None:
-    """Draw a frame, the contours of its depth, and the circle of the indenter's face, in mm on the picture."""
+def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | None) -> None:
+    """Draw a frame (H, W, 3), the contours of its depth, and the circle of the indenter's face, in mm."""
     extent = extent_mm(height)
     axes.imshow(rgb, extent=extent)
     top = float(np.nanmax(np.where(height.valid, height.depth_mm, np.nan))) if height.valid.any() else 0.0
@@ -249,7 +252,7 @@ def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint |
 
 
 def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
-    """A bar of a round length, in the lower left."""
+    """A bar of a round length in mm, in the lower left of a map (H, W)."""
     width = height.depth_mm.shape[1] * height.mm_per_px[0]
     tall = height.depth_mm.shape[0] * height.mm_per_px[1]
     length = max((b for b in (0.5, 1, 2, 5, 10, 20, 50) if b <= width / 4), default=width / 4)
@@ -271,14 +274,17 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
 
 
 def extent_mm(height: HeightMap) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top of the picture in mm, pixel centres at whole steps from the top left pixel."""
+    """Left, right, bottom, top of the picture (H, W) in mm, pixel centres at whole steps from the first."""
     rows, columns = height.depth_mm.shape
     sx, sy = height.mm_per_px
     return (-0.5 * sx, (columns - 0.5) * sx, (rows - 0.5) * sy, -0.5 * sy)
 
 
 def deepest_place(height: HeightMap) -> tuple[int, int]:
-    """Row and column of the middle of the deepest tenth: steadier than the single deepest pixel."""
+    """Row and column, in px, of the middle of the deepest tenth of a map (H, W).
+
+    Steadier than the single deepest pixel.
+    """
     depth: Floats = np.where(height.valid, height.depth_mm, -np.inf).astype(np.float64)
     top = depth.max()
     if not np.isfinite(top):

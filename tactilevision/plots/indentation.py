@@ -77,7 +77,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
 def scatter(
     axes: Axes, cloud: PointCloud, *, x: Floats, y: Floats, bars: tuple[Floats | None, Floats | None]
 ) -> None:
-    """Points with bars; those that were left out of the fit are hollow."""
+    """Points x, y (n,), mm or N, with bars; those that were left out of the fit are hollow."""
     for mask, colour, face, label in (
         (cloud.used, style.BLUE, style.BLUE, "accepted"),
         (~cloud.used, style.GREY, "white", "rejected"),

@@ -26,7 +26,10 @@ ROW = 0.055  # of the height of the picture, for each route's bar
 def draw_joint(
     curve: Floats, region: Floats, *, best: Pair | None, routes: Sequence[tuple[str, Pair, bool]]
 ) -> Figure:
-    """`curve` (n, 2) of (nu, E); `region` (k, 2) the outline of 95 %; `routes` (name, 95 % interval, used)."""
+    """`curve` (n, 2) of (nu, E in MPa); `region` (k, 2) the outline of 95 %.
+
+    `routes` (name, 95 % interval, used).
+    """
     figure, (axes,) = style.new_figure(7.2, 4.6)
     axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
     axes.fill(*region.T, color=style.ORANGE, alpha=0.35, lw=0, label="95 % of E and ν together")

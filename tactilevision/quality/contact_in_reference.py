@@ -23,25 +23,26 @@ from tactilevision.records import Bytes, HeightMap, Pair
 MIN_FRAMES = 3  # frames that can be read; fewer show nothing
 MAX_FRAMES = 9  # frames that are read, at most, spread evenly
 MIN_BLOCKS = 6  # of the drift's; fewer are an edge of a contact, or noise
-CLEAR = 6.0  # times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
+# times the usual deviation of a picture's depths; false hills on real gel have 3 where they count
+DETECTION_SIGMA = 6.0
 MIN_MM = 0.03  # mm: the least height that counts, however small the deviations
-OVER_DENT = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
+MIN_DENT_SHARE = 0.5  # of the deepest dent that touches the hill: gel beside a contact rises by a fifth and less
 BORDER = 2  # blocks along the border of the picture, which do not count
 
 
 def check_reference(
-    likeness: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
+    match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
 ) -> tuple[str, ...]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
-    `height_map` gives the map of a rectified picture.
+    `height_map` gives the map, in mm, of a rectified picture.
     """
-    if likeness.moved is not None or likeness.touched is not None:
+    if match.shift_px is not None or match.contact_px is not None:
         return ()
-    likeness.touched = contact_in_reference(likeness.method, height_map, pictures=pictures)
-    if likeness.touched is None:
+    match.contact_px = contact_in_reference(match.method, height_map, pictures)
+    if match.contact_px is None:
         return ()
-    x, y = likeness.touched
+    x, y = match.contact_px
     return (
         f"most frames show a hill near ({x:.0f}, {y:.0f}) px: a contact in the untouched reference, or gel that "
         "has changed since. Take a new reference",
@@ -59,19 +60,19 @@ def contact_in_reference(
     tracker, maps = method.change.tracker, []
     for k in np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int)):
         with suppress(InputError):
-            found = height_map(pictures[k])
-            if found.std_mm is not None:
+            height = height_map(pictures[k])
+            if height.std_mm is not None:
                 depth, std = (
                     cv2.resize(np.asarray(a, np.float32), tracker.size, interpolation=cv2.INTER_AREA)
-                    for a in (found.depth_mm, found.std_mm)
+                    for a in (height.depth_mm, height.std_mm)
                 )
-                strange = ~tracker.measure(pictures[k]).untouched
-                maps.append((depth, std, strange & tracker.usable.reshape(strange.shape)))
+                changed = ~tracker.measure(pictures[k]).untouched
+                maps.append((depth, std, changed & tracker.usable.reshape(changed.shape)))
     if len(maps) < MIN_FRAMES:
         return None
     depth, std = (np.median([one[k] for one in maps], axis=0) for k in (0, 1))
-    often = np.mean([strange for _, _, strange in maps], axis=0) > 0.5
-    least = max(MIN_MM, CLEAR * float(np.median(std)))
+    often = np.mean([changed for _, _, changed in maps], axis=0) > 0.5
+    least = max(MIN_MM, DETECTION_SIGMA * float(np.median(std)))
     block = method.reference.shape[1] / tracker.size[0]
     count, patches = cv2.connectedComponents(solid(often).astype(np.uint8))
     for number in range(1, count):
@@ -79,6 +80,6 @@ def contact_in_reference(
         top = np.unravel_index(np.argmin(np.where(patch, depth, np.inf)), depth.shape)
         high, dent = -float(depth[top]), float(depth[patch].max())
         inside = all(BORDER <= at < size - BORDER for at, size in zip(top, depth.shape, strict=True))
-        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, OVER_DENT * dent):
+        if inside and patch.sum() >= MIN_BLOCKS and high > max(least, MIN_DENT_SHARE * dent):
             return block * (float(top[1]) + 0.5), block * (float(top[0]) + 0.5)
     return None

@@ -28,10 +28,11 @@ FINE_PX = 0.8  # px: sigma of the finer blur; detail is its difference from the 
 COARSE_PX = 3.0  # px: sigma of the coarser blur
 EVEN_PX = 15.0  # px: sigma of the blur over which the strength of detail is taken
 DARK_GREY = 30.0  # of three channels together, below which noise would be most of the detail
-BOUND = 3.0  # of the detail's strength: one scratch is not all there is to see
+MAX_DETAIL = 3.0  # of the detail's strength: one scratch is not all there is to see
 REACH_PX = 16  # px: the largest shift that is looked for
-CLEAR = 12.0  # deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
-ABOVE = 1.5  # times the correlation of a picture that has not moved
+# deviations of the correlation by which its peak stands out; unmoved real frames have 15 and more
+DETECTION_SIGMA = 12.0
+MIN_PEAK_RATIO = 1.5  # times the correlation of a picture that has not moved
 MIN_PX = 1.5  # gel that is pressed sideways moves by as much
 ALIKE_PX = 1.5  # px from the middle shift, within which shifts count as alike
 MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
@@ -39,18 +40,18 @@ MAX_FRAMES = 8  # frames that are looked at, at most, spread evenly
 Single = npt.NDArray[np.float32]
 
 
-def moved_by(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
-    """By how many pixels (right, down) most of the `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
+def image_shift(reference: npt.NDArray[Any], pictures: Sequence[Bytes]) -> Pair | None:
+    """Shift (right, down) in px by which most `pictures` (H, W, 3) lie beside the `reference` (H, W, 3).
 
     None where they do not, or where it cannot be seen. At most MAX_FRAMES of them are looked at, spread evenly.
     """
     chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MAX_FRAMES, len(pictures))).astype(int))
     spectrum = _spectrum(reference)
-    found = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
-    if not found:
+    shifts = [shift for k in chosen if (shift := _shift(spectrum, pictures[k])) is not None]
+    if not shifts:
         return None
-    middle = np.median(found, axis=0)
-    alike = [shift for shift in found if np.hypot(*(shift - middle)) < ALIKE_PX]
+    median = np.median(shifts, axis=0)
+    alike = [shift for shift in shifts if np.hypot(*(shift - median)) < ALIKE_PX]
     if 2 * len(alike) <= len(chosen):
         return None
     x, y = np.mean(alike, axis=0)
@@ -63,19 +64,19 @@ def _shift(spectrum: npt.NDArray[np.complex128], picture: Bytes) -> Floats | Non
     whole = np.fft.irfft2(spectrum.conj() * _spectrum(picture), s=shape)
     noise = mad_std(whole, centre=0.0) + 1e-12
     reach = min(REACH_PX, (min(shape) - 3) // 2)
-    near = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
-    y, x = np.unravel_index(np.argmax(near[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
-    peak, still = near[y + 1, x + 1], near[reach + 1, reach + 1]
-    at: Floats = np.array([x + _top(near[y + 1, x : x + 3]), y + _top(near[y : y + 3, x + 1])]) - reach
-    if peak < max(CLEAR, ABOVE * still) or np.hypot(*at) < MIN_PX:
+    around = np.roll(whole, (reach + 1, reach + 1), axis=(0, 1))[: 2 * reach + 3, : 2 * reach + 3] / noise
+    y, x = np.unravel_index(np.argmax(around[1:-1, 1:-1]), (2 * reach + 1, 2 * reach + 1))
+    peak, unmoved = around[y + 1, x + 1], around[reach + 1, reach + 1]
+    at: Floats = np.array([x + _vertex(around[y + 1, x : x + 3]), y + _vertex(around[y : y + 3, x + 1])]) - reach
+    if peak < max(DETECTION_SIGMA, MIN_PEAK_RATIO * unmoved) or np.hypot(*at) < MIN_PX:
         return None
     return at
 
 
-def _top(three: Floats) -> float:
+def _vertex(three: Floats) -> float:
     """Where the parabola through three values, a pixel apart, has its top, from the middle one."""
-    bend = float(three[0] - 2.0 * three[1] + three[2])
-    return 0.0 if bend >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5))
+    curvature = float(three[0] - 2.0 * three[1] + three[2])
+    return 0.0 if curvature >= 0 else float(np.clip(0.5 * (three[0] - three[2]) / curvature, -0.5, 0.5))
 
 
 def _spectrum(picture: npt.NDArray[Any]) -> npt.NDArray[np.complex128]:
@@ -89,4 +90,4 @@ def _grain(picture: npt.NDArray[Any]) -> Single:
     bright = np.log(picture.sum(axis=2, dtype=np.float32) + np.float32(DARK_GREY))
     fine = cv2.GaussianBlur(bright, (0, 0), FINE_PX) - cv2.GaussianBlur(bright, (0, 0), COARSE_PX)
     strength = cv2.sqrt(cv2.GaussianBlur(fine * fine, (0, 0), EVEN_PX)) + np.float32(1e-4)
-    return np.asarray(np.clip(fine / strength, -BOUND, BOUND), np.float32)
+    return np.asarray(np.clip(fine / strength, -MAX_DETAIL, MAX_DETAIL), np.float32)

@@ -1,12 +1,13 @@
 """Is a picture one of the scene and the light that its reference was taken of?
 
-Drift of the light is undone (`photometric/drift.py`). What it cannot explain, in deviations of a block's noise, is
-small in most of the picture as long as that shows the reference's gel under the reference's lamps: its median, the
-misfit, is compared with what the calibration's own pictures had. It is MUCH larger where daylight falls in from a
-side, where the picture has moved by several pixels, and where a contact, or the slopes round it, fill most of the
-picture, so that no untouched gel tells the drift. What passes for drift and is none (a lamp was moved) bends the
-untouched gel instead, so that its zero plane is known less well: the product of both may be WAVY times the usual.
-A shift is seen from 1.5 px on by the gel's grain (`photometric/moved.py`), which takes longer: asked for once.
+Drift of the light is undone (`photometric/illumination/drift.py`). What it cannot explain, in deviations of a
+block's noise, is small in most of the picture as long as that shows the reference's gel under the reference's
+lamps: its median, the misfit, is compared with what the calibration's own pictures had. It is MAX_MISFIT times
+larger where daylight falls in from a side, where the picture has moved by several pixels, and where a contact, or
+the slopes round it, fill most of the picture, so that no untouched gel tells the drift. What passes for drift and
+is none (a lamp was moved) bends the untouched gel instead, so that its zero plane is known less well: the product
+of both may be MAX_PRODUCT times the usual. A shift is seen from 1.5 px on by the gel's grain
+(`quality/image_shift.py`), which takes longer: asked for once.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.quality.image_shift import moved_by
+from tactilevision.quality.image_shift import image_shift
 from tactilevision.records import Bytes, Pair
 from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
 from tactilevision.sensors import rectify
@@ -32,49 +33,53 @@ from tactilevision.sensors import rectify
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
-MUCH = 3.0  # times the usual misfit, or
-WAVY = 15.0  # times the usual product of both: a large contact leaves the zero plane less well known, but fits
+MAX_MISFIT = 3.0  # times the baseline's misfit
+# times the baseline's product of both: a large contact leaves the zero plane less well known, but fits
+MAX_PRODUCT = 15.0
 MIN_MISFIT = 0.8  # the least misfit that is usual: one reading's own noise
 MIN_STD_MM = 0.001  # mm: the least deviation of the zero plane that is usual: one reading's own noise
-UNTOLD = {"misfit": 7.5, "zero_std_mm": 0.02}  # as real pictures have against a reference of a single JPEG
-LOOKED_AT = 5  # frames of a recording
+# as real pictures have against a reference of a single JPEG
+DEFAULT_BASELINE = {"misfit": 7.5, "zero_std_mm": 0.02}
+FRAMES_READ = 5  # frames of a recording
 
 
 class ReferenceMatch:
     """Flags the pictures of one method that are unlike its reference.
 
-    `elsewhere`: the method was made in another light than its reference. `moved` (right, down) by so many pixels;
-    `touched`, where (x, y in px) the reference itself, or that of the calibration, shows a contact; `seen` of the
-    last picture, in the order of UNTOLD.
+    `other_light`: the method was made in another light than its reference. `shift_px` (right, down) of the
+    pictures; `contact_px`, where (x, y) the reference itself, or that of the calibration, shows a contact;
+    `residuals` of the last picture, in the order of DEFAULT_BASELINE.
 
-    `usual` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
+    `baseline` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
     """
 
-    def __init__(self, method: ReferencedMethod, *, usual: Mapping[str, float] | None = None) -> None:
+    def __init__(self, method: ReferencedMethod, *, baseline: Mapping[str, float] | None = None) -> None:
         self.method = method
-        told: Mapping[str, float] = usual or method.card.baseline or UNTOLD
-        self.usual = max(MIN_MISFIT, float(told["misfit"])), max(MIN_STD_MM, float(told["zero_std_mm"]))
-        self.elsewhere = False
-        self.moved: Pair | None = None
-        self.touched: Pair | None = method.card.contact_in_reference_px
-        self.seen: tuple[float, ...] = ()
+        chosen: Mapping[str, float] = baseline or method.card.baseline or DEFAULT_BASELINE
+        self.baseline = max(MIN_MISFIT, float(chosen["misfit"])), max(MIN_STD_MM, float(chosen["zero_std_mm"]))
+        self.other_light = False
+        self.shift_px: Pair | None = None
+        self.contact_px: Pair | None = method.card.contact_in_reference_px
+        self.residuals: tuple[float, ...] = ()
 
-    def made_in(self, light: npt.ArrayLike) -> tuple[str, ...]:
-        """See whether the method was made in another `light` (`photometric/light.py`); a warning where it was."""
+    def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
+        """See whether the method was made in another `light` (`illumination/light_match.py`); a warning where it
+        was.
+        """
         gain_std = self.method.card.held_out_gain_std
-        told = other_light(
-            light, self.method.reference, scale_error=self.method.relative_error if gain_std is None else gain_std
+        warning = other_light(
+            light, self.method.reference, self.method.relative_error if gain_std is None else gain_std
         )
-        self.elsewhere = bool(told)
-        return told
+        self.other_light = bool(warning)
+        return warning
 
-    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+    def check_shift(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
         """See by rectified `pictures` whether they have moved; a warning where they have."""
         shape = self.method.reference.rgb.shape
-        self.moved = moved_by(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
-        if self.moved is None:
+        self.shift_px = image_shift(self.method.reference.rgb, [rgb for rgb in pictures if rgb.shape == shape])
+        if self.shift_px is None:
             return ()
-        x, y = self.moved
+        x, y = self.shift_px
         return (
             f"the frames lie ({x:+.1f}, {y:+.1f}) px (right, down) beside the untouched reference: was the camera "
             "or the gel moved since? Depths are false; take a new reference",
@@ -82,13 +87,13 @@ class ReferenceMatch:
 
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
-        lasting = [flag for flag, seen in ((MOVED, self.moved), (REFERENCE, self.touched)) if seen is not None]
+        lasting = [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
         if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
             lasting.append(BALLS)
-        self.seen = (drift.misfit if drift is not None else 0.0, zero.std_mm)
-        misfit, waves = (now / usual for now, usual in zip(self.seen, self.usual, strict=True))
-        strange = self.elsewhere or max(misfit / MUCH, misfit * waves / WAVY) > 1.0
-        return (*lasting, LIGHT) if strange else tuple(lasting)
+        self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)
+        misfit, flatness = (now / usual for now, usual in zip(self.residuals, self.baseline, strict=True))
+        unlike = self.other_light or max(misfit / MAX_MISFIT, misfit * flatness / MAX_PRODUCT) > 1.0
+        return (*lasting, LIGHT) if unlike else tuple(lasting)
 
 
 def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence[Bytes]) -> dict[str, float]:
@@ -96,23 +101,25 @@ def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence
 
     `residuals` gives both for one picture. Those that cannot be read do not count.
     """
-    found = []
+    measured = []
     for rgb in pictures:
         with suppress(InputError):
-            found.append(residuals(rgb))
-    return dict(zip(UNTOLD, map(float, np.median(found, axis=0)), strict=True)) if found else UNTOLD
+            measured.append(residuals(rgb))
+    if not measured:
+        return DEFAULT_BASELINE
+    return dict(zip(DEFAULT_BASELINE, map(float, np.median(measured, axis=0)), strict=True))
 
 
 def some_frames(recording: Recording) -> list[Bytes]:
-    """LOOKED_AT rectified frames spread over a recording, of a video its first; torn ones are passed over."""
+    """FRAMES_READ rectified frames spread over a recording, of a video its first; torn ones are passed over."""
     from tactilevision.recording import read_frame
 
     count = len(recording.frame_names)
     if recording.frames_path is None or not count:
         return []
-    last = count - 1 if recording.frames_path.is_dir() else min(LOOKED_AT, count) - 1
-    found = []
-    for index in np.unique(np.linspace(0, last, LOOKED_AT).astype(int)):
+    last = count - 1 if recording.frames_path.is_dir() else min(FRAMES_READ, count) - 1
+    frames = []
+    for index in np.unique(np.linspace(0, last, FRAMES_READ).astype(int)):
         with suppress(InputError):
-            found.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
-    return found
+            frames.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
+    return frames

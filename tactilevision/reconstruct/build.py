@@ -27,7 +27,7 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.protocols import PhotometricMethod
-from tactilevision.quality.reference_match import UNTOLD, ReferenceMatch, baseline, some_frames
+from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
@@ -100,8 +100,8 @@ def tuned(
     card = dataclasses.replace(card, leakage_std=_spread(sensor, calibration, pictures))
     method = dataclasses.replace(calibration.method, card=card)
     settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
-    if settled.quiet is method.quiet:
-        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
+    if settled.background is method.background:
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
         settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)
@@ -177,9 +177,9 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
-    found.likeness = ReferenceMatch(method, usual=UNTOLD)
+    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
     if method.card.light is not None:  # else it was made for any light
-        found.warnings = found.likeness.made_in(method.card.light)
+        found.warnings = found.reference_match.check_light(method.card.light)
     return found
 
 
@@ -225,6 +225,6 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
     reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
     check_view(calibrated.reference.shape, reference.shape)
     found = Reconstructor(sensor, calibrated.with_reference(reference))
-    if found.likeness is not None:
-        found.warnings = found.likeness.made_in(light_of(calibrated.reference))
+    if found.reference_match is not None:
+        found.warnings = found.reference_match.check_light(light_of(calibrated.reference))
     return found

@@ -24,7 +24,7 @@ from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
-from tactilevision.quality.reference_match import UNTOLD, ReferenceMatch
+from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
@@ -58,13 +58,13 @@ class Reconstructor:
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
-        self.likeness = ReferenceMatch(self.referenced) if self.referenced else None
+        self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
 
         Pixels whose colour says nothing (dark, saturated) are invalid; the surface is carried over them. A picture
-        unlike the reference is flagged (likeness.py).
+        unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
         surface, valid, std, flags = self._mapped(self.rectified(frame))
@@ -82,7 +82,7 @@ class Reconstructor:
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
         self.rectified_map(rgb)
-        return self.likeness.seen if self.likeness else tuple(UNTOLD.values())
+        return self.reference_match.residuals if self.reference_match else tuple(DEFAULT_BASELINE.values())
 
     def _mapped(self, rgb: Bytes) -> Mapped:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
@@ -96,25 +96,28 @@ class Reconstructor:
         level(surface, self.zero)
         std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
-        return surface, valid, std, self.likeness.flags(drift, self.zero) if self.likeness else ()
+        return surface, valid, std, self.reference_match.flags(drift, self.zero) if self.reference_match else ()
 
     def _on_two_grids(
         self, rgb: Bytes, method: ReferencedMethod, reader: TiledEvaluator, grids: TwoGridPoisson
     ) -> Mapped:
-        """As `_mapped`, calm gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
-        look = self.elsewhere.look(rgb) if self.elsewhere else reader.look(rgb)
+        """As `_mapped`, gentle gel on a coarse grid; slopes pixel by pixel are made for what asks for them."""
+        tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
-        if self.readable is not None and look.steepest >= self.readable:
-            walls = restore_windows(
-                look.fine, look.windows, valid=look.valid, mm_per_px=self.sensor.mm_per_px, limit=self.readable
-            )
-        coarse = grids.coarse(look.coarse, look.windows, fine=look.fine)
-        self.zero = self._zero_plane(coarse, look.drift.untouched & method.told, grids.coarse_mm)
+        if self.readable is not None and tiles.steepest >= self.readable:
+            walls = restore_windows(tiles.fine, tiles.windows, tiles.valid, self.sensor.mm_per_px, self.readable)
+        coarse = grids.coarse(tiles.coarse, tiles.windows, tiles.fine)
+        self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
         level(coarse, self.zero)
-        tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
-        surface = grids.whole(coarse, look.windows, look.fine, tilt=tilt)
-        std = self._std_mm(surface, look.steepest, lambda: reader.whole(look), walls=walls, drift=look.drift)
-        return surface, look.valid, std, self.likeness.flags(look.drift, self.zero) if self.likeness else ()
+        tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
+        surface = grids.whole(coarse, tiles.windows, tiles.fine, tilt=tilt)
+        std = self._std_mm(surface, tiles.steepest, lambda: reader.full_map(tiles), walls=walls, drift=tiles.drift)
+        return (
+            surface,
+            tiles.valid,
+            std,
+            self.reference_match.flags(tiles.drift, self.zero) if self.reference_match else (),
+        )
 
     def depth_terms(self, height: HeightMap) -> dict[str, npt.NDArray[np.float32]]:
         """Deviation (h, w) mm by term (uncertainty/) of the `height` map, which must be the last that was made.
@@ -127,10 +130,10 @@ class Reconstructor:
 
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
-        if self.likeness is not None:
+        if self.reference_match is not None:
             self.warnings += (
-                *self.likeness.look(pictures),
-                *check_reference(self.likeness, self.rectified_map, pictures=pictures),
+                *self.reference_match.check_shift(pictures),
+                *check_reference(self.reference_match, self.rectified_map, pictures),
             )
 
     def _std_mm(
@@ -190,5 +193,5 @@ class Reconstructor:
             slopes = self.method.slopes(rgb)
             return slopes, flat_blocks(slopes), None, np.inf, None
         reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
-        untouched = reading.drift.untouched & self.referenced.told
+        untouched = reading.drift.untouched & self.referenced.trusted_blocks
         return reading.slopes, untouched, reading.drift, reading.steepest, surface

@@ -13,7 +13,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.background import BackgroundSums
 from tactilevision.photometric.method import CalibratedMethod
-from tactilevision.photometric.multiresolution import TiledEvaluator, smooth_pixels
+from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes
 from tactilevision.sensors import rectify
@@ -42,21 +42,23 @@ def tare(method: CalibratedMethod, frames: Sequence[Bytes]) -> Reference:
 def subtract_background(method: CalibratedMethod, frames: Sequence[Bytes]) -> CalibratedMethod:
     """The method without the slopes that it still finds, on the mean, in rectified `frames` of untouched gel.
 
-    They are found as surfaces will be read: from then on calm gel in means of pixels, where that can be.
+    They are found as surfaces will be read: from then on gentle gel in means of pixels, where that can be.
     Fewer than MIN_FREE untouched frames leave it as it was: their noise would be taken for bias.
     """
     free = untouched_of(method, frames)
     if len(free) < MIN_FREE:
         return method
     whole, mean = BackgroundSums(method.reference.shape), BackgroundSums(method.reference.shape)
-    px = smooth_pixels(method)
+    px = tile_px_for(method)
     coarse = TiledEvaluator(method, px) if px > 1 else None
     for rgb in free:
         read = method.read(rgb).slopes
         for sums, slopes in ((whole, read), (mean, coarse.read(rgb).slopes if coarse else read)):
             sums.add(np.asarray(slopes.dz_dx), np.asarray(slopes.dz_dy), method.reference.usable)
     card = dataclasses.replace(method.card, frame_noise=whole.noise_over(method.noise), tile_px=px)
-    return dataclasses.replace(method, quiet=mean.added_to(method.current_background, method.calm), card=card)
+    return dataclasses.replace(
+        method, background=mean.added_to(method.current_background, method.kept_share), card=card
+    )
 
 
 def untouched_of(method: CalibratedMethod, frames: Sequence[Bytes]) -> list[Bytes]:

@@ -37,7 +37,10 @@ def read_image(path: Path | str, *, white_level: float | None = None) -> Bytes:
 
 
 def read_stored(path: Path) -> npt.NDArray[Any]:
-    """The picture as the file has it, any shape and type, red first. Raises as `read_image` does."""
+    """The picture as the file has it, grey levels of any shape and type, red first.
+
+    Raises as `read_image` does.
+    """
     try:
         data = path.read_bytes()
     except FileNotFoundError as fault:
@@ -54,8 +57,11 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
     return picture
 
 
-def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None = None) -> Bytes:
-    """Bring an array (H, W, 3) in the order red, green, blue to 8 bits; `path` is for the messages."""
+def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:
+    """Bring an array (H, W, 3) in the order red, green, blue to grey levels of 8 bits.
+
+    `path` is for the messages.
+    """
     if picture.ndim == 2 or (picture.ndim == 3 and picture.shape[2] in (1, 2)):
         raise RecordingError(
             "the picture is grey, but photometric stereo needs the colours of the lights",

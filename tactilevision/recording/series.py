@@ -66,8 +66,11 @@ def read_stage(path: Path) -> tuple[StageSeries, Table]:
     return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
 
 
-def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
-    """Raise where time goes backwards from one row to the next; `rows` are the rows of `time_s` in the table."""
+def check_time(table: Table, time_s: Floats, rows: Floats | None = None) -> None:
+    """Raise where time (n,), in s, goes backwards from one row to the next.
+
+    `rows` (n,) are its rows in the table.
+    """
     back = np.flatnonzero(np.diff(time_s) < 0)
     if back.size:
         after = int(back[0]) + 1

@@ -41,7 +41,7 @@ def write_table(path: Path | str, columns: _Columns) -> None:
 def write_frame_table(
     folder: Path | str, names: Sequence[str], *, times_s: Floats, extra: _Columns = _NOTHING
 ) -> None:
-    """Write frames.csv; `extra` are further columns of the same length, here as below."""
+    """Write frames.csv of times (n,) in s; `extra` are further columns of the same length, here as below."""
     write_table(Path(folder) / layout.FRAME_TABLE, {"frame": names, "time_s": times_s, **extra})
 
 

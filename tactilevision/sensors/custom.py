@@ -45,7 +45,7 @@ def sensor_from_corners(
 def sensor_from_grid(
     points_px: Floats, spacing_mm: float, *, mm_per_px: Pair | None = None, has_markers: bool = False
 ) -> Sensor:
-    """The sensor whose gel is the grid with its crossings at `points_px` (rows, columns, 2) of the raw picture.
+    """The sensor whose gel is the grid with crossings at `points_px` (rows, columns, 2) in the raw picture, px.
 
     Raises InputError as `maps_from_grid` does.
     """
@@ -58,8 +58,8 @@ def sensor_from_grid(
     return _sensor(maps_from_grid(points_px, spacing_mm, mm_per_px=scale), scale, has_markers)
 
 
-def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
-    """The dots of a grid (rows, columns, 2) in a raw picture, from the top left, row by row.
+def find_grid(rgb: Bytes, rows: int, columns: int) -> Floats:
+    """The dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
 
     Dots may be dark on bright or bright on dark. Raises InputError where not all of them are found.
     """

@@ -16,7 +16,7 @@ from tactilevision.records import Bytes, Floats, Pair, Sensor
 
 Map = npt.NDArray[np.float32]
 Maps = tuple[Map, Map]
-KEPT = 8
+KEPT = 8  # maps in fixed point held in memory, the oldest given up first (test_sensors.py)
 
 _fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16]]] = {}
 
@@ -47,7 +47,7 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
 
 
 def maps_from_lookup(row: npt.NDArray[np.integer], column: npt.NDArray[np.integer]) -> Maps:
-    """Maps out of a table rectified = raw[row, column], both (height, width)."""
+    """Maps out of a table rectified = raw[row, column], both (height, width) in px."""
     return np.asarray(column, np.float32), np.asarray(row, np.float32)
 
 
@@ -72,8 +72,8 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: P
     )
 
 
-def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
-    """Maps from a grid pressed into the gel: its crossings (x, y) in the raw picture, `points_px` (rows, cols, 2).
+def maps_from_grid(points_px: Floats, spacing_mm: float, mm_per_px: Pair) -> Maps:
+    """Maps from a grid pressed into the gel: its crossings `points_px` (rows, columns, 2), px in the raw picture.
 
     Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that
     bends lines is undone. The rectified frame spans the grid from its first to its last crossing.

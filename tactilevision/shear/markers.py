@@ -116,7 +116,7 @@ def spread_motion(motion: MarkerMotion, shape: tuple[int, int], *, step_px: int)
 
 
 def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
-    """Pixels (H, W) between the markers; beyond them nothing is known."""
+    """Mask (H, W) of the pixels between the markers; beyond them nothing is known."""
     mask = np.zeros(shape, dtype=np.uint8)
     points = cv2.convexHull(np.round(places_px).astype(np.int32)).reshape(-1, 2)
     cv2.fillConvexPoly(mask, points, 1)
@@ -124,8 +124,9 @@ def hull(places_px: Floats, shape: tuple[int, int]) -> Bools:
 
 
 def darkness(rgb: Bytes) -> Floats:
-    """-log of the lightest channel over its mean round about (H, W): dark in all colours is a mark, not a
-    shade.
+    """-log of the lightest channel's ratio to its mean round about (H, W).
+
+    Dark in all colours is a mark, not a shade.
     """
     light = np.log1p(rgb.max(axis=2).astype(np.float32))
     wide = max(3.0, rgb.shape[0] / 20)

@@ -55,7 +55,7 @@ def read_texture(before: Bytes) -> Texture:
 
 
 def follow_texture(before: Texture, after: Bytes) -> tuple[Floats, Floats, Bools] | None:
-    """Motion (H, W, 2) in pixels of what was at each pixel of `before`, its standard deviation, and where valid.
+    """Motion (H, W, 2) in px of what was at each pixel of `before`, its standard deviation, and where valid.
 
     None where the texture drowns in the noise over MIN_KNOWN of either picture: the untouched one is often a
     mean of many, and shows more than one frame can.

@@ -65,7 +65,7 @@ class Bevel:
 
 
 def bevel_dent(
-    free: Singles, bevel: Bevel, *, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
+    surface: Singles, bevel: Bevel, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
 ) -> Singles:
     """What the bevel adds (H, W) mm to the depth of the free surface (H, W) mm.
 
@@ -77,10 +77,10 @@ def bevel_dent(
     s, t = bevel.along(x, y)
     plane = bevel.depth_mm(np.maximum(s, bevel.distance_mm), face_mm) + tilt[0] * x + tilt[1] * y
     under = (s + 0.5 * pixel_mm >= bevel.distance_mm) & (np.abs(t) <= bevel.half_width_mm)
-    overlap = np.where(under, plane - free, 0.0)
+    overlap = np.where(under, plane - surface, 0.0)
     dent = np.maximum(overlap, 0.0)
     if not (dent > 0).any():
-        return np.zeros_like(free)
+        return np.zeros_like(surface)
     return _spread(dent.astype(np.float32), dent > 0, pixel_mm)
 
 

@@ -117,8 +117,8 @@ class Prescribed:
 
     def shift_mm(self, grid: Grid) -> tuple[Singles, Singles]:
         """Sideways shift (H, W) mm of the ink in x and in y."""
-        still = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
-        return still, still.copy()
+        zero = np.zeros((grid.y_mm.size, grid.x_mm.size), np.float32)
+        return zero, zero.copy()
 
 
 @lru_cache(maxsize=16)
@@ -128,7 +128,7 @@ def _distance(grid: Grid, centre_mm: Pair) -> Singles:
 
 
 def lookup(r: Singles, places: Floats, values: Floats, *, rounding_mm: float = 0.0) -> Singles:
-    """Values against the distance from the axis, held inside the first place and 0 beyond the last."""
+    """`values` (n,), in their unit, at distances `r` (H, W) in mm: held inside the first, 0 beyond the last."""
     step = 0.005
     even = np.arange(0.0, places[-1] + 2 * step, step)
     table = np.interp(even, places, values, left=values[0], right=0.0)

@@ -22,12 +22,12 @@ FAR = 5.0  # thicknesses beyond the edge at which the surface counts as untouche
 
 def fade(reach: Floats) -> Floats:
     """1 near the contact, 0 from FAR thicknesses on, smooth in between; any shape."""
-    left = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
-    return np.asarray(left * left * (3.0 - 2.0 * left))
+    remaining = np.clip((FAR - reach) / 2.0, 0.0, 1.0)
+    return np.asarray(remaining * remaining * (3.0 - 2.0 * remaining))
 
 
-def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
-    """u_z/w and u_r/w at `radii` (in thicknesses, all outside the punch) by the linear theory."""
+def layer_surface(poisson_ratio: float, a_over_h: float, radii: Floats) -> tuple[Floats, Floats]:
+    """u_z/w and u_r/w, ratios (n,), at `radii` (in thicknesses, all outside the punch) by the linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2
     u, du, K, K_r, K_r_far = _waves(poisson_ratio)

@@ -115,8 +115,8 @@ def _markers(grid: Grid, rng: np.random.Generator) -> Singles:
     jitter = rng.normal(0.0, 0.03, 2)
     dark = np.zeros_like(x)
     for offset in (-0.18, 0.18):
-        away = np.hypot(x - 1.6 * cell_x - offset - jitter[0], y - 1.6 * cell_y - jitter[1])
-        dark = np.maximum(dark, 1 / (1 + np.exp((away - 0.16) / 0.03)))
+        distance = np.hypot(x - 1.6 * cell_x - offset - jitter[0], y - 1.6 * cell_y - jitter[1])
+        dark = np.maximum(dark, 1 / (1 + np.exp((distance - 0.16) / 0.03)))
     return np.asarray(1 - 0.75 * dark, dtype=np.float32)
 
 

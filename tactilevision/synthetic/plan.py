@@ -159,10 +159,10 @@ def _centre(options: SimulationOptions, rng: np.random.Generator, *, cut: bool) 
     kit, camera = options.indenters, options.camera
     towards = {"right": (1, 0), "left": (-1, 0), "top": (0, -1), "bottom": (0, 1)}[kit.bevel]
     half = np.array([camera.width_px * camera.mm_per_px[0], camera.height_px * camera.mm_per_px[1]]) / 2
-    away = -0.35 * kit.bevel_distance_mm
+    offset = -0.35 * kit.bevel_distance_mm
     if cut:
-        away = -float(half @ np.abs(towards)) + 0.45 * kit.radius_mm
-    x, y = away * np.asarray(towards) + rng.normal(0.0, options.rig.place_std_mm, 2)
+        offset = -float(half @ np.abs(towards)) + 0.45 * kit.radius_mm
+    x, y = offset * np.asarray(towards) + rng.normal(0.0, options.rig.place_std_mm, 2)
     return float(x), float(y)
 
 

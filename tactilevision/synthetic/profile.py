@@ -25,7 +25,8 @@ FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face
 EDGE_RADIUS_MM = 0.05  # mm, rounding of a machined edge
 PAD_RADIUS_MM = 15.0  # mm, radius of a round pad
 DEEPEST = 0.22  # w/h of the deepest simulated press
-_DEPTHS = (0.004, 0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, DEEPEST)  # thicknesses
+# w/h at which a press is solved; shape and P/w are linear between them
+_DEPTHS = (0.004, 0.015, 0.03, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, DEEPEST)
 _LINE = np.linspace(0.05, 0.2, 16)  # thicknesses over which c and beta are read, as the published punches span
 _FINER = 5  # places for each node of the surface
 
@@ -77,8 +78,8 @@ class PunchProfile:
     def _at(self, values: Floats, depth_mm: float) -> Floats:
         low = int(np.clip(np.searchsorted(self.depths_mm, depth_mm) - 1, 0, self.depths_mm.size - 2))
         step = self.depths_mm[low + 1] - self.depths_mm[low]
-        part = max((depth_mm - self.depths_mm[low]) / step, 0.0)
-        return np.asarray((1 - part) * values[low] + part * values[low + 1])
+        share = max((depth_mm - self.depths_mm[low]) / step, 0.0)
+        return np.asarray((1 - share) * values[low] + share * values[low + 1])
 
 
 @lru_cache(maxsize=32)
@@ -115,8 +116,8 @@ def punch_profile(
     number = np.arange(nodes.size)
     radii = np.interp(np.linspace(0, number[-1], _FINER * number[-1] + 1), number, nodes)
     shift, rise = np.moveaxis(CubicSpline(nodes, moved, axis=2)(radii), 1, 0)
-    left = np.clip((pad_radius_mm - radii) / thickness_mm, 0.0, 1.0)
-    end = left * left * (3.0 - 2.0 * left)
+    remaining = np.clip((pad_radius_mm - radii) / thickness_mm, 0.0, 1.0)
+    end = remaining * remaining * (3.0 - 2.0 * remaining)
     depth = np.where(radii <= radius_mm - edge_radius_mm, 1.0, -rise)
     return PunchProfile(radius_mm, thickness_mm, radii, depths, depth * end, shift * end,
                         np.array([state.force_N for state in states]) / depths)  # fmt: skip

@@ -117,10 +117,10 @@ class GelLaw:
 def bevel_force_N(bevel: Bevel, profile: PunchProfile, *, reduced_modulus_MPa: float, depths_mm: Floats) -> Floats:
     """Force (T,) N on the bevel at depths (T,) mm of the face."""
     along = np.linspace(-bevel.half_width_mm, bevel.half_width_mm, 81)
-    away = np.hypot(bevel.distance_mm, along)
+    distance = np.hypot(bevel.distance_mm, along)
     deepest = float(np.max(depths_mm, initial=0.0))
     table = np.linspace(0.0, max(deepest, 1e-6), 60)
-    overlap = [np.maximum(w - bevel.height_mm - profile.depth_at(away, w), 0.0) for w in table]
+    overlap = [np.maximum(w - bevel.height_mm - profile.depth_at(distance, w), 0.0) for w in table]
     force = 0.5 * reduced_modulus_MPa * np.trapezoid(overlap, along, axis=1)
     return np.asarray(np.interp(depths_mm, table, force, left=0.0), dtype=np.float64)
 

@@ -35,8 +35,8 @@ class RingPress:
 
     def depth_mm(self, grid: Grid) -> Singles:
         """Depth (H, W) mm on the grid."""
-        beside = punch_profile(self.poisson_ratio, self.outer_mm, self.thickness_mm)
-        places, depths = beside.seen(self.face_mm)
+        full_punch = punch_profile(self.poisson_ratio, self.outer_mm, self.thickness_mm)
+        places, depths = full_punch.seen(self.face_mm)
         recovery = 1 - np.exp(-self.inner_mm / self.thickness_mm)
         hole = np.linspace(0.0, self.inner_mm, 200)
         floor = self.face_mm * (1 - recovery * np.sqrt(np.maximum(1 - (hole / self.inner_mm) ** 2, 0.0)))

@@ -74,7 +74,7 @@ def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
     """For each press the times (N,) s of the frames that are kept, on the camera's clock."""
     rng = stream(scenario.seed, 2)
     rig = scenario.options.rig
-    kept = []
+    chosen = []
     for press in scenario.presses:
         times = np.arange(press.start_s, press.end_s, 1 / rig.frame_rate_Hz)
         times = times + np.clip(rng.normal(0.0, 4e-4, times.size), -2e-3, 2e-3)
@@ -83,8 +83,8 @@ def frame_times(scenario: Scenario) -> list[tuple[PlannedPress, Floats]]:
         if press.fault == "dropped_frames":
             since = times - press.touch_time_s
             times = times[(since < -0.25) | (since > 0.25 + press.protocol.dwell_s)]
-        kept.append((press, times))
-    return kept
+        chosen.append((press, times))
+    return chosen
 
 
 def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
@@ -95,14 +95,15 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     event = turn if np.isnan(press.touch_time_s) else press.touch_time_s
     dwell = press.protocol.dwell_s
     onward = event + dwell + interval * np.array([1, 2, 4, 8, 16] if dwell > 0 else [8, 16])
-    near = np.concatenate([event + interval * np.arange(-3, 5), onward])
+    contact_times = np.concatenate([event + interval * np.arange(-3, 5), onward])
     hold, release = press.protocol.hold_s, np.array(press.motion.time_s[-3:-1])
     rest = [press.start_s, contact + 3 * interval, turn + 0.7 * hold, press.end_s]
-    away = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])  # the clocks show there
-    more = max(count - near.size - away.size - len(rest), 0)
+    # the clocks show there
+    release_times = release[0] + np.array([0.1, 0.25, 0.4, 0.55]) * (release[1] - release[0])
+    more = max(count - contact_times.size - release_times.size - len(rest), 0)
     growing = np.linspace(event - 0.5 * (turn - event), turn, 2 * more // 3 + 2)[1:-1]
     ramp = np.linspace(contact, event, more - 2 * more // 3 + 2)[1:-1]
-    wanted = np.concatenate([near, rest, away, growing, ramp])
+    wanted = np.concatenate([contact_times, rest, release_times, growing, ramp])
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 

@@ -50,7 +50,7 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
 
 def _sensor(options: SimulationOptions, pictured: bool) -> Sensor:
     camera, gel = options.camera, options.gel
-    usual = camera.light_seed is None and (camera.width_px, camera.height_px) == (427, 320)
+    gelslim = camera.light_seed is None and (camera.width_px, camera.height_px) == (427, 320)
     known = gel.prior_std is not None
     prior = gel.poisson_ratio if gel.prior is None else gel.prior
     pad = Gel(
@@ -61,7 +61,7 @@ def _sensor(options: SimulationOptions, pictured: bool) -> Sensor:
         poisson_ratio_std=gel.prior_std,
     )
     return Sensor(
-        kind="gelslim3" if usual else "custom",
+        kind="gelslim3" if gelslim else "custom",
         width_px=camera.width_px,
         height_px=camera.height_px,
         mm_per_px=camera.mm_per_px,

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball.detection import Ball
-from tactilevision.photometric.ball.samples import inside_ball
+from tactilevision.photometric.ball.samples import ball_samples
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.robust import mad_std
@@ -66,7 +66,7 @@ def held_out_depth(
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
         if id(law) not in methods:
-            methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.quiet)
+            methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.background)
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
@@ -122,9 +122,7 @@ def seen_gain_std(
     for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
         if ball is not None:
             change, _, valid = method.change.measure(picture.rgb)
-            seen = inside_ball(
-                change, ball, mm_per_px=mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng
-            )
+            seen = ball_samples(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
             found = method.law.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
     return mad_std(np.array(gains), centre=1.0)
@@ -145,6 +143,6 @@ def _held_out_laws(
     calibration: Calibration, pictures: Sequence[BallPicture]
 ) -> list[tuple[BallPicture, Ball, tuple[ColourLaw, float]]]:
     """At most MAX_BALLS balls that were found, evenly chosen, each with its law and that one's deviation there."""
-    rows = zip(pictures, calibration.balls, calibration.unseen, strict=True)
+    rows = zip(pictures, calibration.balls, calibration.held_out_laws, strict=True)
     kept = [(picture, ball, law) for picture, ball, law in rows if ball is not None and law is not None]
     return kept[:: max(1, -(-len(kept) // MAX_BALLS))]

@@ -32,7 +32,7 @@ class DriftError:
         tracker, shape = method.change.tracker, method.reference.shape
         self.blocks = (tracker.size[1], tracker.size[0])
         self.terms = plane_terms(shape, self.blocks)
-        calm = cv2.resize(method.calm, tracker.size, interpolation=cv2.INTER_AREA)
+        kept_share = cv2.resize(method.kept_share, tracker.size, interpolation=cv2.INTER_AREA)
         evaluate = method.law.evaluator(self.blocks)
         block_mm = tuple(
             n * mm / blocks for n, mm, blocks in zip(shape[::-1], mm_per_px, tracker.size, strict=True)
@@ -44,7 +44,7 @@ class DriftError:
                 change = np.zeros((3, *self.blocks), np.float32)
                 change[channel] = STEP * part.reshape(self.blocks)
                 slopes = [
-                    calm * (more - less) / (2.0 * STEP)
+                    kept_share * (more - less) / (2.0 * STEP)
                     for more, less in zip(evaluate(change), evaluate(-change), strict=True)
                 ]
                 depths[channel, number] = integrate(SlopeMap(*slopes), (block_mm[0], block_mm[1])).ravel()

@@ -20,8 +20,11 @@ from tactilevision.records import Pair
 Picture = npt.NDArray[np.float32]
 
 
-def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> None:
-    """Add the `edges`' part to `variance_mm2` (h, w) mm², in place; its points lie `mm_per_point` (x, y) apart."""
+def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], mm_per_point: Pair) -> None:
+    """Add the `edges`' part to `variance_mm2` (h, w) mm², in place.
+
+    Its points lie `mm_per_point` (x, y) mm apart.
+    """
     for edge in edges:
         window, x, y = window_of(
             variance_mm2.shape, edge.centre_mm, mm_per_px=mm_per_point, outer_mm=edge.radius_mm

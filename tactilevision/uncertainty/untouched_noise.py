@@ -41,7 +41,10 @@ def untouched_std(height: HeightMap, error: DepthError | None, *, every: int = 1
 
 
 def map_noise_mm(height: HeightMap) -> float:
-    """Standard deviation of a map's shallower half about its median, out of the median distance; 0 of nothing."""
+    """Standard deviation (mm) of the shallower half of a map (H, W) about its median, out of the median distance.
+
+    0 of nothing.
+    """
     step = max(1, int(np.sqrt(height.depth_mm.size / SAMPLED)))
     depth = height.depth_mm[::step, ::step][height.valid[::step, ::step]]
     if not depth.size:

@@ -10,7 +10,7 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.consistency import one_contact
+from tactilevision.photometric.ball.consistency import shared_contact
 from tactilevision.photometric.ball.detection import Ball, find_ball
 from tactilevision.records import Bytes, Floats
 
@@ -64,9 +64,9 @@ def test_a_ball_in_the_reference_that_passes_for_all_balls_is_seen() -> None:
 
 def test_balls_at_one_place_but_of_all_sizes_are_no_reference() -> None:
     sizes: Floats = np.linspace(10.0, 20.0, 8)
-    assert one_contact([Ball((50.0, 60.0), float(size), BALL_MM) for size in sizes]) is None
-    assert one_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 2]) is None
-    assert one_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 6]) == (50.0, 60.0)
+    assert shared_contact([Ball((50.0, 60.0), float(size), BALL_MM) for size in sizes]) is None
+    assert shared_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 2]) is None
+    assert shared_contact([None, *[Ball((50.0, 60.0), 15.0, BALL_MM)] * 6]) == (50.0, 60.0)
 
 
 def test_a_contact_as_wide_as_the_ball_is_refused() -> None:

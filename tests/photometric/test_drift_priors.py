@@ -11,8 +11,8 @@ from lamp_room import SHAPE, ball, picture, places
 from tactilevision.photometric import make_reference
 from tactilevision.photometric.illumination.camera_response import Response
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undone
-from tactilevision.photometric.illumination.drift_priors import PART, drift_of, likely_slopes, noise_of
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, solid, undo_drift
+from tactilevision.photometric.illumination.drift_priors import SLOPE_SHARE, drift_of, likely_slopes, noise_of
 from tactilevision.records import Bytes, Floats
 
 BRIGHT = 3.0  # pictures of a hundred grey levels
@@ -56,7 +56,7 @@ def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
     seen = (
         rgb
         if told.undo is None
-        else undone(rgb.transpose(2, 0, 1), told.undo, power=following.power).transpose(1, 2, 0)
+        else undo_drift(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
     )
     blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
     y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])
@@ -129,7 +129,7 @@ def test_slopes_are_expected_beside_a_contact_in_proportion_to_those_under_it() 
     answers, under = rng.standard_normal((3, 2, 21 * 31)), 0.2 * rng.standard_normal((2, 21 * 31))
     likely = likely_slopes(np.einsum("ckb,kb->cb", answers, under), answers, touched=touched)
     steep = (likely / answers).reshape(3, 2, 21, 31)
-    assert steep[0, 0, 10, 15] == pytest.approx(PART * 0.2 * np.sqrt(np.log(2)), rel=0.3)
+    assert steep[0, 0, 10, 15] == pytest.approx(SLOPE_SHARE * 0.2 * np.sqrt(np.log(2)), rel=0.3)
     assert steep[:, :, 10, 17 + 3] == pytest.approx(
         steep[0, 0, 10, 15] * np.exp(-3 / np.sqrt(25 / np.pi)), rel=1e-3
     )

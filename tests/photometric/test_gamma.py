@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.photometric.ball.gamma import response_of
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response, response_of_card
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response, response_from_card
 from tactilevision.records import Floats
 
 LAMPS = np.array([[0.8, 0.1], [-0.5, 0.7], [-0.3, -0.8]])  # of each channel, over its height
@@ -39,8 +39,8 @@ def test_answers_are_the_colours_of_gentle_slopes() -> None:
 
 def test_a_card_keeps_the_response() -> None:
     made = response_of(*samples(1.0, np.random.default_rng(2)))
-    kept = response_of_card(made.told())
+    kept = response_from_card(made.to_card())
     assert kept.power == 1
     assert kept.answers == pytest.approx(made.answers, abs=1e-5)
-    assert response_of_card(None) == Response(power=2, answers=None)
-    assert response_of_card(Response().told()).to_slope(np.zeros(1), np.zeros(1)) is None
+    assert response_from_card(None) == Response(power=2, answers=None)
+    assert response_from_card(Response().to_card()).to_slope(np.zeros(1), np.zeros(1)) is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lamp_room import SHAPE, ball, picture
 
-from tactilevision.quality.image_shift import moved_by
+from tactilevision.quality.image_shift import image_shift
 from tactilevision.records import Bytes, Floats, Pair
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
@@ -39,7 +39,7 @@ def ink(contrast: float) -> Floats:
 def test_a_shift_is_seen_and_measured(shift: Pair) -> None:
     rng = np.random.default_rng(SEED)
     reference = gel(rng, ink(0.02))
-    found = moved_by(reference, [shifted(gel(rng, ink(0.02), pressed=k > 0), shift) for k in range(3)])
+    found = image_shift(reference, [shifted(gel(rng, ink(0.02), pressed=k > 0), shift) for k in range(3)])
     assert found is not None
     assert np.hypot(found[0] - shift[0], found[1] - shift[1]) < 0.3
 
@@ -47,21 +47,21 @@ def test_a_shift_is_seen_and_measured(shift: Pair) -> None:
 def test_what_has_not_moved_is_let_be() -> None:
     rng = np.random.default_rng(SEED + 1)
     reference = gel(rng, ink(0.02))
-    assert moved_by(reference, [gel(rng, ink(0.02), pressed=k > 0) for k in range(4)]) is None
-    assert moved_by(reference, [shifted(gel(rng, ink(0.02)), (0.6, 0.0))]) is None, "pressed gel moves as far"
-    assert moved_by(reference, []) is None
+    assert image_shift(reference, [gel(rng, ink(0.02), pressed=k > 0) for k in range(4)]) is None
+    assert image_shift(reference, [shifted(gel(rng, ink(0.02)), (0.6, 0.0))]) is None, "pressed gel moves as far"
+    assert image_shift(reference, []) is None
 
 
 def test_a_single_moved_frame_among_others_is_not_the_recording() -> None:
     rng = np.random.default_rng(SEED + 2)
     frames = [gel(rng, ink(0.02)) for _ in range(4)]
-    assert moved_by(gel(rng, ink(0.02)), [*frames, shifted(frames[0], (8.0, 0.0))]) is None
+    assert image_shift(gel(rng, ink(0.02)), [*frames, shifted(frames[0], (8.0, 0.0))]) is None
 
 
 def test_gel_without_grain_tells_nothing() -> None:
     rng = np.random.default_rng(SEED + 3)
-    assert moved_by(gel(rng, ink(0.0)), [shifted(gel(rng, ink(0.0)), (10.0, 0.0))]) is None
-    assert moved_by(gel(rng, ink(0.02)), [np.zeros((*SHAPE, 3), np.uint8)]) is None
+    assert image_shift(gel(rng, ink(0.0)), [shifted(gel(rng, ink(0.0)), (10.0, 0.0))]) is None
+    assert image_shift(gel(rng, ink(0.02)), [np.zeros((*SHAPE, 3), np.uint8)]) is None
 
 
 def test_noise_that_stays_on_the_chip_does_not_hide_a_shift() -> None:
@@ -72,7 +72,7 @@ def test_noise_that_stays_on_the_chip_does_not_hide_a_shift() -> None:
         return np.clip(np.rint(rgb + chip), 0, 255).astype(np.uint8)
 
     frames = [seen(shifted(gel(rng, ink(0.02)), (6.0, -4.0))) for _ in range(3)]
-    found = moved_by(seen(gel(rng, ink(0.02))), frames)
+    found = image_shift(seen(gel(rng, ink(0.02))), frames)
     assert found is not None
     assert np.hypot(found[0] - 6.0, found[1] + 4.0) < 0.4
 
@@ -95,8 +95,8 @@ def test_real_presses_have_not_moved_until_they_are(folder: str, reference: str,
     untouched = read(REAL / folder / reference)
     presses = [read(path) for path in sorted((REAL / folder).glob(frames))[::7]]
     assert len(presses) > 2
-    assert moved_by(untouched, presses) is None
-    assert all(moved_by(untouched, [one]) is None for one in presses)
-    found = moved_by(untouched, [shifted(one, (10.0, -3.0)) for one in presses])
+    assert image_shift(untouched, presses) is None
+    assert all(image_shift(untouched, [one]) is None for one in presses)
+    found = image_shift(untouched, [shifted(one, (10.0, -3.0)) for one in presses])
     assert found is not None
     assert np.hypot(found[0] - 10.0, found[1] + 3.0) < 1.0

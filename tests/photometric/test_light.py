@@ -46,11 +46,11 @@ def test_noise_of_single_pixels_hides_no_other_light() -> None:
     method = CalibratedMethod(
         Network(MODEL.read_bytes(), 0.9, MODEL), reference(TURNED), 0.9, card=MethodCard(held_out_gain_std=0.05)
     )
-    likeness = ReferenceMatch(method)
-    assert "another light" in likeness.made_in(light_of(reference(OWN)))[0]
-    assert likeness.elsewhere
-    assert likeness.made_in(light_of(reference(TURNED))) == ()
-    assert not likeness.elsewhere
+    match = ReferenceMatch(method)
+    assert "another light" in match.check_light(light_of(reference(OWN)))[0]
+    assert match.other_light
+    assert match.check_light(light_of(reference(TURNED))) == ()
+    assert not match.other_light
 
 
 def recording(folder: Path, rgb: Bytes) -> Recording:

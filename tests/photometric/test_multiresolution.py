@@ -94,9 +94,9 @@ def test_a_contact_of_few_means_is_read_in_full_and_free_gel_is_not(name: str, p
     y, x = np.unravel_index(int(np.argmax(np.hypot(p, q))), SHAPE)
     rng = np.random.default_rng(10)
     for _ in range(3):
-        windows = reader.look(picture(p, q, rng)).windows
+        windows = reader.read_tiles(picture(p, q, rng)).windows
         assert any(r.start <= y < r.stop and c.start <= x < c.stop for r, c in windows)
-        assert reader.look(flat(rng)).windows == []
+        assert reader.read_tiles(flat(rng)).windows == []
 
 
 @pytest.mark.parametrize("name", ["polynomial", "lookup"])
@@ -154,10 +154,10 @@ def test_windows_hold_all_that_is_loud_and_none_overlaps_another() -> None:
     assert reader is not None
     counts = []
     for _ in range(40):
-        loud = np.zeros(reader.loud.shape, np.bool_)
+        loud = np.zeros(reader.slope_threshold.shape, np.bool_)
         for top, left in rng.integers(0, np.array(loud.shape) - 4, (5, 2)):
             loud[top : top + rng.integers(3, 20), left : left + rng.integers(3, 20)] = True
-        windows = reader.windows(np.stack([2.0 * reader.loud * loud, 0.0 * reader.loud]))
+        windows = reader.windows(np.stack([2.0 * reader.slope_threshold * loud, 0.0 * reader.slope_threshold]))
         covered = np.zeros(SHAPE, int)
         for window in windows:
             covered[window] += 1

@@ -24,7 +24,7 @@ from tactilevision.photometric import (
     load_network,
     make_reference,
 )
-from tactilevision.photometric.ball.samples import inside_ball
+from tactilevision.photometric.ball.samples import ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
@@ -119,7 +119,7 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
     for number, (shot, ball) in enumerate(zip(gelslim(folder)[1], calibration.balls, strict=True)):
         assert ball is not None
         seen, _, valid = change.measure(shot.rgb)
-        parts.append(inside_ball(seen, ball, mm_per_px=SCALE, number=number, most=150, valid=valid, rng=rng))
+        parts.append(ball_samples(seen, ball, SCALE, number=number, most=150, valid=valid, rng=rng))
     slopes, colours, places = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("slopes", "change", "place")
     )

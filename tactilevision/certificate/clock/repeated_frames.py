@@ -40,9 +40,10 @@ def repeated_share(repeats: Sequence[float]) -> float:
     return (typical_share - anew) / (1 - anew) if anew < 1 else 0.0
 
 
-def allow_for_repeats(offset: Estimate, share: float, *, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
-    """The clocks' offset with a frame's interval more of uncertainty where most of each picture is a copy, and a
-    warning that says so.
+def allow_for_repeats(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
+    """The clocks' offset (s) with a frame's interval more of uncertainty, and a warning that says so.
+
+    Where most of each picture is a copy: `share` of it, frames at `times_s` (n,). Otherwise as it was.
     """
     if share < _MOSTLY or offset.value is None or times_s.size < 2:
         return offset, ()

@@ -48,7 +48,10 @@ def force_in_dwell(time_s: Floats, force_N: Floats, *, dwell_s: Pair, event_s: f
 def force_on_ramp(
     time_s: Floats, force_N: Floats, std_N: Floats, *, onset_s: float, touch_s: float
 ) -> EventForce | None:
-    """One-sided fit up to the touch; `onset_s` is a rough time of first contact, `std_N` (3,) of one reading."""
+    """One-sided fit up to the touch, to forces (n, 3) in N; `onset_s` is a rough time of first contact.
+
+    `std_N` (3,) is the deviation of one reading.
+    """
     good = np.isfinite(force_N).all(axis=1)
     ramp = touch_s - onset_s
     free = good & (time_s >= onset_s - ramp) & (time_s < onset_s)

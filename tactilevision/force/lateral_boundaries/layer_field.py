@@ -59,7 +59,7 @@ class LayerStress:
 def layer_stress(
     depths_mm: Floats, cell_mm: float, *, thickness_mm: float, poisson_ratio: float, reach_mm: float
 ) -> LayerStress:
-    """Stress at `depths_mm` of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
+    """Stress (MPa) at `depths_mm` (n,) of a cell `cell_mm` wide that carries the force 1 N (traction 1/cell^2)."""
     step = STEP_MM_OF_CELL * cell_mm
     count = fft.next_fast_len(2 * int(np.ceil(1.5 * reach_mm / step)))
     k_y = 2 * np.pi * np.fft.fftfreq(count, step)[:, None]

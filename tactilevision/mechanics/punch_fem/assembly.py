@@ -50,7 +50,7 @@ def find_pattern(tables: tuple[Ints, ...], free: Bools) -> Pattern:
 
 
 def assemble(pattern: Pattern, stiffnesses: tuple[Floats, ...]) -> sparse.csc_array:
-    """Sum element stiffnesses (K, n, n), one array a table, into the free unknowns' matrix."""
+    """Sum element stiffnesses (K, n, n), N per mm, one array a table, into the free unknowns' matrix."""
     data = np.zeros(len(pattern.indices))
     for kept, slot, stiffness in zip(pattern.kept, pattern.slot, stiffnesses, strict=True):
         data += np.bincount(slot, stiffness.reshape(-1)[kept], minlength=len(data))
@@ -63,8 +63,8 @@ def factorise(matrix: sparse.csc_array) -> SuperLU:
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
 
 
-def scatter(size: int, tables: tuple[Ints, ...], *, forces: tuple[Floats, ...]) -> Floats:
-    """Sum element forces (K, n) into a vector of all `size` unknowns."""
+def scatter(size: int, tables: tuple[Ints, ...], forces: tuple[Floats, ...]) -> Floats:
+    """Sum element forces (K, n), in N, into a vector of all `size` unknowns."""
     total = np.zeros(size)
     for table, force in zip(tables, forces, strict=True):
         total += np.bincount(table.ravel(), force.ravel(), minlength=size)

@@ -10,10 +10,15 @@ from tactilevision.mechanics.punch_fem.kinematics import PLANE_HESSIAN, Deformat
 from tactilevision.records import Floats
 
 # |F_plane|² - 2 j = (F_rr - F_zz)² + (F_rz + F_zr)², free of cancellation; half its second derivative:
-_SHAPE = np.zeros((5, 5))
-_SHAPE[0, 0] = _SHAPE[3, 3] = _SHAPE[1, 1] = _SHAPE[2, 2] = 1.0
-_SHAPE[0, 3] = _SHAPE[3, 0] = -1.0
-_SHAPE[1, 2] = _SHAPE[2, 1] = 1.0
+_SHAPE = np.array(
+    [
+        [1.0, 0.0, 0.0, -1.0, 0.0],
+        [0.0, 1.0, 1.0, 0.0, 0.0],
+        [0.0, 1.0, 1.0, 0.0, 0.0],
+        [-1.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
 
 _SERIES_BELOW = 1e-3  # of the excess, below which the logarithm comes from its series
 

@@ -16,9 +16,15 @@ from tactilevision.records import Floats
 IDENTITY = np.array([1.0, 0.0, 0.0, 1.0, 1.0])  # deformation gradient at rest: F_rr, F_rz, F_zr, F_zz, F_tt
 
 # The in-plane determinant j = F_rr F_zz - F_rz F_zr is quadratic: its second derivative is this constant.
-PLANE_HESSIAN = np.zeros((5, 5))
-PLANE_HESSIAN[0, 3] = PLANE_HESSIAN[3, 0] = 1.0
-PLANE_HESSIAN[1, 2] = PLANE_HESSIAN[2, 1] = -1.0
+PLANE_HESSIAN = np.array(
+    [
+        [0.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, -1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)

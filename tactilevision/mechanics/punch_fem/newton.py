@@ -49,8 +49,8 @@ class Failure:
 
 MAX_ITERATIONS = 10  # of one step
 FORCE_TOLERANCE = 1e-6  # out-of-balance force over the punch's
-# Single contact points that change between stick and slip for ever keep the residual from 1e-6, not P from being
-# right.
+# Out-of-balance force over the punch's, where single contact points change between stick and slip for ever: these
+# keep the residual from 1e-6, not P from being right.
 CHATTER_TOLERANCE = 1e-4
 VOLUME_TOLERANCE = 1e-9  # of each element's volume
 CHATTER_VOLUME = 1e-6  # of each element's volume, where contact points chatter

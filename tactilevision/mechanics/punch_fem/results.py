@@ -65,7 +65,7 @@ def gather(model: Model, states: list[State], *, steps: list[StepRecord]) -> Pun
 
 
 def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
-    """Material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S)."""
+    """Material radii (S,) of the surface nodes, and (u_r, u_z) there (2, S), all in mm."""
     dofs = model.mesh.surface.dofs
     _, first = np.unique(dofs[:, :3], return_index=True)
     across, along = dofs[:, :3].ravel()[first], dofs[:, 3:6].ravel()[first]
@@ -75,8 +75,8 @@ def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
 
 
 def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
-    """True pressure and shear (C,) at the contact points; None for a glued face."""
-    contact = contact_at(model, state.u, history=state.history)
+    """True pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
+    contact = contact_at(model, state.u, state.history)
     if contact is None or state.history is None:
         return None
     stretch = area_ratio(model.mesh.surface, state.u)
@@ -84,7 +84,7 @@ def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | Non
 
 
 def area_ratio(surface: Surface, u: Floats) -> Floats:
-    """Deformed over reference area of the surface at its quadrature points (K, Q)."""
+    """Deformed over reference area of the surface, a ratio, at its quadrature points (K, Q); `u` in mm."""
     local = u[surface.dofs]
     r = surface.r_mm + np.einsum("kqn,kn->kq", surface.shape, local[:, :3])
     dr = 1 + np.einsum("kqn,kn->kq", surface.slope, local[:, :3])

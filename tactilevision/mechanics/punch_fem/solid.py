@@ -50,7 +50,7 @@ def corner_volumes(mesh: Discretisation, u: Floats) -> Floats:
 
 
 def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
-    """Pressure unknowns (E, 3) as values at all quadrature points (E Q)."""
+    """Pressure unknowns (E, 3), in MPa, as values at all quadrature points (E Q,)."""
     values: Floats = np.einsum("eqm,em->eq", mesh.modes, pressure).ravel()
     return values
 
@@ -58,7 +58,10 @@ def pressure_at_points(mesh: Discretisation, pressure: Floats) -> Floats:
 def linearise(
     mesh: Discretisation, law: Law, *, material: Material, state: Deformation, pressure: Floats
 ) -> ElementSystem:
-    """Forces and stiffness at `state` and `pressure` (E, 3). NaN where the law is not defined there."""
+    """Forces (N) and stiffness (N per mm) at `state` and `pressure` (E, 3), in MPa.
+
+    NaN where the law is not defined there.
+    """
     elements, points = mesh.weight_mm3.shape
     bulk = bulk_modulus_MPa(material)
     p = pressure_at_points(mesh, pressure)

@@ -68,6 +68,6 @@ def own_block(key: Key, solved: Solved) -> Block:
 
 
 def linear_surface(case: Case) -> Floats:
-    """Rise and u_r (2, places) over w by linear theory, where the table has places."""
+    """Rise and u_r (2, places) over w, a ratio, by linear theory, where the table has places."""
     r_over_a = 1 + np.array(BESIDE) / case.a_over_h
     return np.stack(exact_profile(r_over_a, case.poisson_ratio, a_over_h=case.a_over_h))

@@ -62,7 +62,7 @@ class HoledSpline:
 
 
 def fit_grid(axes: Axes, values: Floats) -> HoledSpline:
-    """The spline through `values` (nu, a/h, depth, ...); NaN from some depth on means not solved.
+    """The spline through `values` (nu, a/h, depth, ...), in their unit; NaN from some depth on means not solved.
 
     At least two depths must be known everywhere.
     """
@@ -97,12 +97,12 @@ def _in_known_cells(axes: Axes, known: Bools, places: Floats) -> Bools:
 
 
 def solved_nodes(values: Floats) -> Bools:
-    """True (nu, a/h, depth) where nothing is NaN."""
+    """Mask (nu, a/h, depth) of nodes at which nothing is NaN."""
     return np.asarray(np.isfinite(values.reshape(*values.shape[:3], -1)).all(axis=-1))
 
 
 def continued(depths: Floats, values: Floats) -> Floats:
-    """`values` (nu, a/h, depth, ...) with what is missing at depth on the straight line of the last two known."""
+    """`values` (nu, a/h, depth, ...), in their unit, continued in depth along the line of the last two known."""
     whole = values.copy()
     known = solved_nodes(values)
     for at in zip(*np.nonzero(~known.all(axis=-1)), strict=True):

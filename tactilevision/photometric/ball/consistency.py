@@ -17,47 +17,49 @@ from tactilevision.records import Floats, Pair
 from tactilevision.robust import mad_std
 
 COVERED = 0.5  # of either side: balls in less of it leave most of the light to be guessed
-SAME_PLACE, SAME_SIZE = 0.15, 0.1  # of the contact's radius: presses by hand or stage differ by more
-MOST = 0.75  # of the balls; the others are seen between the two contacts
-MIN_OF_EACH = 3
-MIN_APART = 0.1  # of the scale: places and sizes differ by half of it
-SIGMAS = 3.0
+SAME_PLACE = 0.15  # of the contact's radius: places of presses by hand or stage differ by more
+SAME_SIZE = 0.1  # of the contact's radius: sizes of presses by hand or stage differ by more
+MIN_SHARE = 0.75  # of the balls; the others are seen between the two contacts
+MIN_OF_EACH = 3  # balls of one radius; one odd ball moves the median of fewer
+MIN_CONTRADICTION = 0.1  # of the scale: places and sizes differ by half of it
+SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
-ODD = 5.0  # times the scatter of the others
-MAX_NAMED = 3
-LITTLE = 0.1
+OUTLIER_SIGMA = 5.0  # times the scatter of the others
+MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
+MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 
 
-def one_contact(balls: Sequence[Ball | None]) -> Pair | None:
-    """Where (x, y in px) MOST of the balls found lie, if they are one and the same contact; None otherwise."""
-    found = [ball for ball in balls if ball is not None]
-    if len(found) < 3:
+def shared_contact(balls: Sequence[Ball | None]) -> Pair | None:
+    """Where (x, y in px) MIN_SHARE of the balls found lie, if they are one and the same contact; else None."""
+    known = [ball for ball in balls if ball is not None]
+    if len(known) < 3:
         return None
-    size = np.array([ball.contact_radius_px for ball in found])
-    place = np.array([ball.centre_px for ball in found])
-    middle = np.median(place, axis=0)
-    usual = float(np.median(size))
-    same = (np.hypot(*(place - middle).T) < SAME_PLACE * usual) & (np.abs(size - usual) < SAME_SIZE * usual)
-    return (float(middle[0]), float(middle[1])) if same.mean() >= MOST else None
+    size = np.array([ball.contact_radius_px for ball in known])
+    place = np.array([ball.centre_px for ball in known])
+    centre = np.median(place, axis=0)
+    radius = float(np.median(size))
+    same = (np.hypot(*(place - centre).T) < SAME_PLACE * radius) & (np.abs(size - radius) < SAME_SIZE * radius)
+    return (float(centre[0]), float(centre[1])) if same.mean() >= MIN_SHARE else None
 
 
-def radii_apart(
+def contradicting_radii(
     radii_mm: Mapping[int, float], gains_without: Callable[[Sequence[int]], Mapping[int, float]]
 ) -> list[str]:
     """A warning where stated radii (mm, by the number of the ball) contradict each other.
 
-    `gains_without` some balls: the scale of slope at each of them by a law of the others (`left_out.gains_of`).
+    `gains_without` some balls: the scale of slope at each of them by a law of the others
+    (`cross_validation.gains_without`).
     """
     for radius in sorted({*radii_mm.values()})[1:]:
         group = [number for number in radii_mm if radii_mm[number] == radius]
         if min(len(group), len(radii_mm) - len(group)) < MIN_OF_EACH:
             continue
         scale = np.log(np.maximum(list(gains_without(group).values()), 1e-3))
-        apart = float(np.median(scale))
-        if abs(apart) > max(MIN_APART, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
+        log_ratio = float(np.median(scale))
+        if abs(log_ratio) > max(MIN_CONTRADICTION, SIGMAS * mad_std(scale) / np.sqrt(scale.size)):
             return [
                 f"the stated ball radii contradict each other: by the others, balls stated as {radius:g} mm have "
-                f"slopes as of {radius / np.exp(apart):.2g} mm. One radius is wrong, and depth with it: see "
+                f"slopes as of {radius / np.exp(log_ratio):.2g} mm. One radius is wrong, and depth with it: see "
                 "ball_radius_mm in reference/ball.csv"
             ]
     return []
@@ -71,36 +73,39 @@ def odd_balls(
     `unsure` says how far that law's scale may be off at the ball: in a corner without another one it is no wonder.
     """
     scale = {number: float(np.log(max(gain, 1e-3))) for number, gain in gains.items()}
-    all_of = np.array(list(scale.values()))
-    usual, least = float(np.median(all_of)), max(MIN_OF_ONE, ODD * mad_std(all_of))
+    scales = np.array(list(scale.values()))
+    median, limit = float(np.median(scales)), max(MIN_OF_ONE, OUTLIER_SIGMA * mad_std(scales))
     odd = sorted(
-        (number for number in scale if abs(scale[number] - usual) > max(least, SIGMAS * unsure.get(number, 0.0))),
-        key=lambda number: -abs(scale[number] - usual),
+        (number for number in scale if abs(scale[number] - median) > max(limit, SIGMAS * unsure.get(number, 0.0))),
+        key=lambda number: -abs(scale[number] - median),
     )
-    told = []
+    warnings = []
     for number in odd[:MAX_NAMED]:
-        ball, share = balls[number], np.exp(scale[number] - usual)
+        ball, share = balls[number], np.exp(scale[number] - median)
         assert ball is not None
-        told.append(
-            f"{names[number] or f'ball {number + 1}'}: its slopes are "
-            f"{f'{share:.2g}' if share > LITTLE else f'less than {LITTLE:g}'} times what the other balls make of "
+        times = f"{share:.2g}" if share > MIN_NAMED_SHARE else f"less than {MIN_NAMED_SHARE:g}"
+        warnings.append(
+            f"{names[number] or f'ball {number + 1}'}: its slopes are {times} times what the other balls make of "
             f"one of {ball.radius_mm:g} mm: another radius, light unlike any other ball's, or not its contact"
         )
-    return told
+    return warnings
 
 
-def in_reference(touched: Pair | None) -> list[str]:
+def reference_warnings(contact_px: Pair | None) -> list[str]:
     """A contact in the reference is named alone: with it most balls are odd."""
-    if touched is None:
+    if contact_px is None:
         return []
-    x, y = touched
+    x, y = contact_px
     return [
         f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a contact in the reference"
     ]
 
 
-def coverage(cover: Floats) -> list[str]:
-    """Balls all in one corner say nothing about the light elsewhere."""
+def coverage_warnings(cover: Floats) -> list[str]:
+    """A warning where balls span little of the picture: `cover` (2,) is their share of its width and height.
+
+    Balls all in one corner say nothing about the light elsewhere.
+    """
     if cover.min() > COVERED:
         return []
     return [

@@ -6,9 +6,9 @@ how far it is. All that is stated is taken times
 
     k^2 = (m + n z^2) / (m + n)        z: what 68 % of the errors of n balls, in stated deviations, do not exceed
 
-with m = BELIEVED, so that a few balls do not change it much. The law that saw all balls may not be asked instead:
-what it states of a ball's place is what leaving out that very ball changes there, which is the error held against
-it, so that whatever is stated seems right. On eleven simulated lights k is .5 to 1.1, as among the balls a
+with m = PRIOR_BALLS, so that a few balls do not change it much. The law that saw all balls may not be asked
+instead: what it states of a ball's place is what leaving out that very ball changes there, which is the error held
+against it, so that whatever is stated seems right. On eleven simulated lights k is .5 to 1.1, as among the balls a
 jackknife states too much: without a ball the next one is twice as far away.
 """
 
@@ -26,9 +26,9 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
 
-FOLDS = 3
-BELIEVED = 4  # balls that what is stated is worth by itself
-WITHIN = 0.6827
+FOLDS = 3  # groups of balls; more leave less out at a time, and cost a fit for each pair of groups
+PRIOR_BALLS = 4  # balls that what is stated is worth by itself
+ONE_SIGMA_SHARE = 0.6827  # share of normal errors within one standard deviation
 
 
 class Fitter(Protocol):
@@ -44,16 +44,16 @@ class Fitter(Protocol):
 class ScaleUncertainty:
     """`gain_std` (12, 16): relative deviation of a law's depth scale; `coverage_factor` (k) in it.
 
-    `unseen`: for each ball, by its number, a law that never saw it, with the deviation of its scale there.
+    `held_out_laws`: for each ball, by its number, a law that never saw it, with the deviation of its scale there.
     """
 
     gain_std: Floats
     coverage_factor: float
-    unseen: dict[int, tuple[ColourLaw, float]]
+    held_out_laws: dict[int, tuple[ColourLaw, float]]
 
 
 def groups_of(contact: Samples) -> list[npt.NDArray[np.int64]]:
-    """The numbers of the balls that are left out together."""
+    """The numbers (balls,) of the balls that are left out together, one array per group."""
     numbers = np.unique(contact.press)
     return [numbers[fold::FOLDS] for fold in range(FOLDS)]
 
@@ -62,12 +62,12 @@ def held_out(
     fit: Fitter, contact: Samples, *, untouched_samples: Samples, ridge: float
 ) -> tuple[Floats, list[ColourLaw]]:
     """Slopes (N, 2) of every sample, each predicted by a law that never saw its ball; and these laws."""
-    found, laws = np.empty_like(contact.slopes), []
+    slopes, laws = np.empty_like(contact.slopes), []
     for group in groups_of(contact):
-        apart = np.isin(contact.press, group)
-        laws.append(_without(group, fit, contact, untouched_samples, ridge=ridge))
-        found[apart] = laws[-1].at(contact.change[apart], contact.place[apart])
-    return found, laws
+        left_out = np.isin(contact.press, group)
+        laws.append(_fit_without(group, fit, contact, untouched_samples, ridge=ridge))
+        slopes[left_out] = laws[-1].at(contact.change[left_out], contact.place[left_out])
+    return slopes, laws
 
 
 def scale_uncertainty(
@@ -80,29 +80,29 @@ def scale_uncertainty(
     others: list[ColourLaw],
 ) -> ScaleUncertainty:
     """How far the depth scale of `law` may be off; `others` are fitted alike, each without a group."""
-    stated = _stated_unseen(fit, contact, untouched_samples, ridge=ridge, laws=others)
-    seen = gain_std(law.at(contact.change, contact.place), contact)
-    found = dict[int, float]()
+    stated = _stated_std(fit, contact, untouched_samples, ridge=ridge, laws=others)
+    fitted_std = gain_std(law.at(contact.change, contact.place), contact)
+    gains = dict[int, float]()
     for group, other in zip(groups_of(contact), others, strict=True):
-        apart = contact.where(np.isin(contact.press, group))
-        found |= gains_of(other.at(apart.change, apart.place), apart)
-    off = np.array([found[number] - 1.0 for number in stated])
-    share = coverage_factor(off, np.hypot(list(stated.values()), seen))
-    unseen = {
-        int(number): (other, share * stated[int(number)])
+        left_out = contact.where(np.isin(contact.press, group))
+        gains |= gains_of(other.at(left_out.change, left_out.place), left_out)
+    errors = np.array([gains[number] - 1.0 for number in stated])
+    factor = coverage_factor(errors, np.hypot(list(stated.values()), fitted_std))
+    held_out_laws = {
+        int(number): (other, factor * stated[int(number)])
         for group, other in zip(groups_of(contact), others, strict=True)
         for number in group
     }
-    return ScaleUncertainty(share * gain_map(law, others, contact=contact), share, unseen)
+    return ScaleUncertainty(factor * gain_map(law, others, contact), factor, held_out_laws)
 
 
-def _stated_unseen(
+def _stated_std(
     fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, laws: list[ColourLaw]
 ) -> dict[int, float]:
     """What `laws`, each without a group, state of their depth scale's deviation at each ball they never saw."""
     groups, stated = groups_of(contact), dict[int, float]()
     pairs = {
-        (a, b): _without(np.concatenate([groups[a], groups[b]]), fit, contact, untouched_samples, ridge=ridge)
+        (a, b): _fit_without(np.concatenate([groups[a], groups[b]]), fit, contact, untouched_samples, ridge=ridge)
         for a in range(FOLDS)
         for b in range(a)
     }
@@ -117,17 +117,20 @@ def _stated_unseen(
 
 
 def coverage_factor(errors: Floats, stated: Floats) -> float:
-    """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so."""
+    """k: how many times as far as `stated` (n,) two thirds of the `errors` (n,) are off, or nearly so.
+
+    Both in one unit; k is a ratio.
+    """
     if len(errors) == 0:
         return 1.0
-    usual = float(np.quantile(np.abs(errors) / stated, WITHIN))
-    return float(np.sqrt((BELIEVED + len(errors) * usual**2) / (BELIEVED + len(errors))))
+    ratio = float(np.quantile(np.abs(errors) / stated, ONE_SIGMA_SHARE))
+    return float(np.sqrt((PRIOR_BALLS + len(errors) * ratio**2) / (PRIOR_BALLS + len(errors))))
 
 
-def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
-    """The depth scale at each ball: slopes `found` (N, 2) over the true ones."""
+def gains_of(slopes: Floats, samples: Samples) -> dict[int, float]:
+    """The depth scale at each ball: `slopes` (N, 2) over the true ones."""
     return {
-        int(number): float(np.sum((found * samples.slopes)[at]) / np.sum(samples.slopes[at] ** 2))
+        int(number): float(np.sum((slopes * samples.slopes)[at]) / np.sum(samples.slopes[at] ** 2))
         for number in np.unique(samples.press)
         for at in [samples.press == number]
     }
@@ -136,18 +139,18 @@ def gains_of(found: Floats, samples: Samples) -> dict[int, float]:
 def gains_without(
     group: npt.NDArray[np.int64], fit: Fitter, *, contact: Samples, untouched_samples: Samples, ridge: float
 ) -> dict[int, float]:
-    """The depth scale at each ball of a `group`, by a law of the others."""
-    apart = contact.where(np.isin(contact.press, group))
-    law = _without(group, fit, contact, untouched_samples, ridge=ridge)
-    return gains_of(law.at(apart.change, apart.place), apart)
+    """The depth scale, a ratio, at each ball of a `group` (balls,), by a law of the others."""
+    left_out = contact.where(np.isin(contact.press, group))
+    law = _fit_without(group, fit, contact, untouched_samples, ridge=ridge)
+    return gains_of(law.at(left_out.change, left_out.place), left_out)
 
 
-def gain_std(found: Floats, samples: Samples) -> float:
-    """Scatter of the depth scale over balls: 1.48 times the median distance from 1."""
-    return mad_std(np.array([*gains_of(found, samples).values()]), centre=1.0)
+def gain_std(slopes: Floats, samples: Samples) -> float:
+    """Scatter of the depth scale over balls, by `slopes` (N, 2): 1.48 times the median distance from 1."""
+    return mad_std(np.array([*gains_of(slopes, samples).values()]), centre=1.0)
 
 
-def _without(
+def _fit_without(
     group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> ColourLaw:
     return fit(

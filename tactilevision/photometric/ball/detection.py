@@ -28,11 +28,11 @@ from tactilevision.records import Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 MAX_PIXELS = 1500  # of the window; more only slow the fit down
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
-WIDEST = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
-DOUBTFUL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
-TOP = 99.8  # percentile of change that stands for the steepest slopes of a contact
+MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
+MAX_RESIDUAL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
+TOP_PERCENTILE = 99.8  # percentile of change that stands for the steepest slopes of a contact
 MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
 
 
@@ -49,14 +49,14 @@ class Ball:
     residual: float = 0.0
 
 
-def ball_slopes(x_mm: Floats, y_mm: Floats, *, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
-    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places from its axis, any shape alike."""
+def ball_slopes(x_mm: Floats, y_mm: Floats, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
+    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places (mm) from its axis, any shape alike."""
     r = np.hypot(x_mm, y_mm)
     inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
     ratio = np.minimum(contact_mm / np.maximum(r, 1e-12), 1.0)
     edge = 1.0 / np.sqrt(radius_mm**2 - contact_mm**2)
-    beside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
-    per_r = -np.where(r <= contact_mm, inside, beside)
+    outside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
+    per_r = -np.where(r <= contact_mm, inside, outside)
     return per_r * x_mm, per_r * y_mm
 
 
@@ -69,15 +69,16 @@ def find_ball(
     contact_radius_px: float | None = None,
     usable: npt.NDArray[np.bool_] | None = None,
 ) -> Ball:
-    """The ball in `change` (H, W, 3), the change of colour against the untouched gel with its drift taken out.
+    """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
-    `centre_px`, `contact_radius_px` are a start where they are known; the largest blob of change otherwise. Where
-    the ball found so is DOUBTFUL, it is looked for with all colours made equal, too, and the better one kept.
-    Raises InputError where there is no contact, or none that a ball of `radius_mm` could make.
+    `usable` is a mask (H, W). `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
+    of change otherwise. Where its residual exceeds MAX_RESIDUAL, it is looked for with all colours made equal,
+    too, and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm`
+    could make.
     """
-    most_px = WIDEST * radius_mm / mm_per_px[0]
+    most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
 
-    def found(guess: tuple[float, float, float]) -> Ball:
+    def refined(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
         if radius < MIN_RADIUS_PX:
             raise InputError(
@@ -88,12 +89,14 @@ def find_ball(
             )
         return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
 
-    ball = found(first_guess(change, usable))
-    if ball.residual > DOUBTFUL and (centre_px is None or contact_radius_px is None):
-        top = np.percentile(np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP, axis=0)
+    ball = refined(first_guess(change, usable))
+    if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
+        top = np.percentile(
+            np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP_PERCENTILE, axis=0
+        )
         with suppress(InputError):
-            again = found(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
-            ball = min(ball, again, key=lambda one: one.residual)
+            equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
+            ball = min(ball, equalised, key=lambda one: one.residual)
     if ball.contact_radius_px > most_px:
         raise InputError(
             "the contact is as wide as the whole ball",
@@ -105,12 +108,12 @@ def find_ball(
 
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:
-    """Centre x, y and radius (px) of the largest blob whose change of colour stands out of the noise."""
+    """Centre x, y and radius (px) of the largest blob of `change` (H, W, 3) that stands out of the noise."""
     size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(change, (0, 0), 1.5)), axis=2)))
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))
-    top = float(np.percentile(size, TOP))
+    top = float(np.percentile(size, TOP_PERCENTILE))
     if not top > 6.0 * typical:
         raise InputError(
             "no contact stands out of the noise",
@@ -135,32 +138,30 @@ def _refined(
     usable: npt.NDArray[np.bool_] | None,
 ) -> Ball:
     """Damped Gauss-Newton on centre and contact radius."""
-    seen, x_mm, y_mm = _window(change, mm_per_px, start, usable)
+    changes, x_mm, y_mm = _window(change, mm_per_px, start, usable)
     contact_mm = start[2] * mm_per_px[0]
     lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
     highest = np.array([contact_mm, contact_mm, 0.98 * radius_mm])
 
     def misfit(unknown: Floats) -> Floats:
-        return _unexplained(
-            seen, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], contact_mm=unknown[2], radius_mm=radius_mm)
-        )
+        return _unexplained(changes, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], unknown[2], radius_mm))
 
     unknown = np.array([0.0, 0.0, min(contact_mm, 0.9 * highest[2])])
-    left, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
+    residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
     for _ in range(MAX_ITERATIONS):
-        slope = np.stack([(misfit(unknown + step * axis) - left) / step for axis in np.eye(3)], axis=-1)
+        slope = np.stack([(misfit(unknown + step * axis) - residual) / step for axis in np.eye(3)], axis=-1)
         normal = slope.T @ slope
-        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ left)
+        move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residual)
         trial = np.clip(unknown + move, lowest, highest)
         after = misfit(trial)
-        if after @ after < left @ left:
-            unknown, left, damping = trial, after, 0.3 * damping
+        if after @ after < residual @ residual:
+            unknown, residual, damping = trial, after, 0.3 * damping
             if np.abs(move).max() < 2e-3 * contact_mm:
                 break
         else:
             damping *= 10.0
     centre = (start[0] + unknown[0] / mm_per_px[0], start[1] + unknown[1] / mm_per_px[1])
-    share = np.sqrt(np.mean(left**2) / np.mean(seen**2))
+    share = np.sqrt(np.mean(residual**2) / np.mean(changes**2))
     return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / mm_per_px[0]), radius_mm, float(share))
 
 
@@ -177,20 +178,20 @@ def _window(
     y, x = np.meshgrid((rows - start[1]) * mm_per_px[1], (columns - start[0]) * mm_per_px[0], indexing="ij")
     take = np.hypot(x, y) <= reach * mm_per_px[0]
     if usable is not None:
-        here, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
-        if take.sum() < MIN_SEEN * here:
+        pixels, take = int(take.sum()), take & usable[np.ix_(rows, columns)]
+        if take.sum() < MIN_SEEN * pixels:
             raise InputError(
                 "the ball was pressed where the light is saturated or too dark",
                 where="ball press",
-                value=f"{100 * take.sum() / max(here, 1):.0f} % of its place can be used",
+                value=f"{100 * take.sum() / max(pixels, 1):.0f} % of its place can be used",
                 remedy="Press it elsewhere, or dim the light.",
             )
     return np.asarray(change[np.ix_(rows, columns)][take], np.float64), x[take], y[take]
 
 
-def _unexplained(seen: Floats, p: Floats, q: Floats) -> Floats:
+def _unexplained(changes: Floats, p: Floats, q: Floats) -> Floats:
     """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,)."""
     terms = np.stack([p, q, p * p, p * q, q * q], axis=1)
     normal = terms.T @ terms
     normal[np.diag_indices(5)] += 1e-9 * np.trace(normal)
-    return np.asarray((seen - terms @ np.linalg.solve(normal, terms.T @ seen)).ravel())
+    return np.asarray((changes - terms @ np.linalg.solve(normal, terms.T @ changes)).ravel())

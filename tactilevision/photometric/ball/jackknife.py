@@ -10,9 +10,9 @@ slopes it is asked what a contact's depth rests on: with u the colours that a sl
 
     gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
 
-u is drawn from the light's law (`through_light.py`). Small between the balls, large beyond the outermost ones,
+u is drawn from the light's law (`shading_fit.py`). Small between the balls, large beyond the outermost ones,
 where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
-(`held_out_depth.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
+(`cross_validation.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
 that the law was fitted to show that.
 """
 
@@ -30,19 +30,22 @@ from tactilevision.photometric.ball.shading_fit import colours_of, fit_light
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
-PLACES = (16, 12)  # across, down
-DIRECTIONS = 12
+PLACES = (16, 12)  # places across and down the picture; gain changes slowly between them
+DIRECTIONS = 12  # of slope, averaged over at each place: a contact holds all of them
 CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
 def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
-    """Standard deviation (...) of a quantity from what leaving out each of K groups adds to it, K arrays (...)."""
+    """Standard deviation of a quantity from what leaving out each of K groups adds to it.
+
+    `others` are K arrays of one shape; the result has this shape and their unit.
+    """
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 
 
-def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -> Floats:
-    """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`.
+def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> Floats:
+    """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`, a ratio.
 
     `others` are the laws fitted without a group of balls each, `contact` the samples under all of them.
     """
@@ -53,9 +56,9 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -
     for steep in np.hypot(*contact.slopes.T).max() * np.array(STEEP):
         for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
             along = np.array([np.cos(angle), np.sin(angle)])
-            seen = colours_of(light, np.tile(steep * along, (len(place), 1)), place=place)
-            now = law.at(seen, place) @ along
-            gains += [(other.at(seen, place) @ along - now) / steep for other in others]
+            colours = colours_of(light, np.tile(steep * along, (len(place), 1)), place)
+            slope = law.at(colours, place) @ along
+            gains += [(other.at(colours, place) @ along - slope) / steep for other in others]
     gains /= DIRECTIONS * len(STEEP)
     maps = [
         cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)

@@ -19,8 +19,8 @@ import numpy as np
 
 from tactilevision.photometric.ball.samples import TYPICAL, Samples
 
-MOST = 500  # places at which A is looked at
-LEAST = 1e-6  # change of colour in deviations per unit of slope: none
+MAX_PLACES = 500  # places at which A is looked at
+MIN_ANSWER = 1e-6  # change of colour in deviations per unit of slope: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +40,9 @@ def slope_observability(samples: Samples) -> Observability:
     where = np.stack([np.ones_like(x), x, y], axis=1)
     design = (where[:, :, None] * samples.slopes[:, None, :]).reshape(len(x), 6)
     weights = 1.0 / np.sqrt(np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
-    seen = samples.change / samples.noise
-    found = np.linalg.lstsq(design * weights[:, None], seen * weights[:, None], rcond=None)[0].reshape(3, 2, 3)
-    changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MOST)], found)
-    best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), LEAST)
+    signal = samples.change / samples.noise
+    answers = np.linalg.lstsq(design * weights[:, None], signal * weights[:, None], rcond=None)[0].reshape(3, 2, 3)
+    changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MAX_PLACES)], answers)
+    best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), MIN_ANSWER)
     least = np.linalg.eigh(np.einsum("nkc,nlc->kl", changes, changes))[1][:, 0]
     return Observability(float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0))

@@ -46,10 +46,13 @@ def join(parts: Sequence[Samples]) -> Samples:
     )
 
 
-def inside_ball(
-    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+def ball_samples(
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats."""
+    """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
+
+    Relative `change` of colour (3, H, W); `valid`, a mask (H, W).
+    """
     x, y, distance = _from_axis(valid.shape, ball, mm_per_px)
     inside = (distance < INSIDE * ball.contact_radius_px * mm_per_px[0]) & valid
     index = _draw(inside, most, rng)
@@ -59,18 +62,18 @@ def inside_ball(
     return _at(change, index, np.stack([p, q], axis=1), number)
 
 
-def untouched(
-    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
+def resting_samples(
+    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
-    """Samples far from the ball, where slope is 0 and what change there is, is noise."""
+    """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
     index = _draw((distance > OUTSIDE * ball.contact_radius_px * mm_per_px[0]) & valid, most, rng)
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
 
-def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
-    """Where (H, W) the gel counts as untouched by the ball."""
-    return radii_from(ball, shape, mm_per_px=mm_per_px) > OUTSIDE
+def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
+    """Mask (H, W) of gel that counts as untouched by the ball."""
+    return radii_from(ball, shape, mm_per_px) > OUTSIDE
 
 
 def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:
@@ -79,11 +82,11 @@ def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats
 
 
 def with_noise(samples: Samples, noise: Planes) -> Samples:
-    """The samples with the noise of their changes, out of pictures of it (3, H, W)."""
-    return replace(samples, noise=seen_at(samples, noise))
+    """The samples with the relative noise of their changes, out of pictures of it (3, H, W)."""
+    return replace(samples, noise=values_at(samples, noise))
 
 
-def seen_at(samples: Samples, pictures: Planes) -> Floats:
+def values_at(samples: Samples, pictures: Planes) -> Floats:
     """What `pictures` (3, H, W) show at the places of samples, (N, 3)."""
     columns, rows = (
         np.rint(0.5 * (at + 1.0) * (n - 1)).astype(np.intp)
@@ -109,5 +112,5 @@ def _at(
 ) -> Samples:
     height, width = change.shape[1:]
     place = np.stack([2.0 * index[1] / (width - 1) - 1.0, 2.0 * index[0] / (height - 1) - 1.0], axis=1)
-    seen = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
-    return Samples(seen, place, slopes, np.full(len(place), number))
+    changes = np.asarray(change[:, index[0], index[1]].T, dtype=np.float64)
+    return Samples(changes, place, slopes, np.full(len(place), number))

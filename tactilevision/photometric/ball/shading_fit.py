@@ -17,15 +17,18 @@ from tactilevision.photometric.ball.samples import Samples
 from tactilevision.records import Floats
 
 PLACE_ORDER = {1: 3, 2: 1, 3: 1, 4: 0}  # order in place of the terms of i + j; lamps near the pad need the third
-UNEVEN = (1e-4, 1e-3)  # penalties of the change of L over the picture, no unit; balls held out choose
-BENT = 1e-2  # penalty of terms beyond the first order in slope, no unit; keeps L near a plane
-USUAL = 0.3  # slope at which the terms of all orders weigh alike
-GENTLE = 0.2  # slope below which samples weigh alike
-FREE = 1e-7  # ridge, keeps the fit solvable where balls tell nothing
+PLACE_PENALTIES = (1e-4, 1e-3)  # penalties of the change of L over the picture, no unit; balls held out choose
+ORDER_PENALTY = 1e-2  # penalty of terms beyond the first order in slope, no unit; keeps L near a plane
+TYPICAL_SLOPE = 0.3  # slope at which the terms of all orders weigh alike
+SLOPE_SOFTENING = 0.2  # slope below which samples weigh alike
+RIDGE = 1e-7  # ridge, keeps the fit solvable where balls tell nothing
 
 
 def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
-    """Powers (terms, 4) of p, q, X, Y: those of place go up to an order of their own for each i + j."""
+    """Powers (terms, 4), dimensionless, of p, q, X, Y.
+
+    Those of place go up to an order of their own for each i + j.
+    """
     return np.array(
         [
             (i, order - i, k, n - k)
@@ -40,19 +43,21 @@ def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
 TERMS = terms_of(PLACE_ORDER)
 
 
-def fit_light(contact: Samples, uneven: float = UNEVEN[0], *, terms: npt.NDArray[np.int64] = TERMS) -> Floats:
-    """L (terms, 3) of samples."""
+def fit_light(
+    contact: Samples, uneven: float = PLACE_PENALTIES[0], terms: npt.NDArray[np.int64] = TERMS
+) -> Floats:
+    """L (terms, 3), dimensionless, of samples; `terms` (terms, 4) are powers of p, q, X, Y."""
     square = np.sum(contact.slopes**2, axis=1)
-    scale = USUAL ** -terms[:, :2].sum(axis=1).astype(float)
+    scale = TYPICAL_SLOPE ** -terms[:, :2].sum(axis=1).astype(float)
     design = _design(contact.slopes, contact.place, terms) * scale
-    left = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
-    weights = 1.0 / (square + GENTLE**2)
-    heavy = design * (weights / weights.sum())[:, None]
-    normal = heavy.T @ design
+    target = (1.0 + contact.change) * np.sqrt(1.0 + square)[:, None] - 1.0
+    weights = 1.0 / (square + SLOPE_SOFTENING**2)
+    weighted = design * (weights / weights.sum())[:, None]
+    normal = weighted.T @ design
     normal[np.diag_indices_from(normal)] += (
-        FREE + uneven * terms[:, 2:].sum(axis=1) + BENT * (terms[:, :2].sum(axis=1) - 1)
+        RIDGE + uneven * terms[:, 2:].sum(axis=1) + ORDER_PENALTY * (terms[:, :2].sum(axis=1) - 1)
     )
-    return np.asarray(np.linalg.solve(normal, heavy.T @ left) * scale[:, None])
+    return np.asarray(np.linalg.solve(normal, weighted.T @ target) * scale[:, None])
 
 
 def colours_of(law: Floats, slopes: Floats, *, place: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""A frame in means of several pixels: what the light's drift is seen in, and calm gel is read in."""
+"""A frame in means of several pixels: what the light's drift is seen in, and gentle gel is read in."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from tactilevision.photometric.reference import Reference
 
 Planes = npt.NDArray[np.float32]
 
-COARSE = 60  # means along the shorter side of the picture, about
-MIN_COUNT, MOST = 2, 4  # pixels along each side of a mean
+TILES = 60  # means along the shorter side of the picture, about
+MIN_TILE_PX = 2  # pixels along each side of a mean, at least
+MAX_TILE_PX = 4  # pixels along each side of a mean, at most: wider ones blur the smallest contacts
 
 
-def usual_pixels(reference: Reference) -> int:
+def tile_px_of(reference: Reference) -> int:
     """Pixels along each side of the means in which frames are seen; marks are small, and seen finely."""
     return (
-        MIN_COUNT
+        MIN_TILE_PX
         if reference.marks is not None
-        else min(MOST, max(MIN_COUNT, round(min(reference.shape) / COARSE)))
+        else min(MAX_TILE_PX, max(MIN_TILE_PX, round(min(reference.shape) / TILES)))
     )
 
 
@@ -44,5 +45,5 @@ def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = Non
 
 
 def shares(count: int, blocks: int) -> Planes:
-    """What each of `count` places on a line gives to the mean of each block (blocks, count)."""
+    """Share that each of `count` places on a line has in the mean of each block (blocks, count)."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))

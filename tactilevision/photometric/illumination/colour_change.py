@@ -21,7 +21,7 @@ import numpy.typing as npt
 from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.block_means import means
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
-from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undone
+from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undo_drift
 from tactilevision.photometric.markers import fill, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
 from tactilevision.records import Bools, Bytes, Floats
@@ -39,11 +39,11 @@ class ChangeMaps:
     def __init__(self, mean: Planes, x: Planes, y: Planes) -> None:
         self.mean, self.x, self.y = mean, x, y
         self.scale: Planes = np.empty_like(mean)
-        self.settle()
+        self.update_scale()
         # a plane over the picture is the product of two thin matrices: gain = down @ across
         self.down, self.across = np.ones((3, len(y), 2), np.float32), np.ones((3, 2, len(x)), np.float32)
 
-    def settle(self) -> None:
+    def update_scale(self) -> None:
         """To be called when `mean` has changed."""
         np.add(self.mean, np.float32(SOFTENING_GREY), out=self.scale)
         np.reciprocal(self.scale, out=self.scale)
@@ -119,24 +119,24 @@ class ColourChange:
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""
         greys = cv2.split(self.rgb[window])
-        return greys if self.undo is None else list(undone(greys, self.undo, power=self.tracker.power))
+        return greys if self.undo is None else list(undo_drift(greys, self.undo, self.tracker.power))
 
     def means(self, px: int) -> Planes:
         """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
 
         Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
         """
-        found = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
-        return found if self.undo is None else undone(found, self.undo, power=self.tracker.power)
+        planes = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
+        return planes if self.undo is None else undo_drift(planes, self.undo, self.tracker.power)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""
         marks = self.reference.marks
-        seen = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
+        gel = None if marks is None else np.asarray(1 - marked(rgb, marks), np.uint8)
         for mean, grey in zip(self.maps.mean, cv2.split(rgb), strict=True):
-            cv2.accumulateWeighted(grey, mean, share, mask=seen)
+            cv2.accumulateWeighted(grey, mean, share, mask=gel)
         self.tracker.follow(rgb, share)
-        self.maps.settle()
+        self.maps.update_scale()
 
     @property
     def level(self) -> Planes:

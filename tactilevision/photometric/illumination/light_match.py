@@ -24,8 +24,8 @@ def light_of(reference: Reference) -> Floats:
     """Mean grey (6, 8, 3) of the untouched gel in blocks, NaN where a block is mostly unusable."""
     usable = reference.usable.astype(np.float32)
     share = cv2.resize(usable, BLOCKS, interpolation=cv2.INTER_AREA)[..., None]
-    seen = cv2.resize(reference.rgb * usable[..., None], BLOCKS, interpolation=cv2.INTER_AREA)
-    return np.where(share > 0.5, seen / np.maximum(share, 1e-6), np.nan).astype(np.float64)
+    mean = cv2.resize(reference.rgb * usable[..., None], BLOCKS, interpolation=cv2.INTER_AREA)
+    return np.where(share > 0.5, mean / np.maximum(share, 1e-6), np.nan).astype(np.float64)
 
 
 def change_of_light(before: npt.ArrayLike, after: npt.ArrayLike) -> float:

@@ -24,16 +24,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.ball.shading_fit import UNEVEN, colours_of, fit_light
+from tactilevision.photometric.ball.shading_fit import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 
 RIDGES = (1e-4, 1e-3, 1e-2, 1e-1)  # of the direct fit
 SHARES = (0.1, 0.5)  # of the weight on the drawn law; balls held out choose
-DRAWN = 8000
-BEYOND = 1.1  # of the steepest slope seen
-SMOOTH = 1e-6  # ridge of the polynomial through the drawn samples, which leave nothing open
+DRAWN = 8000  # samples of the law, about as many as of the balls (CONTACT); more only slow the fit down
+MAX_SLOPE_SHARE = 1.1  # of the steepest slope seen
+DRAWN_RIDGE = 1e-6  # ridge of the polynomial through the drawn samples, which leave nothing open
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class InverseShading:
     uneven: float
     share: float
 
-    ridges = (SMOOTH,)
+    ridges = (DRAWN_RIDGE,)
 
     @property
     def __name__(self) -> str:
@@ -65,7 +65,7 @@ class AutoMethod:
 
     ways = (
         *((fit_polynomial, ridge) for ridge in RIDGES),
-        *((InverseShading(uneven, share), SMOOTH) for uneven in UNEVEN for share in SHARES),
+        *((InverseShading(uneven, share), DRAWN_RIDGE) for uneven in PLACE_PENALTIES for share in SHARES),
     )
 
     def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> ColourLaw:
@@ -75,7 +75,7 @@ class AutoMethod:
 def _drawn(law: Floats, contact: Samples) -> Samples:
     """Samples of the law, spread evenly over slopes and places."""
     even = _evenly(DRAWN, 4)
-    steep = BEYOND * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
+    steep = MAX_SLOPE_SHARE * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
     angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0
     slopes = np.stack([steep * np.cos(angle), steep * np.sin(angle)], axis=1)
     return Samples(colours_of(law, slopes, place=place), place, slopes, np.zeros(DRAWN, np.int64))

@@ -24,9 +24,9 @@ from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
-CELLS = 48
-FINE = 2 * CELLS - 1
-PRIOR = 4.0
+CELLS = 48  # entries along each colour; more leave more of them to the cubic
+FINE = 2 * CELLS - 1  # entries along each colour of the table that is read; at most 256, as a byte counts them
+PRIOR = 4.0  # samples that the cubic is worth in each cell; more smooth the table towards it
 
 
 @dataclass(frozen=True)
@@ -77,23 +77,23 @@ def fit_lookup(contact: Samples, untouched_samples: Samples, *, ridge: float) ->
 
     `ridge` is the penalty of the cubic that fills it, in parts of its terms' power.
     """
-    seen = np.concatenate([contact.change, untouched_samples.change])
+    changes = np.concatenate([contact.change, untouched_samples.change])
     slopes = np.concatenate([contact.slopes, untouched_samples.slopes])
-    lowest, highest = np.percentile(seen, 0.1, axis=0), np.percentile(seen, 99.9, axis=0)
+    lowest, highest = np.percentile(changes, 0.1, axis=0), np.percentile(changes, 99.9, axis=0)
     margin = 0.1 * (highest - lowest)
     lowest, highest = lowest - margin, highest + margin
-    terms = _cubic(seen)
+    terms = _cubic(changes)
     scale = np.sqrt(np.mean(terms**2, axis=0))
     normal = (terms / scale).T @ (terms / scale) / len(terms) + ridge * 1e-2 * np.eye(terms.shape[1])
     weights = np.linalg.solve(normal, (terms / scale).T @ slopes / len(terms)) / scale[:, None]
     axes = [np.linspace(lowest[c], highest[c], CELLS) for c in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     steepest = 1.5 * np.abs(slopes).max()
-    cells = np.clip((seen - lowest) / (highest - lowest) * (CELLS - 1) + 0.5, 0, CELLS - 1).astype(np.intp)
+    cells = np.clip((changes - lowest) / (highest - lowest) * (CELLS - 1) + 0.5, 0, CELLS - 1).astype(np.intp)
     flat = np.ravel_multi_index(tuple(cells.T), (CELLS,) * 3)
     count = np.bincount(flat, minlength=CELLS**3)[:, None]
-    left = slopes - terms @ weights
-    extra = np.stack([np.bincount(flat, left[:, s], CELLS**3) for s in (0, 1)], axis=1) / (count + PRIOR)
+    residual = slopes - terms @ weights
+    extra = np.stack([np.bincount(flat, residual[:, s], CELLS**3) for s in (0, 1)], axis=1) / (count + PRIOR)
     table = np.clip(_cubic(grid) @ weights + extra, -steepest, steepest)
     return Lookup(table.reshape(CELLS, CELLS, CELLS, 2).astype(np.float32), lowest, highest)
 
@@ -115,15 +115,15 @@ class LookupEvaluator:
 
     def strip(self, change: npt.NDArray[np.float32], window: Window, out: npt.NDArray[np.float32]) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        found = self.slopes.take(self._entries(change), mode="clip")
-        out[0], out[1] = found.real, found.imag
+        slopes = self.slopes.take(self._entries(change), mode="clip")
+        out[0], out[1] = slopes.real, slopes.imag
 
     def _entries(self, change: npt.NDArray[np.float32]) -> npt.NDArray[np.intp]:
         """Entries (h, w) for changes (3, h, w); float32 counts to FINE^3 exactly."""
         cells = np.empty(change.shape, np.uint8)
-        for seen, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
+        for channel, cell, per, shift in zip(change, cells, self.per, self.shift, strict=True):
             # rounded, and held between 0 and 255
-            cv2.addWeighted(seen, float(per), seen, 0.0, float(shift), dst=cell, dtype=cv2.CV_8U)
+            cv2.addWeighted(channel, float(per), channel, 0.0, float(shift), dst=cell, dtype=cv2.CV_8U)
         np.minimum(cells, FINE - 1, out=cells)
         red, green, blue = cells.astype(np.float32)
         red *= FINE

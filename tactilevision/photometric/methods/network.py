@@ -24,7 +24,7 @@ from tactilevision.photometric.methods.onnx_file import open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import REACH
 from tactilevision.records import Floats
 
-SMALL = 0.05  # colour change over which the slope of the law at rest is taken
+CHANGE_STEP = 0.05  # colour change over which the slope of the law at rest is taken
 
 Picture = npt.NDArray[np.float32]
 
@@ -49,10 +49,10 @@ class Network:
 
     def at(self, change: Floats, place: Floats) -> Floats:
         """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
-        seen = np.concatenate([change, place], axis=1).astype(np.float32)
+        inputs = np.concatenate([change, place], axis=1).astype(np.float32)
         bound = REACH * self.steepest
-        found = run_network(self.session, np.ascontiguousarray(seen.T)[None, :, None])
-        return np.asarray(np.clip(found[0, :, 0].T, -bound, bound), np.float64)
+        slopes = run_network(self.session, np.ascontiguousarray(inputs.T)[None, :, None])
+        return np.asarray(np.clip(slopes[0, :, 0].T, -bound, bound), np.float64)
 
     def averaged(self, noise: Floats) -> Network:
         """Itself: it is as smooth as a polynomial."""
@@ -73,7 +73,7 @@ class NetworkEvaluator:
         self.bound = np.float32(REACH * network.steepest)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape[::-1])
         self.place = np.stack(np.meshgrid(x, y))
-        self._seen = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
+        self._inputs = np.empty(5 * max(STRIP_PX, shape[1]), np.float32)
 
     def __call__(self, change: Picture) -> tuple[Picture, Picture]:
         """Slopes (H, W) and (H, W) of changes (3, H, W)."""
@@ -84,19 +84,19 @@ class NetworkEvaluator:
 
     def strip(self, change: Picture, window: Window, out: Picture) -> None:
         """Slopes (2, h, w), into `out`, of the changes (3, h, w) of a window, one of `strips`."""
-        seen = self._seen[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
-        seen[0, :3], seen[0, 3:] = change, self.place[:, *window]
-        found = run_network(self.session, seen)[0]
-        np.minimum(found, self.bound, out=found)
-        np.maximum(found, -self.bound, out=out)
+        inputs = self._inputs[: 5 * change[0].size].reshape(1, 5, *change.shape[1:])
+        inputs[0, :3], inputs[0, 3:] = change, self.place[:, *window]
+        slopes = run_network(self.session, inputs)[0]
+        np.minimum(slopes, self.bound, out=slopes)
+        np.maximum(slopes, -self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
         total = np.zeros(self.shape, np.float32)
         for colour in range(3):
             step = np.zeros((3, *self.shape), np.float32)
-            step[colour] = SMALL
+            step[colour] = CHANGE_STEP
             up, down = self(step), self(-step)
             for above, below in zip(up, down, strict=True):
-                total += (noise[colour] * (above - below) / np.float32(2.0 * SMALL)) ** 2
+                total += (noise[colour] * (above - below) / np.float32(2.0 * CHANGE_STEP)) ** 2
         return np.asarray(np.sqrt(0.5 * total), np.float32)

@@ -15,7 +15,7 @@ from tactilevision.files import replacing
 if TYPE_CHECKING:
     import torch
 
-OPSET = 17
+OPSET = 17  # of ONNX, written in the method's card; a newer one shuts out older versions of onnxruntime
 Array = npt.NDArray[np.float32]
 
 
@@ -40,7 +40,10 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
 
 
 def run_network(session: Any, *inputs: Array) -> Array:
-    """The first output for the inputs in their order. Raises InputError where the network wants others."""
+    """The first output for the inputs in their order: slopes (1, 2, h, w) of colours and places (1, 5, h, w).
+
+    Raises InputError where the network wants others.
+    """
     wanted = session.get_inputs()
     try:
         return np.asarray(session.run(None, {w.name: x for w, x in zip(wanted, inputs, strict=True)})[0])

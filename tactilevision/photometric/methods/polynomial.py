@@ -6,10 +6,10 @@
 Lamps as near as the pad is wide turn and fade over the picture, and what undoes them is no low polynomial: on the
 lights of a GelSlim 3.0, 14 balls, slopes of .1 are off by 8 % (rms over places) with 3 in place of 5, by 6 with 5.
 
-u (3,) is the colour change of `change.py`. There is no constant term: no change of colour is no slope. The fit is
-ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are right in
-proportion as steep ones are. The ridge grows with the order in place, so that where no ball was pressed the light
-is taken to be as elsewhere.
+u (3,) is the colour change of `colour_change.py`. There is no constant term: no change of colour is no slope. The
+fit is ridge regression on the ball samples, each weighed by 1/(slope^2 + TYPICAL^2) so that gentle slopes are
+right in proportion as steep ones are. The ridge grows with the order in place, so that where no ball was pressed
+the light is taken to be as elsewhere.
 
 Colours are noisy, and a plain regression on what is noisy reads slopes too low (by 4 % for u of .014). With D how
 the products phi scatter by noise, drawn for each sample, the law that is right on the mean over noise solves
@@ -41,12 +41,12 @@ RAISED = tuple(  # colour, the products of one order from it on, their products 
     for c, skip, above in zip(range(3), skips, aboves, strict=True)
 )
 PLACE_ORDER = {1: 5, 2: 2, 3: 1}
-MOST = max(PLACE_ORDER.values())
+MAX_ORDER = max(PLACE_ORDER.values())
 LOW = 2 * (PLACE_ORDER[2] + 1)  # sums of a row, both slopes', that products of two and three have a part in
-POWERS = tuple((i, n - i) for n in range(MOST + 1) for i in range(n + 1))
+POWERS = tuple((i, n - i) for n in range(MAX_ORDER + 1) for i in range(n + 1))
 AVERAGED = 450  # pixels under a contact of 12 px in radius, the smallest whose depth is to be right
-FAINT = 0.5  # of a combination's power: what is more noise than this is not made up for
-REACH = 1.5
+MAX_NOISE_SHARE = 0.5  # of a combination's power: what is more noise than this is not made up for
+REACH = 1.5  # of the steepest slope of the samples; beyond, a cubic runs away
 
 Picture = npt.NDArray[np.float32]
 
@@ -76,14 +76,14 @@ class Polynomial:
     def at(self, change: Floats, place: Floats) -> Floats:
         """Slopes (N, 2) for changes (N, 3) at places (N, 2)."""
         weights = self.coefficients[:, TERMS[:, 0], TERMS[:, 1]]
-        return self._held(_design(change, place) @ weights.T)
+        return self._clipped(_design(change, place) @ weights.T)
 
-    def _held(self, slopes: Floats) -> Floats:
+    def _clipped(self, slopes: Floats) -> Floats:
         bound = REACH * self.steepest
         return np.asarray(np.clip(slopes, -bound, bound))
 
     def averaged(self, noise: Floats) -> Polynomial:
-        """Itself: over noise its mean changes by next to nothing but what it makes of rest (`quiet.py`)."""
+        """Itself: over noise its mean changes by next to nothing but what it makes of rest (`background.py`)."""
         return self
 
     def evaluator(self, shape: tuple[int, int]) -> PolynomialEvaluator:
@@ -101,20 +101,20 @@ def fit_polynomial(
     `ridge` penalises the place terms, in parts of their power. Samples `drawn` from another law, without noise,
     have `share` of the weight.
     """
-    still = _design(untouched_samples.change, untouched_samples.place)
-    power, noise, right = _sums(contact)
+    resting = _design(untouched_samples.change, untouched_samples.place)
+    power, noise, target = _sums(contact)
     if drawn is not None:
         more = _sums(drawn)
-        power, noise, right = (
-            (1.0 - share) * a + share * b for a, b in zip((power, noise, right), more, strict=True)
+        power, noise, target = (
+            (1.0 - share) * a + share * b for a, b in zip((power, noise, target), more, strict=True)
         )
     scale = np.sqrt(np.diag(power)) + 1e-12
-    normal = _without(power / np.outer(scale, scale), noise / np.outer(scale, scale))
-    still /= scale
-    normal += (noise / np.outer(scale, scale) + still.T @ still / max(1, len(still))) / AVERAGED
+    normal = _less_noise(power / np.outer(scale, scale), noise / np.outer(scale, scale))
+    resting /= scale
+    normal += (noise / np.outer(scale, scale) + resting.T @ resting / max(1, len(resting))) / AVERAGED
     orders = np.array([sum(POWERS[m]) for m in TERMS[:, 1]])
     normal[np.diag_indices_from(normal)] += 1e-6 + ridge * orders
-    solution = np.linalg.solve(normal, right / scale[:, None]) / scale[:, None]
+    solution = np.linalg.solve(normal, target / scale[:, None]) / scale[:, None]
     coefficients = np.zeros((2, len(PRODUCTS), len(POWERS)))
     coefficients[:, TERMS[:, 0], TERMS[:, 1]] = solution.T
     return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
@@ -125,7 +125,7 @@ def _sums(samples: Samples) -> tuple[Floats, Floats, Floats]:
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
     weights /= weights.sum()
     design = _design(samples.change, samples.place)
-    heavy = design * weights[:, None]
+    weighted = design * weights[:, None]
     noise = np.zeros((design.shape[1], design.shape[1]))
     if samples.noise is not None:
         rng = np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
@@ -134,16 +134,19 @@ def _sums(samples: Samples) -> tuple[Floats, Floats, Floats]:
             _design(samples.change + drawn, samples.place) - _design(samples.change - drawn, samples.place)
         )
         noise = (scatter * weights[:, None]).T @ scatter
-    return heavy.T @ design, noise, heavy.T @ samples.slopes
+    return weighted.T @ design, noise, weighted.T @ samples.slopes
 
 
-def _without(power: Floats, noise: Floats) -> Floats:
-    """`power` less `noise`, both (K, K); of combinations that are mostly noise no more than FAINT is taken off."""
+def _less_noise(power: Floats, noise: Floats) -> Floats:
+    """`power` less `noise`, both (K, K).
+
+    Of combinations that are mostly noise no more than MAX_NOISE_SHARE is taken off.
+    """
     root = np.linalg.cholesky(power + 1e-9 * np.eye(len(power)))
     half = np.linalg.solve(root, noise)
     parts, directions = np.linalg.eigh(np.linalg.solve(root, half.T))
     turned = root @ directions
-    return np.asarray(power - (turned * np.clip(parts, 0.0, FAINT)) @ turned.T)
+    return np.asarray(power - (turned * np.clip(parts, 0.0, MAX_NOISE_SHARE)) @ turned.T)
 
 
 class PolynomialEvaluator:
@@ -154,8 +157,8 @@ class PolynomialEvaluator:
     """
 
     def __init__(self, polynomial: Polynomial, shape: tuple[int, int]) -> None:
-        y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MOST + 1)[None, :]
-        per_row = np.zeros((shape[0], MOST + 1, 2, len(PRODUCTS)))
+        y = np.linspace(-1, 1, shape[0])[:, None] ** np.arange(MAX_ORDER + 1)[None, :]
+        per_row = np.zeros((shape[0], MAX_ORDER + 1, 2, len(PRODUCTS)))
         for m, (i, j) in enumerate(POWERS):
             per_row[:, i] += y[:, j, None, None] * polynomial.coefficients[:, :, m]
         self.per_row: Picture = per_row.reshape(shape[0], -1, len(PRODUCTS)).astype(np.float32)
@@ -185,16 +188,16 @@ class PolynomialEvaluator:
         np.matmul(self._low[window[0]], rows, out=lines[:, :LOW])
         np.matmul(self._high[window[0]], rows[:, :3], out=lines[:, LOW:])
         sums, x = by_row.reshape(-1, 2, *size), self.x[window[1]]
-        found = sums[MOST]
-        for i in reversed(range(MOST)):
-            found *= x
-            found += sums[i]
-        np.clip(found, -self.bound, self.bound, out=out)
+        slopes = sums[MAX_ORDER]
+        for i in reversed(range(MAX_ORDER)):
+            slopes *= x
+            slopes += sums[i]
+        np.clip(slopes, -self.bound, self.bound, out=out)
 
     def noise(self, noise: Picture) -> Picture:
         """Standard deviation (H, W) of a slope on untouched gel, from that of the changes (3, H, W)."""
-        x = self.x[None, :] ** np.arange(MOST + 1)[:, None]
-        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MOST + 1, 2, len(PRODUCTS))[..., :3], x)
+        x = self.x[None, :] ** np.arange(MAX_ORDER + 1)[:, None]
+        linear = np.einsum("hisk,iw->skhw", self.per_row.reshape(-1, MAX_ORDER + 1, 2, len(PRODUCTS))[..., :3], x)
         return np.asarray(np.sqrt(np.einsum("skhw,khw->hw", linear**2, noise**2) / 2.0), dtype=np.float32)
 
 

@@ -28,11 +28,15 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 if TYPE_CHECKING:
     import torch
 
-WIDTH, LAYERS = 16, 2
-STEPS, AT_ONCE, RATE, DECAY = 900, 2048, 1e-2, 1e-3
+WIDTH = 16  # channels of a hidden layer; time per frame goes with its square
+LAYERS = 2  # hidden layers of the perceptron
+STEPS = 900  # steps of the optimiser; training time goes with them
+BATCH = 2048  # samples of balls in a step, and a quarter as many of untouched gel
+RATE = 1e-2  # learning rate at its highest, no unit
+DECAY = 1e-3  # weight decay of the optimiser, no unit; larger is smoother
 SHOWN = 4  # times that each press is shown beside its own picture
-SEED = 20261121
-QUIET = 0.1  # weight of untouched gel
+SEED = 20261121  # any number would do: the same samples give the same network
+UNTOUCHED_WEIGHT = 0.1  # weight of untouched gel
 
 
 @dataclass(frozen=True)
@@ -70,11 +74,11 @@ def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, 
 
     box = _around(ball, rgb.shape, mm_per_px)
     p, q, inside = _under(ball, box, mm_per_px)
-    seen, _, valid = change.measure(rgb)
+    changes, _, valid = change.measure(rgb)
     cut = (slice(None), *box)
     grey = torch.as_tensor(np.ascontiguousarray(rgb[box].transpose(2, 0, 1)), dtype=torch.float32) / 255.0
     planes = torch.as_tensor(
-        np.stack([*seen[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
+        np.stack([*changes[cut], p, q, (inside & valid[box]).astype(float)]), dtype=torch.float32
     )
     with one_core(SEED + number), torch.no_grad():
         light, place = _augmentations(max(change.reference.noise_grey) / 255.0)
@@ -83,9 +87,9 @@ def augmented(change: ColourChange, rgb: Bytes, *, ball: Ball, mm_per_px: Pair, 
         stack = planes[None].repeat(SHOWN, 1, 1, 1)
         stack[:, :3] += turned
         stack = place(stack)
-        found = torch.nonzero(stack[:, 5] > 0.999)
-        found = found[torch.randperm(len(found))[:most]]
-    return _samples(stack.double().numpy(), found.numpy(), box, rgb.shape[:2], number)
+        pixels = torch.nonzero(stack[:, 5] > 0.999)
+        pixels = pixels[torch.randperm(len(pixels))[:most]]
+    return _samples(stack.double().numpy(), pixels.numpy(), box, rgb.shape[:2], number)
 
 
 def fit_network(
@@ -104,7 +108,7 @@ def fit_network(
 
 
 def make_module(typical_change: Floats) -> torch.nn.Module:
-    """The perceptron, untrained; `typical_change` (3,) scales its view of the colours."""
+    """The perceptron, untrained; `typical_change` (3,), relative, scales its view of the colours."""
     import torch
     from torch import nn
 
@@ -138,11 +142,11 @@ def _trained(contact: Samples, untouched_samples: Samples, ridge: float, steps: 
     optimiser = torch.optim.AdamW(module.parameters(), RATE, weight_decay=ridge)
     plan = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, steps)
     for _ in range(steps):
-        pick = torch.randint(len(pressed), (AT_ONCE,))
-        rest = torch.randint(len(still), (AT_ONCE // 4,))
-        found = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
-        off = ((found[:AT_ONCE] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
-        loss = off.mean() + QUIET * (found[AT_ONCE:] ** 2).sum(1).mean() / TYPICAL**2
+        pick = torch.randint(len(pressed), (BATCH,))
+        rest = torch.randint(len(still), (BATCH // 4,))
+        predicted = module(torch.cat([pressed[pick], still[rest]]).T[None, :, None])[0, :, 0].T
+        error = ((predicted[:BATCH] - slopes[pick]) ** 2).sum(1) / ((slopes[pick] ** 2).sum(1) + TYPICAL**2)
+        loss = error.mean() + UNTOUCHED_WEIGHT * (predicted[BATCH:] ** 2).sum(1).mean() / TYPICAL**2
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -183,10 +187,10 @@ def _under(ball: Ball, box: tuple[slice, slice], mm_per_px: Pair) -> tuple[Float
 
 
 def _samples(
-    stack: Floats, found: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
+    stack: Floats, pixels: np.ndarray, box: tuple[slice, slice], shape: tuple[int, ...], number: int
 ) -> Samples:
-    shot, row, column = found.T
-    seen = stack[shot, :, row, column]
+    shot, row, column = pixels.T
+    values = stack[shot, :, row, column]
     y, x = row + box[0].start, column + box[1].start
     place = np.stack([2.0 * x / (shape[1] - 1) - 1.0, 2.0 * y / (shape[0] - 1) - 1.0], axis=1)
-    return Samples(seen[:, :3], place, seen[:, 3:5], np.full(len(found), number))
+    return Samples(values[:, :3], place, values[:, 3:5], np.full(len(pixels), number))

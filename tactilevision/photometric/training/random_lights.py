@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 SIZE_MM = (27.1, 20.3)  # GelSlim 3.0's view
 AZIMUTH_DEG = (-55.0, 180.0, 42.0)  # red, green, blue; counted from x to the picture's top
-ASTRAY_DEG = 12.0
+ASTRAY_DEG = 12.0  # degrees, one sigma by which lamps stand off these; cut at two
 GRID = (24, 32)  # of the untouched picture that a reader of light sees
 STRIP = 3  # lamps a colour; one more is its light thrown back
 
@@ -53,8 +54,8 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    usual = torch.tensor(AZIMUTH_DEG)[None].expand(count, 3)
-    azimuth = torch.deg2rad(usual + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
+    mean_azimuth = torch.tensor(AZIMUTH_DEG)[None].expand(count, 3)
+    azimuth = torch.deg2rad(mean_azimuth + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
     far = uniform(20.0, 60.0, count, 3)
     high = far * torch.tan(
         torch.deg2rad(
@@ -68,12 +69,7 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
     place = torch.cat([flat, high[:, :, None, None].expand(count, 3, STRIP, 1)], -1).reshape(count, -1, 3)
     aim = towards * uniform(0.0, 10.0, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
     beam = uniform(8.0, 20.0, count, 3, 2)
-    tint = uniform(0.0, 0.08, count, 3, 3)
-    # GelSlim's green and blue share a good part of their light, red keeps to itself
-    tint[:, 1, 2] = uniform(0.2, 0.7, count)
-    tint[:, 2, 1] = uniform(0.0, 0.3, count)
-    tint[:, range(3), range(3)] = 1.0
-    tint *= uniform(0.5, 1.0, count, 3, 1)
+    tint = _draw_tints(count, uniform)
     thrown_back = uniform(0.0, 0.5, count, 3, 1) * tint  # by the wall opposite: one lamp for a whole strip
     mirrored = torch.cat([-towards * far[..., None], high[..., None]], -1)
     scenes = Scenes(
@@ -89,6 +85,17 @@ def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
         draw_fields(count),
     )
     return _exposed(scenes, uniform(0.6, 1.15, count, 1, 1))
+
+
+def _draw_tints(count: int, uniform: Callable[..., torch.Tensor]) -> torch.Tensor:
+    """Share of each colour (count, 3 lamps, 3 channels) in the light of a strip."""
+    tint = uniform(0.0, 0.08, count, 3, 3)
+    # GelSlim's green and blue share a good part of their light, red keeps to itself
+    tint[:, 1, 2] = uniform(0.2, 0.7, count)
+    tint[:, 2, 1] = uniform(0.0, 0.3, count)
+    tint[:, range(3), range(3)] = 1.0
+    tint *= uniform(0.5, 1.0, count, 3, 1)
+    return tint
 
 
 def draw_fields(count: int) -> torch.Tensor:
@@ -157,11 +164,11 @@ def lattice(count: int) -> torch.Tensor:
 def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
     """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together."""
     count = len(white)
-    seen = _returned(scenes, lattice(count), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2))
+    returned = _returned(scenes, lattice(count), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2))
     tint = scenes.tint.clone()
     for colour in range(3):
-        own = [*range(STRIP * colour, STRIP * (colour + 1)), 3 * STRIP + colour]
-        top = (seen[:, :, own] @ scenes.tint[:, own]).amax((1, 2))
-        tint[:, own] *= (scenes.tint[:, STRIP * colour].amax(-1) / top)[:, None, None]
-    top = (seen @ tint).amax((1, 2))
+        lamps = [*range(STRIP * colour, STRIP * (colour + 1)), 3 * STRIP + colour]
+        top = (returned[:, :, lamps] @ scenes.tint[:, lamps]).amax((1, 2))
+        tint[:, lamps] *= (scenes.tint[:, STRIP * colour].amax(-1) / top)[:, None, None]
+    top = (returned @ tint).amax((1, 2))
     return dataclasses.replace(scenes, tint=tint * (white / top[:, None, None]))

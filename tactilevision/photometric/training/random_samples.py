@@ -1,8 +1,8 @@
 """Samples under drawn lights: what a method learns from that is to work before any ball is pressed.
 
-Each scene of `drawn_lights.py` shows gel of known slopes at random places: under balls (up to a slope of .3 to
+Each scene of `random_lights.py` shows gel of known slopes at random places: under balls (up to a slope of .3 to
 .7), on walls of every steepness to 42 degrees, in fine textures; and untouched gel. Its colour changes are counted
-from its own averaged reference, as `change.py` counts them.
+from its own averaged reference, as `colour_change.py` counts them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactilevision.photometric.training.single_core import one_core
 if TYPE_CHECKING:
     import torch
 
-AT_ONCE = 32  # scenes
+BATCH = 32  # scenes drawn together; bounds the memory, and fixes which numbers are drawn
 EACH = 128  # samples a scene
 AVERAGED = 16  # frames of the reference
 
@@ -32,7 +32,7 @@ def draw_samples(scenes: int, seed: int) -> tuple[Samples, Samples]:
 
     rng = torch.Generator().manual_seed(seed)
     with one_core(seed), torch.no_grad():
-        parts = [_draw(AT_ONCE * k, rng) for k in range(math.ceil(scenes / AT_ONCE))]
+        parts = [_draw(BATCH * k, rng) for k in range(math.ceil(scenes / BATCH))]
     return join([pressed for pressed, _ in parts]), join([still for _, still in parts])
 
 
@@ -55,23 +55,20 @@ def draw_slopes(count: int, rng: torch.Generator) -> torch.Tensor:
 def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
     import torch
 
-    scenes = draw_scenes(AT_ONCE, rng)
-    place = 2 * torch.rand(AT_ONCE, EACH, 2, generator=rng) - 1
+    scenes = draw_scenes(BATCH, rng)
+    place = 2 * torch.rand(BATCH, EACH, 2, generator=rng) - 1
     where = place * torch.tensor(SIZE_MM) / 2
-    slopes = draw_slopes(AT_ONCE, rng)
-    raised = torch.cat([where, torch.rand(AT_ONCE, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
-    untouched = shade(scenes, where, slopes=torch.zeros_like(slopes))
-    level = expose(scenes, untouched, rng=rng, averaged=AVERAGED)
-    pressed, still = (
-        expose(scenes, shade(scenes, raised, slopes=slopes), rng=rng),
-        expose(scenes, untouched, rng=rng),
-    )
-    seen = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
-    scene = torch.arange(first, first + AT_ONCE)[:, None].expand(-1, EACH)
+    slopes = draw_slopes(BATCH, rng)
+    raised = torch.cat([where, torch.rand(BATCH, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
+    untouched = shade(scenes, where, torch.zeros_like(slopes))
+    level = expose(scenes, untouched, rng, averaged=AVERAGED)
+    pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
+    usable = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
+    scene = torch.arange(first, first + BATCH)[:, None].expand(-1, EACH)
 
     def samples(grey: torch.Tensor, slope: torch.Tensor) -> Samples:
         change = (grey - level) / (level + SOFTENING_GREY)
-        picked = [part[seen].double().numpy() for part in (change, place, slope)]
-        return Samples(picked[0], picked[1], picked[2], np.asarray(scene[seen].numpy(), np.int64))
+        picked = [part[usable].double().numpy() for part in (change, place, slope)]
+        return Samples(picked[0], picked[1], picked[2], np.asarray(scene[usable].numpy(), np.int64))
 
     return samples(pressed, slopes), samples(still, torch.zeros_like(slopes))
