@@ -82,8 +82,8 @@ def on_real(network: Network, folder: Path) -> dict[str, Any]:
     parts: list[Samples] = []
     for number, picture in enumerate(pictures):
         seen, _, valid = change.measure(picture.rgb)
-        ball = locate(seen, valid, picture, SCALE)
-        parts.append(ball_samples(seen, ball, SCALE, number=number, most=200, valid=valid, rng=rng))
+        ball = locate(seen, valid, picture=picture, mm_per_px=SCALE)
+        parts.append(ball_samples(seen, ball, mm_per_px=SCALE, number=number, most=200, valid=valid, rng=rng))
     samples = join(parts)
     found = network.at(samples.change, samples.place)
     own = calibrate_from_balls(reference, pictures, mm_per_px=SCALE, fit=fit_polynomial)

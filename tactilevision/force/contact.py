@@ -27,7 +27,7 @@ TINY = 1e-12  # mm: keeps a cell without deviation from a division by 0
 DOUBT = 0.3  # of a contact's displacement of the gel beside it: linear theory against large depth
 
 
-def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArray[np.intp]:
+def candidate_cells(depth_mm: Floats, std_mm: Floats, *, known: Bools) -> npt.NDArray[np.intp]:
     """Flat indices of the cells that may touch, by depth and its standard deviation (rows, columns) in mm.
 
     Empty where nothing does.
@@ -47,7 +47,7 @@ def candidate_cells(depth_mm: Floats, std_mm: Floats, known: Bools) -> npt.NDArr
     return np.flatnonzero(sure[patches])
 
 
-def overlooked_cells(left_mm: Floats, moved_mm: Floats, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
+def overlooked_cells(left_mm: Floats, moved_mm: Floats, *, std_mm: Floats, usable: Bools) -> npt.NDArray[np.intp]:
     """Flat indices of the cells (rows, columns) of a weak contact beside a deep one.
 
     There the depth `left_mm` over that one's own (`moved_mm`) stands out.

@@ -99,15 +99,29 @@ class Solution:
         return found
 
 
-def solve_normal(compliance: Compliance, cells: Cells, depth_mm: Floats, std_mm: float, *, poisson_ratio: float,
-                 adhesive: bool = False) -> Solution:  # fmt: skip
+def solve_normal(
+    compliance: Compliance,
+    cells: Cells,
+    *,
+    depth_mm: Floats,
+    std_mm: float,
+    poisson_ratio: float,
+    adhesive: bool = False,
+) -> Solution:
     """Pressure alone (MPa), as of a contact without friction, from the depth (C,) of `cells`."""
     whole = compliance.normal_block(cells)
     return _narrow(whole, compliance.grid, cells, depth_mm[None], np.array([std_mm]), poisson_ratio, adhesive)
 
 
-def solve_all(compliance: Compliance, cells: Cells, displacement_mm: Floats, std_mm: Floats, *,
-              poisson_ratio: float, adhesive: bool = False) -> Solution:  # fmt: skip
+def solve_all(
+    compliance: Compliance,
+    cells: Cells,
+    *,
+    displacement_mm: Floats,
+    std_mm: Floats,
+    poisson_ratio: float,
+    adhesive: bool = False,
+) -> Solution:
     """Tractions along x, y, z in MPa from `displacement_mm` (3, C) of the same cells; `std_mm` (3,).
 
     The contact is narrowed by the pressure alone first: that system is a ninth as large.

@@ -73,7 +73,7 @@ def lay_grid(view_px: tuple[int, int], mm_per_px: Pair, *, spacing_mm: float) ->
     return NodeGrid(shape, float(spacing_mm), view_px, mm_per_px)
 
 
-def cell_means(grid: NodeGrid, picture: Array, valid: Bools | None) -> tuple[Floats, Bools]:
+def cell_means(grid: NodeGrid, picture: Array, *, valid: Bools | None) -> tuple[Floats, Bools]:
     """Mean of `picture` (H, W) over each cell, in its unit, and a mask of cells that are known well enough.
 
     Cells that are not known are 0.

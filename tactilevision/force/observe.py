@@ -81,7 +81,7 @@ def observe(
     return Observation(np.stack([*fields, depth]), np.array([side, side, std]), known, said, whole, own, alike)
 
 
-def material_depth(depth: Array, known: Bools, shear: ShearMap) -> tuple[Array, Bools]:
+def material_depth(depth: Array, known: Bools, *, shear: ShearMap) -> tuple[Array, Bools]:
     """Depth (H, W), in mm, of the material that was at each pixel of the untouched frame; a mask of known ones."""
     rows, columns = depth.shape
     u_x, u_y = (np.asarray(u, dtype=np.float32) for u in (shear.u_x_mm, shear.u_y_mm))
@@ -108,7 +108,7 @@ def noise_of_cells(depth: Floats, known: Bools) -> float:
     return float(MAD_TO_STD * np.median(np.abs(usable)) / np.sqrt(6)) if usable.size else 0.0
 
 
-def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> float:
+def unevenness(grid: NodeGrid, depth: Floats, *, known: Bools, away_mm: float) -> float:
     """Robust size (mm) of the depths (rows, columns) that lie `away_mm` and more from a contact.
 
     A contact is whatever is half as deep as the deepest cell.
@@ -125,7 +125,7 @@ def unevenness(grid: NodeGrid, depth: Floats, known: Bools, away_mm: float) -> f
     return float(MAD_TO_STD * np.median(np.abs(far)))
 
 
-def understated(grid: NodeGrid, depth: Floats, std_mm: Floats, known: Bools, away_mm: float) -> float:
+def understated(grid: NodeGrid, depth: Floats, *, std_mm: Floats, known: Bools, away_mm: float) -> float:
     """By what factor, at least 1, still gel is farther from flat than the map's `std_mm` (rows, columns) says.
 
     Asked of the cells `away_mm` and more from whatever is half as deep as the deepest; where these are fewer than

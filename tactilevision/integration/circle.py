@@ -115,7 +115,7 @@ def _tukey(residual: Floats, scale_mm: float) -> Floats:
     return tukey_weight(residual, spread)
 
 
-def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
+def quick_circle(x: Floats, y: Floats, *, weight: Floats) -> tuple[float, float, float]:
     """Centre x, y and radius, in mm or px as the places (n,) are, robust to what lies off the circle.
 
     minimise  sum w (x^2 + y^2 - a x - b y - c)^2      `weight` (n,) w, then times that of Geman & McClure
@@ -132,7 +132,7 @@ def quick_circle(x: Floats, y: Floats, weight: Floats) -> tuple[float, float, fl
     return 0.5 * float(a), 0.5 * float(b), radius
 
 
-def weighted_solution(terms: Floats, values: Floats, weights: Floats) -> Floats:
+def weighted_solution(terms: Floats, values: Floats, *, weights: Floats) -> Floats:
     """Weighted least squares (3,) of values (n,) over terms (3, n), in their unit."""
     weighted = terms * weights
     normal = weighted @ terms.T + STIFFENING

@@ -52,7 +52,7 @@ class CircularEdge:
     std: Floats
 
 
-def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[CircularEdge]:
+def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[CircularEdge]:
     """Sharp round rims in slopes (H, W), mm/mm, about regions that are anywhere steeper than `limit`."""
     # every second pixel: a rim is long, and a frame has little time
     p, q = (np.array(plane[::2, ::2], np.float32) for plane in (slopes.dz_dx, slopes.dz_dy))
@@ -69,7 +69,7 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list
         at = at[:: max(1, len(at) // MAX_SAMPLES)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        edge = _fit_edge(slopes, mm_per_px, quick_circle(x, y, squared.ravel()[at].astype(np.float64)))
+        edge = _fit_edge(slopes, mm_per_px, quick_circle(x, y, weight=squared.ravel()[at].astype(np.float64)))
         if edge is not None:
             edges.append(edge)
     return edges

@@ -67,13 +67,15 @@ class PunchEdge:
     std_mm: float
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, limit: float) -> list[PunchEdge]:
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[PunchEdge]:
     """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably."""
-    edges = [_fit_edge(circle, limit, min(mm_per_px)) for circle in find_circular_edges(slopes, mm_per_px, limit)]
+    edges = [
+        _fit_edge(circle, limit, min(mm_per_px)) for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
+    ]
     return [edge for edge in edges if edge is not None]
 
 
-def restore(slopes: SlopeMap, edges: list[PunchEdge], mm_per_px: Pair) -> None:
+def restore(slopes: SlopeMap, edges: list[PunchEdge], *, mm_per_px: Pair) -> None:
     """Put the law's slopes in place of those (H, W) that the walls hide, in place.
 
     Along the rim nothing slopes but what the face's own tilt t, gentle and well read, makes of a rigid face:
@@ -82,7 +84,7 @@ def restore(slopes: SlopeMap, edges: list[PunchEdge], mm_per_px: Pair) -> None:
     half = 0.5 * min(mm_per_px)
     for edge in edges:
         outer, inner = edge.radius_mm + edge.reach_mm, edge.radius_mm + edge.places_mm[0]
-        window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px, outer)
+        window, x, y = window_of(slopes.dz_dx.shape, edge.centre_mm, mm_per_px=mm_per_px, outer_mm=outer)
         square = (x * x).astype(np.float32) + (y * y).astype(np.float32)
         p, q = slopes.dz_dx[window], slopes.dz_dy[window]
         face = (square < max(inner - 2 * half, 0.0) ** 2).view(np.uint8)
@@ -116,8 +118,8 @@ def restore_windows(
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit)
-        restore(slopes, restored, mm_per_px)
+        restored = find_punch_edges(slopes, mm_per_px, limit=limit)
+        restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
             replace(edge, centre_mm=(edge.centre_mm[0] + left, edge.centre_mm[1] + top)) for edge in restored

@@ -61,7 +61,7 @@ class TwoGridPoisson:
         return _solved(right, self.coarse_mm, ((True, True), (True, True)))
 
     def whole(
-        self, coarse: Picture, windows: Sequence[Window], fine: Sequence[Planes], *, tilt: Pair = (0.0, 0.0)
+        self, coarse: Picture, windows: Sequence[Window], *, fine: Sequence[Planes], tilt: Pair = (0.0, 0.0)
     ) -> Picture:
         """Depth (H, W) of a coarse one, from which a plane of slope `tilt` was taken, and the windows' slopes."""
         depth: Picture = np.empty(self.shape, np.float32)
@@ -81,7 +81,7 @@ class TwoGridPoisson:
         if all(side for sides in ends for side in sides):
             z[...] = integrate(SlopeMap(p, q), self.mm_per_px) + z.mean()
             return
-        residual = edge_divergence(p, q, self.half)
+        residual = edge_divergence(p, q, half=self.half)
         residual -= cv2.filter2D(z, cv2.CV_32F, self.bend, borderType=cv2.BORDER_REPLICATE)
         rows, columns = (slice(0 if low else 1, None if high else -1) for low, high in ends)
         z[rows, columns] += _solved(residual[rows, columns], self.mm_per_px, (ends[0], ends[1]))

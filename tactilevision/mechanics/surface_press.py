@@ -71,7 +71,7 @@ def true_depth(press: Press, gain: float) -> float:
     return certified if np.isfinite(certified) else press.depth_mm / gain
 
 
-def profile(press: Press, joint: Joint, model: ProfileModel, *, rise_factor: float = 1.0) -> Floats:
+def profile(press: Press, joint: Joint, *, model: ProfileModel, rise_factor: float = 1.0) -> Floats:
     """Depth over the face's depth, a ratio, on the press's radial grid (n,), blurred.
 
     `rise_factor` scales the gel beside it.

@@ -163,11 +163,11 @@ class _Fit:
 def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
     """The law by the way to fit, and its ridge, that is least off at balls left out."""
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
-    scores = [held_out(fitter, pressed, resting, ridge) for fitter, ridge in ways]
+    scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
     best = int(np.argmin([_relative_error(slopes, pressed) for slopes, _ in scores]))
     (fitter, ridge), (slopes, others) = ways[best], scores[best]
     law = fitter(pressed, resting, ridge=ridge)
-    scale = scale_uncertainty(fitter, pressed, resting, ridge=ridge, law=law, others=others)
+    scale = scale_uncertainty(fitter, pressed, untouched_samples=resting, ridge=ridge, law=law, others=others)
     direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
     error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
     return _Fit(law, fitter, ridge, slopes, others, scale, direction, error)
@@ -192,7 +192,9 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
 def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, resting: Samples) -> list[str]:
     return contradicting_radii(
         {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
-        lambda group: gains_without(np.array(group), best.fitter, pressed, resting, ridge=best.ridge),
+        lambda group: gains_without(
+            np.array(group), best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
+        ),
     )
 
 
@@ -201,7 +203,7 @@ def _odd_ball_warnings(
 ) -> list[str]:
     unsure = {number: std for number, (_, std) in best.scale.held_out_laws.items()}
     names = [picture.name for picture in pictures]
-    return odd_balls(gains_of(best.held_out, pressed), balls, names, unsure=unsure)
+    return odd_balls(gains_of(best.held_out, pressed), balls, names=names, unsure=unsure)
 
 
 def _check_count(usable: int, of: int, why: Sequence[str]) -> None:
@@ -239,17 +241,21 @@ def _collect(
             changes, _, valid = change.measure(picture.rgb)
             if marks is not None:
                 valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
-            ball = locate(changes, valid, picture, mm_per_px)
+            ball = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
         except InputError as fault:
             warnings.append(f"{name} left out: {fault.what}")
             balls.append(None)
             continue
         balls.append(ball)
         contact.append(
-            ball_samples(changes, ball, mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng)
+            ball_samples(
+                changes, ball, mm_per_px=mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng
+            )
         )
         untouched_samples.append(
-            resting_samples(changes, ball, mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng)
+            resting_samples(
+                changes, ball, mm_per_px=mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng
+            )
         )
     return balls, warnings, contact, untouched_samples
 
@@ -267,11 +273,11 @@ def _measure_background(
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
             changes, _, valid = change.measure(picture.rgb)
-            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px))
+            sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
 
 
-def locate(change: Planes, valid: Bools, picture: BallPicture, mm_per_px: Pair) -> Ball:
+def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
     """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
     image = np.ascontiguousarray(change.transpose(1, 2, 0))
     return find_ball(
@@ -312,7 +318,7 @@ def _contact_in_reference(
     changed, counted = np.zeros((2, *tracker.usable.reshape(tracker.size[::-1]).shape))
     for picture, ball in zip(pictures, balls, strict=True):
         if ball is not None:
-            far = far_from(ball, change.reference.shape, mm_per_px).astype(np.uint8)
+            far = far_from(ball, change.reference.shape, mm_per_px=mm_per_px).astype(np.uint8)
             untouched_blocks = cv2.resize(far, tracker.size, interpolation=cv2.INTER_NEAREST) > 0
             counted += untouched_blocks
             changed += untouched_blocks & ~tracker.measure(picture.rgb).untouched

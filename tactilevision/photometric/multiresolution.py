@@ -130,7 +130,7 @@ class TiledEvaluator:
         greys = self.method.change.means(self.px)
         for window in strips((slice(0, self.size[1]), slice(0, self.size[0]))):
             change, part = self._change[:, window[0]], self._slopes[:, window[0]]
-            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, change), window, part)
+            self.evaluate.strip(self.maps.changes(greys[:, window[0]], window, out=change), window, part)
             part *= self.kept_share[window]
             part -= self.bias[:, window[0]]
 

@@ -232,7 +232,7 @@ def draw_sighting(seen: Sighting) -> Figure:
 
 
 @style.house_look
-def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
+def draw_residual_map(residual_mm: Floats, axis: Floats, *, count: int) -> Figure:
     """The mean residual height map (n, n), in mm, about the punch's axis; white where nothing is compared."""
     figure, (axes,) = style.new_figure(4.4, 3.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))

@@ -20,7 +20,7 @@ NAMES = ("x", "y", "z")
 
 
 @style.house_look
-def draw_force(found: TractionMap, height: HeightMap, shear: ShearMap | None = None, *, title: str = "") -> Figure:
+def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None = None, title: str = "") -> Figure:
     """Depth (H, W) in mm with the surface's motion and the force's arrows; a cut with tractions; t_x, t_y, t_z.
 
     Where the shear is not known t_x and t_y are left out, and the title says so.

@@ -125,7 +125,7 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
 
 
 @style.house_look
-def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, title: str = "") -> Figure:
+def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, title: str = "") -> Figure:
     """The rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height=height, footprint=footprint)
@@ -201,7 +201,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
     return image
 
 
-def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
+def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
     """Depth (H, W), in mm, along x and along y through one place; its standard deviation as a band where known."""
     cuts = (
         ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
@@ -232,7 +232,7 @@ def _lit(down_x: Floats, down_y: Floats) -> Floats:
     return np.asarray(np.clip(light, 0, 1))
 
 
-def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | None) -> None:
+def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint | None) -> None:
     """Draw a frame (H, W, 3), the contours of its depth, and the circle of the indenter's face, in mm."""
     extent = extent_mm(height)
     axes.imshow(rgb, extent=extent)

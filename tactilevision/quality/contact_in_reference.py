@@ -31,7 +31,7 @@ BORDER = 2  # blocks along the border of the picture, which do not count
 
 
 def check_reference(
-    match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], pictures: Sequence[Bytes]
+    match: ReferenceMatch, height_map: Callable[[Bytes], HeightMap], *, pictures: Sequence[Bytes]
 ) -> tuple[str, ...]:
     """A warning where rectified `pictures` (H, W, 3), not shifted, show a contact in the reference; it is noted.
 
@@ -39,7 +39,7 @@ def check_reference(
     """
     if match.shift_px is not None or match.contact_px is not None:
         return ()
-    match.contact_px = contact_in_reference(match.method, height_map, pictures)
+    match.contact_px = contact_in_reference(match.method, height_map, pictures=pictures)
     if match.contact_px is None:
         return ()
     x, y = match.contact_px

@@ -68,7 +68,7 @@ class ReferenceMatch:
         """
         gain_std = self.method.card.held_out_gain_std
         warning = other_light(
-            light, self.method.reference, self.method.relative_error if gain_std is None else gain_std
+            light, self.method.reference, scale_error=self.method.relative_error if gain_std is None else gain_std
         )
         self.other_light = bool(warning)
         return warning

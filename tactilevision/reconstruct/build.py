@@ -101,7 +101,7 @@ def tuned(
     method = dataclasses.replace(calibration.method, card=card)
     settled = subtract_background(dataclasses.replace(method, reference=tare(method, free)), free)
     if settled.background is method.background:
-        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, calibration.balls)
+        waves_mm = untouched_rms_mm(Reconstructor(sensor, method), pictures, balls=calibration.balls)
         settled = settled.with_card(dataclasses.replace(card, untouched_depth_rms_mm=waves_mm))
     else:
         reader = Reconstructor(sensor, settled)

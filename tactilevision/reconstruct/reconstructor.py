@@ -105,12 +105,14 @@ class Reconstructor:
         tiles = self.elsewhere.read_tiles(rgb) if self.elsewhere else reader.read_tiles(rgb)
         walls: list[PunchEdge] = []
         if self.readable is not None and tiles.steepest >= self.readable:
-            walls = restore_windows(tiles.fine, tiles.windows, tiles.valid, self.sensor.mm_per_px, self.readable)
-        coarse = grids.coarse(tiles.coarse, tiles.windows, tiles.fine)
+            walls = restore_windows(
+                tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, limit=self.readable
+            )
+        coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
         level(coarse, self.zero)
-        tilt = slope_of(self.zero, coarse.shape, grids.coarse_mm)
-        surface = grids.whole(coarse, tiles.windows, tiles.fine, tilt=tilt)
+        tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
+        surface = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
         std = self._std_mm(surface, tiles.steepest, lambda: reader.full_map(tiles), walls=walls, drift=tiles.drift)
         return (
             surface,
@@ -133,7 +135,7 @@ class Reconstructor:
         if self.reference_match is not None:
             self.warnings += (
                 *self.reference_match.check_shift(pictures),
-                *check_reference(self.reference_match, self.rectified_map, pictures),
+                *check_reference(self.reference_match, self.rectified_map, pictures=pictures),
             )
 
     def _std_mm(

@@ -57,7 +57,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
     return picture
 
 
-def as_rgb(picture: npt.NDArray[Any], path: Path, white_level: float | None = None) -> Bytes:
+def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None = None) -> Bytes:
     """Bring an array (H, W, 3) in the order red, green, blue to grey levels of 8 bits.
 
     `path` is for the messages.

@@ -66,7 +66,7 @@ def read_stage(path: Path) -> tuple[StageSeries, Table]:
     return StageSeries(table.numbers["time_s"], table.numbers["z_mm"]), table
 
 
-def check_time(table: Table, time_s: Floats, rows: Floats | None = None) -> None:
+def check_time(table: Table, time_s: Floats, *, rows: Floats | None = None) -> None:
     """Raise where time (n,), in s, goes backwards from one row to the next.
 
     `rows` (n,) are its rows in the table.

@@ -58,7 +58,7 @@ def sensor_from_grid(
     return _sensor(maps_from_grid(points_px, spacing_mm, mm_per_px=scale), scale, has_markers)
 
 
-def find_grid(rgb: Bytes, rows: int, columns: int) -> Floats:
+def find_grid(rgb: Bytes, rows: int, *, columns: int) -> Floats:
     """The dots of a grid (rows, columns, 2), px in a raw picture, from the top left, row by row.
 
     Dots may be dark on bright or bright on dark. Raises InputError where not all of them are found.

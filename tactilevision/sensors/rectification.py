@@ -72,7 +72,7 @@ def maps_from_corners(corners_px: Sequence[Pair], size_mm: Pair, *, mm_per_px: P
     )
 
 
-def maps_from_grid(points_px: Floats, spacing_mm: float, mm_per_px: Pair) -> Maps:
+def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> Maps:
     """Maps from a grid pressed into the gel: its crossings `points_px` (rows, columns, 2), px in the raw picture.
 
     Between crossings the maps follow smooth splines (cubic where there are four crossings or more), so a lens that

@@ -92,9 +92,9 @@ def measure_shear(reference: Bytes, frame: Bytes, mm_per_px: Pair, *, markers: b
     return read_untouched(reference, mm_per_px, markers=markers).shear(frame)
 
 
-def marker_motion(reference: Bytes, frame: Bytes, guess_px: Floats | None = None) -> MarkerMotion:
+def marker_motion(reference: Bytes, frame: Bytes, *, guess_px: Floats | None = None) -> MarkerMotion:
     """The markers of `reference` (H, W, 3) and how each moved, in px, for drawing and following."""
-    return follow_markers(find_markers(reference), find_markers(frame), guess_px)
+    return follow_markers(find_markers(reference), find_markers(frame), guess_px=guess_px)
 
 
 def _by_markers(places: Floats, frame: Bytes, mm_per_px: Pair) -> ShearMap:

@@ -74,7 +74,7 @@ def _surface(radius_mm: float, contact_mm: float, thickness_mm: float, nu: float
     terms = np.linalg.lstsq(sunk, ball, rcond=None)[0]
     spread = powers @ terms * da
     reach = np.linspace(0.0, 1.0, 90) ** 2 * FAR * thickness_mm
-    around = [layer_surface(nu, one / thickness_mm, (contact_mm + reach) / thickness_mm)[0] for one in a]
+    around = [layer_surface(nu, one / thickness_mm, radii=(contact_mm + reach) / thickness_mm)[0] for one in a]
     return float(spread.sum()), contact_mm + reach, fade(reach / thickness_mm) * (spread @ np.array(around))
 
 

@@ -65,7 +65,7 @@ class Bevel:
 
 
 def bevel_dent(
-    surface: Singles, bevel: Bevel, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
+    surface: Singles, bevel: Bevel, *, places: tuple[Singles, Singles], face_mm: float, tilt: Pair
 ) -> Singles:
     """What the bevel adds (H, W) mm to the depth of the free surface (H, W) mm.
 

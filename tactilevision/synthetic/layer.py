@@ -26,7 +26,7 @@ def fade(reach: Floats) -> Floats:
     return np.asarray(remaining * remaining * (3.0 - 2.0 * remaining))
 
 
-def layer_surface(poisson_ratio: float, a_over_h: float, radii: Floats) -> tuple[Floats, Floats]:
+def layer_surface(poisson_ratio: float, a_over_h: float, *, radii: Floats) -> tuple[Floats, Floats]:
     """u_z/w and u_r/w, ratios (n,), at `radii` (in thicknesses, all outside the punch) by the linear theory."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     x, dx = (nodes + 1) / 2, weights / 2

@@ -43,11 +43,15 @@ class PunchPress:
         """Depth (H, W) mm on the grid."""
         depth = self._free(grid)
         if self.bevel is not None and self.face_mm > 0.5 * self.bevel.height_mm:
-            part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3.0), 2.5))
+            part = grid.part(self.bevel.area(self.centre_mm, (2.5, 3.0), beside_mm=2.5))
             window = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
             if depth[part].size:
                 depth[part] += bevel_dent(
-                    depth[part], self.bevel, window.places(self.centre_mm), self.face_mm, self.tilt
+                    depth[part],
+                    self.bevel,
+                    places=window.places(self.centre_mm),
+                    face_mm=self.face_mm,
+                    tilt=self.tilt,
                 )
         return depth
 

@@ -122,7 +122,9 @@ def seen_gain_std(
     for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
         if ball is not None:
             change, _, valid = method.change.measure(picture.rgb)
-            seen = ball_samples(change, ball, mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng)
+            seen = ball_samples(
+                change, ball, mm_per_px=mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng
+            )
             found = method.law.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
     return mad_std(np.array(gains), centre=1.0)

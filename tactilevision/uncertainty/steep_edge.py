@@ -20,7 +20,7 @@ from tactilevision.records import Pair
 Picture = npt.NDArray[np.float32]
 
 
-def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], mm_per_point: Pair) -> None:
+def add_edge_variance(variance_mm2: Picture, edges: Sequence[PunchEdge], *, mm_per_point: Pair) -> None:
     """Add the `edges`' part to `variance_mm2` (h, w) mm², in place.
 
     Its points lie `mm_per_point` (x, y) mm apart.

@@ -34,7 +34,7 @@ def hidden_step_mm(depth_mm: Picture, slopes: SlopeMap, *, steepest: float, ever
     return float(steepest * width_px * np.sqrt(mm_per_px[0] * mm_per_px[1]))
 
 
-def add_steep_variance(variance_mm2: Picture, depth_mm: Picture, hidden_mm: float) -> None:
+def add_steep_variance(variance_mm2: Picture, depth_mm: Picture, *, hidden_mm: float) -> None:
     """Add the part of a step of `hidden_mm` (mm) to `variance_mm2` (h, w) mm², in place, behind the steep band."""
     if hidden_mm > 0:
         variance_mm2 += np.float32(hidden_mm**2) * (depth_mm > BEHIND * depth_mm.max())

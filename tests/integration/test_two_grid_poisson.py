@@ -47,7 +47,7 @@ def test_the_depth_of_a_contact_is_that_of_one_solution(px: int, centre: tuple[f
     _, slopes = punch(centre)
     window, grids = window_about(centre, px), TwoGridPoisson(SHAPE, px, STEP)
     fine = [slopes[:, *window]]
-    found = grids.whole(grids.coarse(seen(slopes, px), [window], fine=fine), [window], fine)
+    found = grids.whole(grids.coarse(seen(slopes, px), [window], fine=fine), [window], fine=fine)
     off = found - integrate(SlopeMap(*slopes), STEP)
     off -= np.median(off)
     assert np.abs(off).max() < 1e-3
@@ -58,7 +58,7 @@ def test_the_depth_of_a_contact_is_that_of_one_solution(px: int, centre: tuple[f
 def test_a_window_of_the_whole_picture_is_one_solution() -> None:
     _, slopes = punch((4.5, 4.0))
     window, grids = (slice(0, SHAPE[0]), slice(0, SHAPE[1])), TwoGridPoisson(SHAPE, 3, STEP)
-    found = grids.whole(grids.coarse(seen(slopes, 3), [window], fine=[slopes]), [window], [slopes])
+    found = grids.whole(grids.coarse(seen(slopes, 3), [window], fine=[slopes]), [window], fine=[slopes])
     one = integrate(SlopeMap(*slopes), STEP)
     assert np.abs((found - found.mean()) - one).max() < 1e-6
 
@@ -69,10 +69,10 @@ def test_a_plane_taken_off_the_coarse_depth_is_off_the_whole(centre: tuple[float
     window, grids, tilt = window_about(centre, 3), TwoGridPoisson(SHAPE, 3, STEP), (0.004, -0.007)
     fine = [slopes[:, *window]]
     coarse = grids.coarse(seen(slopes, 3), [window], fine=fine)
-    plain = grids.whole(coarse, [window], fine)
+    plain = grids.whole(coarse, [window], fine=fine)
     x, y = (step * np.arange(n) for n, step in zip(coarse.shape[::-1], grids.coarse_mm, strict=True))
     levelled = coarse - np.float32(tilt[0]) * x[None, :] - np.float32(tilt[1]) * y[:, None]
-    off = plain - grids.whole(np.asarray(levelled, np.float32), [window], fine, tilt=tilt)
+    off = plain - grids.whole(np.asarray(levelled, np.float32), [window], fine=fine, tilt=tilt)
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     assert np.ptp(off - tilt[0] * STEP[0] * x - tilt[1] * STEP[1] * y) < 2e-6
 
@@ -82,5 +82,5 @@ def test_without_windows_the_surface_is_carried_on_to_the_border() -> None:
     depth = 1e-3 * (x * STEP[0] - 5.0) ** 2 - 2e-3 * y * STEP[1]
     slopes = np.stack([2e-3 * (x * STEP[0] - 5.0), np.full(SHAPE, -2e-3)]).astype(np.float32)
     grids = TwoGridPoisson(SHAPE, 4, STEP)
-    off = grids.whole(grids.coarse(seen(slopes, 4), [], fine=[]), [], []) - depth
+    off = grids.whole(grids.coarse(seen(slopes, 4), [], fine=[]), [], fine=[]) - depth
     assert np.ptp(off) < 2e-4

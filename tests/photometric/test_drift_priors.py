@@ -56,7 +56,7 @@ def _left(following: DriftTracker, told: Drift, rgb: Bytes) -> Floats:
     seen = (
         rgb
         if told.undo is None
-        else undo_drift(rgb.transpose(2, 0, 1), told.undo, following.power).transpose(1, 2, 0)
+        else undo_drift(rgb.transpose(2, 0, 1), told.undo, power=following.power).transpose(1, 2, 0)
     )
     blocks = seen.reshape(20, 9, 24, 10, 3).mean(axis=(1, 3)).reshape(-1, 3).T
     y, x = (places.ravel() for places in np.mgrid[-1:1:20j, -1:1:24j])

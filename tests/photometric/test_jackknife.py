@@ -81,9 +81,11 @@ def many() -> tuple[Floats, Floats, Floats]:
     off, stated, borne = [], [], []
     for seed in range(10):
         samples = balls(np.random.default_rng(seed), range(BALLS))
-        law, (_, others) = fitted(samples), held_out(fitting, samples, still(), 1e-3)
-        stated.append(gain_map(law, others, samples))
-        uncertainty = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=law, others=others)
+        law, (_, others) = fitted(samples), held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
+        stated.append(gain_map(law, others, contact=samples))
+        uncertainty = scale_uncertainty(
+            fitting, samples, untouched_samples=still(), ridge=1e-3, law=law, others=others
+        )
         borne.append(uncertainty.gain_std)
         off.append(true_gain(law))
     return np.stack(off), np.stack(stated), np.stack(borne)
@@ -128,8 +130,10 @@ def test_balls_left_out_say_how_far_to_believe_what_is_stated() -> None:
 
 def test_each_ball_has_a_law_that_never_saw_it() -> None:
     samples = balls(np.random.default_rng(0), range(BALLS))
-    found, others = held_out(fitting, samples, still(), 1e-3)
-    uncertainty = scale_uncertainty(fitting, samples, still(), ridge=1e-3, law=fitted(samples), others=others)
+    found, others = held_out(fitting, samples, untouched_samples=still(), ridge=1e-3)
+    uncertainty = scale_uncertainty(
+        fitting, samples, untouched_samples=still(), ridge=1e-3, law=fitted(samples), others=others
+    )
     assert sorted(uncertainty.held_out_laws) == list(range(BALLS))
     for number, (law, std) in uncertainty.held_out_laws.items():
         at = samples.press == number

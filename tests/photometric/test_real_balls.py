@@ -119,7 +119,7 @@ def under_balls(folder: str, calibration: Calibration) -> tuple[Floats, tuple[Fl
     for number, (shot, ball) in enumerate(zip(gelslim(folder)[1], calibration.balls, strict=True)):
         assert ball is not None
         seen, _, valid = change.measure(shot.rgb)
-        parts.append(ball_samples(seen, ball, SCALE, number=number, most=150, valid=valid, rng=rng))
+        parts.append(ball_samples(seen, ball, mm_per_px=SCALE, number=number, most=150, valid=valid, rng=rng))
     slopes, colours, places = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("slopes", "change", "place")
     )

@@ -40,7 +40,7 @@ def repeated_share(repeats: Sequence[float]) -> float:
     return (typical_share - anew) / (1 - anew) if anew < 1 else 0.0
 
 
-def allow_for_repeats(offset: Estimate, share: float, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
+def allow_for_repeats(offset: Estimate, share: float, *, times_s: Floats) -> tuple[Estimate, tuple[str, ...]]:
     """The clocks' offset (s) with a frame's interval more of uncertainty, and a warning that says so.
 
     Where most of each picture is a copy: `share` of it, frames at `times_s` (n,). Otherwise as it was.

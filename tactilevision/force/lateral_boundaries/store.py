@@ -31,7 +31,7 @@ def cache_folder() -> Path:
     return (Path(root) if root and Path(root).is_absolute() else Path.home() / ".cache") / "tactilevision"
 
 
-def kept(name: str, key: object, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
+def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
     """The array of `key`, of any shape and in any unit: read where it was kept, else made and kept."""
     digest = hashlib.sha256(repr((VERSION, name, key)).encode()).hexdigest()[:20]
     path = cache_folder() / f"{name}-{digest}.npz"

@@ -63,7 +63,7 @@ def factorise(matrix: sparse.csc_array) -> SuperLU:
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True, "DiagPivotThresh": 0.001})
 
 
-def scatter(size: int, tables: tuple[Ints, ...], forces: tuple[Floats, ...]) -> Floats:
+def scatter(size: int, tables: tuple[Ints, ...], *, forces: tuple[Floats, ...]) -> Floats:
     """Sum element forces (K, n), in N, into a vector of all `size` unknowns."""
     total = np.zeros(size)
     for table, force in zip(tables, forces, strict=True):

@@ -76,7 +76,7 @@ def surface_profile(model: Model, state: State) -> tuple[Floats, Floats]:
 
 def contact_tractions(model: Model, state: State) -> tuple[Floats, Floats] | None:
     """True pressure and shear (C,), in MPa, at the contact points; None for a glued face."""
-    contact = contact_at(model, state.u, state.history)
+    contact = contact_at(model, state.u, history=state.history)
     if contact is None or state.history is None:
         return None
     stretch = area_ratio(model.mesh.surface, state.u)

@@ -53,12 +53,7 @@ def neighbours(blocks: Sequence[Block], friction: float) -> Neighbours:
     return Neighbours(tuple(ordered[near]), tuple(places[near]), at)
 
 
-def friction_place(friction: float) -> float:
-    """mu -> [0, 1), no slip -> 1."""
-    return 1.0 if math.isinf(friction) else friction / (friction + HALF_FRICTION)
-
-
-def monotone(places: Floats, values: Floats, at: float) -> Floats:
+def monotone(places: Floats, values: Floats, *, at: float) -> Floats:
     """Monotone cubic through `values` (K, ...) at ascending `places` (K,), K >= 2, read at `at` in their unit."""
     step = np.diff(places)
     secant = np.diff(values, axis=0) / step.reshape(-1, *[1] * (values.ndim - 1))

@@ -93,7 +93,7 @@ def agreed(press: Press, other: Press) -> int:
     return last + int(np.argmax(off)) if off.any() else common
 
 
-def before_a_jam(case: Case, depths: Sequence[float], force: Floats) -> int:
+def before_a_jam(case: Case, depths: Sequence[float], *, force: Floats) -> int:
     """How many of `depths` (n,), w/h, come before P/w (`force`, N per mm) rises above the line of four before."""
     root, log = np.sqrt(depths), np.log(force)
     for k in range(4, len(root)):

@@ -93,7 +93,7 @@ def scale_uncertainty(
         for group, other in zip(groups_of(contact), others, strict=True)
         for number in group
     }
-    return ScaleUncertainty(factor * gain_map(law, others, contact), factor, held_out_laws)
+    return ScaleUncertainty(factor * gain_map(law, others, contact=contact), factor, held_out_laws)
 
 
 def _stated_std(

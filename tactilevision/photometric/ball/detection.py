@@ -49,7 +49,7 @@ class Ball:
     residual: float = 0.0
 
 
-def ball_slopes(x_mm: Floats, y_mm: Floats, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
+def ball_slopes(x_mm: Floats, y_mm: Floats, *, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
     """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places (mm) from its axis, any shape alike."""
     r = np.hypot(x_mm, y_mm)
     inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
@@ -144,7 +144,9 @@ def _refined(
     highest = np.array([contact_mm, contact_mm, 0.98 * radius_mm])
 
     def misfit(unknown: Floats) -> Floats:
-        return _unexplained(changes, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], unknown[2], radius_mm))
+        return _unexplained(
+            changes, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], contact_mm=unknown[2], radius_mm=radius_mm)
+        )
 
     unknown = np.array([0.0, 0.0, min(contact_mm, 0.9 * highest[2])])
     residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm

@@ -44,7 +44,7 @@ def jackknife_std(others: Sequence[npt.NDArray[np.floating[Any]]]) -> Floats:
     return np.asarray(np.sqrt((len(others) - 1) / len(others) * np.sum(np.square(others), axis=0)), np.float64)
 
 
-def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> Floats:
+def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -> Floats:
     """Relative standard deviation (12, 16), over the picture, of the depth scale of `law`, a ratio.
 
     `others` are the laws fitted without a group of balls each, `contact` the samples under all of them.
@@ -56,7 +56,7 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], contact: Samples) -> F
     for steep in np.hypot(*contact.slopes.T).max() * np.array(STEEP):
         for angle in 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
             along = np.array([np.cos(angle), np.sin(angle)])
-            colours = colours_of(light, np.tile(steep * along, (len(place), 1)), place)
+            colours = colours_of(light, np.tile(steep * along, (len(place), 1)), place=place)
             slope = law.at(colours, place) @ along
             gains += [(other.at(colours, place) @ along - slope) / steep for other in others]
     gains /= DIRECTIONS * len(STEEP)

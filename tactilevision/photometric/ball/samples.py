@@ -47,7 +47,7 @@ def join(parts: Sequence[Samples]) -> Samples:
 
 
 def ball_samples(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples under the ball, where the gel is the ball: at most `most` of them, drawn without repeats.
 
@@ -63,7 +63,7 @@ def ball_samples(
 
 
 def resting_samples(
-    change: Planes, ball: Ball, mm_per_px: Pair, *, number: int, most: int, valid: Bools, rng: np.random.Generator
+    change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
     """Samples far from the ball, where slope is 0 and what `change` (3, H, W) there is, is noise."""
     _, _, distance = _from_axis(valid.shape, ball, mm_per_px)
@@ -71,9 +71,9 @@ def resting_samples(
     return _at(change, index, np.zeros((len(index[0]), 2)), number)
 
 
-def far_from(ball: Ball, shape: tuple[int, ...], mm_per_px: Pair) -> Bools:
+def far_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Bools:
     """Mask (H, W) of gel that counts as untouched by the ball."""
-    return radii_from(ball, shape, mm_per_px) > OUTSIDE
+    return radii_from(ball, shape, mm_per_px=mm_per_px) > OUTSIDE
 
 
 def radii_from(ball: Ball, shape: tuple[int, ...], *, mm_per_px: Pair) -> Floats:

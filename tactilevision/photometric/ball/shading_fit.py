@@ -44,7 +44,7 @@ TERMS = terms_of(PLACE_ORDER)
 
 
 def fit_light(
-    contact: Samples, uneven: float = PLACE_PENALTIES[0], terms: npt.NDArray[np.int64] = TERMS
+    contact: Samples, uneven: float = PLACE_PENALTIES[0], *, terms: npt.NDArray[np.int64] = TERMS
 ) -> Floats:
     """L (terms, 3), dimensionless, of samples; `terms` (terms, 4) are powers of p, q, X, Y."""
     square = np.sum(contact.slopes**2, axis=1)

@@ -119,7 +119,7 @@ class ColourChange:
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""
         greys = cv2.split(self.rgb[window])
-        return greys if self.undo is None else list(undo_drift(greys, self.undo, self.tracker.power))
+        return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
 
     def means(self, px: int) -> Planes:
         """Channels (3, H // px, W // px) of the frame taken in, in means of `px` by `px` pixels.
@@ -127,7 +127,7 @@ class ColourChange:
         Light is mixed in them as in pixels: what that misses goes with the noise squared, by the little mixed.
         """
         planes = self.tracker.means if px == self.tracker.px else means(self.rgb, px)
-        return planes if self.undo is None else undo_drift(planes, self.undo, self.tracker.power)
+        return planes if self.undo is None else undo_drift(planes, self.undo, power=self.tracker.power)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the mean untouched picture towards `rgb` by `share` of the difference, in place."""

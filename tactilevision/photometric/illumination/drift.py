@@ -266,7 +266,7 @@ def solid(touched: Bools) -> Bools:
     return np.asarray(cv2.dilate(whole, SOLID, anchor=(0, 0)) > 0)
 
 
-def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, power: int) -> Planes:
+def undo_drift(greys: Sequence[npt.NDArray[Any]] | npt.NDArray[Any], undo: Floats, *, power: int) -> Planes:
     """The `greys` (3, h, w), in grey levels, with the affine map `undo` (3, 4) used on their light."""
     light = np.asarray(greys, np.float32).reshape(3, -1)
     mix, stray = np.split(undo.astype(np.float32), [3], axis=1)

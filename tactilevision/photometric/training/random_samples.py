@@ -60,9 +60,12 @@ def _draw(first: int, rng: torch.Generator) -> tuple[Samples, Samples]:
     where = place * torch.tensor(SIZE_MM) / 2
     slopes = draw_slopes(BATCH, rng)
     raised = torch.cat([where, torch.rand(BATCH, EACH, 1, generator=rng)], -1)  # pressed gel lies up to 1 mm up
-    untouched = shade(scenes, where, torch.zeros_like(slopes))
-    level = expose(scenes, untouched, rng, averaged=AVERAGED)
-    pressed, still = expose(scenes, shade(scenes, raised, slopes), rng), expose(scenes, untouched, rng)
+    untouched = shade(scenes, where, slopes=torch.zeros_like(slopes))
+    level = expose(scenes, untouched, rng=rng, averaged=AVERAGED)
+    pressed, still = (
+        expose(scenes, shade(scenes, raised, slopes=slopes), rng=rng),
+        expose(scenes, untouched, rng=rng),
+    )
     usable = (level.amax(-1) < SATURATED) & (pressed.amax(-1) < SATURATED) & (level.amax(-1) > MIN_SIGNAL)
     scene = torch.arange(first, first + BATCH)[:, None].expand(-1, EACH)
 
