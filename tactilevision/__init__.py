@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TactilevisionError,
     )
     from tactilevision.exports.tiff import read_tiff, write_tiff
+    from tactilevision.force.calibrated import read_material
     from tactilevision.force.field import ForceField
     from tactilevision.live import Stream
     from tactilevision.mechanics.export import write_material
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         sensor_from_corners,
         sensor_from_grid,
     )
+    from tactilevision.shear.measure import read_untouched
     from tactilevision.synthetic import simulate
 
 _PLACES = {
@@ -75,6 +77,7 @@ _PLACES = {
         "read_tiff",
         "write_tiff",
     ),
+    "force.calibrated": ("read_material",),
     "force.field": ("ForceField",),
     "live": ("Stream",),
     "mechanics.export": ("write_material",),
@@ -118,6 +121,7 @@ _PLACES = {
         "sensor_from_corners",
         "sensor_from_grid",
     ),
+    "shear.measure": ("read_untouched",),
     "synthetic": ("simulate",),
 }
 _HOME = {name: place for place, names in _PLACES.items() for name in names}
@@ -160,8 +164,10 @@ __all__ = [
     "punch_curve",
     "read_folder",
     "read_frame",
+    "read_material",
     "read_recording",
     "read_tiff",
+    "read_untouched",
     "reconstruct_folder",
     "rectify",
     "save_rectification",

@@ -69,9 +69,17 @@ def test_public_names_are_no_modules_whatever_was_imported_first(order: str) -> 
     assert done.returncode == 0, f"seed {seed}: {done.stderr[-2000:]}"
 
 
-@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda p: p.stem)
-def test_examples_use_the_public_names_alone(example: Path) -> None:
-    assert re.findall(r"from (?:tactilevision|calibration)\.\S+ import .*", example.read_text()) == []
+PAGES = [ROOT / "README.md", *(p for p in (ROOT / "docs").rglob("*.md") if "evidence" not in p.parts)]
+
+
+@pytest.mark.parametrize("path", sorted([*PAGES, *(ROOT / "examples").glob("*.py")]), ids=lambda p: p.stem)
+def test_examples_and_pages_use_the_public_names_alone(path: Path) -> None:
+    assert re.findall(r"from (?:tactilevision|calibration)\.\S+ import .*", path.read_text()) == []
+    for package, names in re.findall(
+        r"^from (tactilevision|calibration) import ([^(\n]+)$", path.read_text(), re.M
+    ):
+        listed = {"tactilevision": tactilevision, "calibration": calibration}[package].__all__
+        assert set(re.split(r",\s*", names)) <= set(listed)
 
 
 def test_the_command_line_works_where_another_package_emptied_ours(tmp_path: Path) -> None:
