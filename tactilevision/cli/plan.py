@@ -41,7 +41,9 @@ def plan(
         float | None, typer.Option(help="nu is known beforehand with this std; left out: it is not.")
     ] = None,
     lubricated: Annotated[bool, typer.Option("--lubricated", help="The presses will be.")] = False,
-    repeats: Annotated[int, typer.Option(help="Presses of each height, for the forecast as given.")] = 3,
+    repeats: Annotated[
+        int | None, typer.Option(help="Presses of each height as given; left out: the recording's, or 3.")
+    ] = None,
     depth_noise: Annotated[float | None, typer.Option(help="Std of one press's depth, mm.")] = None,
     force_noise: Annotated[float | None, typer.Option(help="Std of one press's force, N.")] = None,
     gain_noise: Annotated[float | None, typer.Option(help="Std of one press's force, percent of it.")] = None,
@@ -69,7 +71,7 @@ def plan(
         indenters=_faces(
             design, _numbers("--radius", radius), _numbers("--heights", heights), edge_radius, height_std
         ),
-        repeats=repeats,
+        repeats=design.repeats if repeats is None else repeats,
         youngs_modulus_MPa=_range("--modulus", modulus, design.youngs_modulus_MPa),
         poisson_ratio=guess,
         noise=_noise(design.noise, depth_noise, force_noise, gain_noise),
@@ -112,6 +114,8 @@ def _read(path: Path) -> Design:
     noise = PressNoise(recording.depth_std_mm or TYPICAL_ZERO_MM, force[2] if force else TYPICAL_FORCE_N)
     nu = gel.poisson_ratio
     design = Design(gel, faces, noise=noise)
+    if recording.presses and faces:
+        design = replace(design, repeats=max(round(len(recording.presses) / len(recording.indenters)), 1))
     if nu is not None:
         design = replace(design, poisson_ratio=(nu, nu))
     wet = bool(recording.presses) and all(press.lubricated == 1 for press in recording.presses)
