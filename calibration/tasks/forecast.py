@@ -166,8 +166,9 @@ def check_design(design: Design) -> None:
     noise = design.noise
     _positive("the noise of depth", noise.depth_std_mm)
     _positive("the noise of force", noise.force_std_N)
-    if not (np.isfinite(noise.gain) and noise.gain >= 0):
-        raise InputError("the relative noise of force is 0 or more", where="plan", value=noise.gain)
+    _no_less_than_0("the relative noise of force", noise.gain)
+    _no_less_than_0("the standard deviation of the thickness", design.gel.thickness_std_mm)
+    _no_less_than_0("the standard deviation of nu", design.gel.poisson_ratio_std or 0.0)
     _check_faces(design)
 
 
@@ -175,9 +176,9 @@ def _check_faces(design: Design) -> None:
     for one in design.indenters:
         _positive("radius", one.radius_mm)
         _positive("step height", float("nan") if one.height_mm is None else one.height_mm)
-        for name, std in (("radius", one.radius_std_mm), ("height", one.height_std_mm)):
-            if not (np.isfinite(std) and std >= 0):
-                raise InputError(f"the standard deviation of a {name} is 0 or more", where="plan", value=std)
+        _no_less_than_0("the standard deviation of a radius", one.radius_std_mm)
+        _no_less_than_0("the standard deviation of a height", one.height_std_mm)
+        _no_less_than_0("the radius of an edge", one.edge_radius_mm or 0.0)
     for radius in design.radii_mm:
         heights = {one.height_mm for one in design.indenters if one.radius_mm == radius}
         if len(heights) < 2:
@@ -201,6 +202,11 @@ def _check_faces(design: Design) -> None:
 def _positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{name} lies above 0", where="plan", value=value)
+
+
+def _no_less_than_0(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value >= 0):
+        raise InputError(f"{name} is 0 or more", where="plan", value=value)
 
 
 def _margins(design: Design, modulus: float, nu: float) -> tuple[Margin, Margin, Margin]:

@@ -19,10 +19,11 @@ import numpy as np
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.tasks.forecast import Design, Forecast, check_design, forecast, forecast_fit
 from tactilevision.errors import InputError
-from tactilevision.records import Bools, Floats
+from tactilevision.records import Bools, Floats, Indenter
 
 MAX_REPEATS = 1000  # repeats of a face: what so many do not reach, no number does
 MAX_HEIGHTS = 8  # heights offered up to which every set of them is tried: 247 sets
+MAX_TRIED = 3  # sets of heights that are forecast whole: the first by their information
 NU_STDS = (0.01, 0.005, 0.003, 0.002, 0.001)  # std of nu that a remedy may ask for, the easiest first
 SMALLER_RADIUS = 0.6  # of the smallest radius: a second radius that the remedy offers
 
@@ -122,32 +123,33 @@ def least_repeats(design: Design, goal: Goal, *, most: int = MAX_REPEATS) -> For
     while high - low > 1:
         middle = (low + high) // 2
         found = _at(design, middle)
-        low, high, best = (low, middle, found) if goal.reached(found) else (middle, high, best)
+        if goal.reached(found):
+            high, best = middle, found
+        else:
+            low = middle
     return best
 
 
 def fewest_presses(whole: Forecast, goal: Goal) -> Forecast:
     """The set of heights, two at least of each radius, that reaches the goal with the fewest presses.
 
-    A set is taken to need the std of E, nu and c that all heights have where they reach the goal; the most
-    promising is then forecast whole, and kept if it needs fewer presses.
+    A set is taken to need the std of E (and of nu, where that has a goal) that all heights have where they reach
+    the goal; the most promising are then forecast whole, and kept where they need fewer presses.
     """
-    design = whole.design
+    design, count = whole.design, 1 if goal.poisson_ratio is None else 2
     fitted = forecast_fit(replace(design, repeats=1), design.youngs_modulus_MPa[0], design.poisson_ratio[0])
-    wanted = _stds(fitted, np.ones(len(design.indenters), dtype=bool), design.repeats)
+    wanted = _stds(fitted, np.ones(len(design.indenters), dtype=bool), design.repeats)[:count]
     best = whole
-    for _, heights, repeats in sorted(_promising(fitted, design, wanted))[:3]:
+    for _, heights in sorted(_promising(fitted, design, wanted))[:MAX_TRIED]:
         chosen = replace(design, indenters=_of_heights(design, heights))
         most = (best.design.presses - 1) // len(chosen.indenters)
-        if most < 1 or not goal.reached(found := _at(chosen, min(repeats, most))):
-            found = _at(chosen, most) if most > repeats else None
-        if found is not None and goal.reached(found):
-            best = least_repeats(chosen, goal, most=found.design.repeats) or found
+        found = least_repeats(chosen, goal, most=most) if most >= 1 else None
+        best = best if found is None else found
     return best
 
 
-def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[int, tuple[float, ...], int]]:
-    """(presses, heights, repeats) of each set of heights, by its information alone."""
+def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[int, tuple[float, ...]]]:
+    """(presses, heights) of each set of heights, by its information alone."""
     heights = design.heights_mm
     sizes = range(2, len(heights)) if len(heights) <= MAX_HEIGHTS else (2,)
     for size in sizes:
@@ -156,8 +158,8 @@ def _promising(fitted: Fit, design: Design, wanted: Floats) -> Iterator[tuple[in
             if any(sum(i.radius_mm == r for i in _of_heights(design, chosen)) < 2 for r in design.radii_mm):
                 continue
             for repeats in range(1, 1 + design.presses // int(rows.sum())):
-                if (_stds(fitted, rows, repeats) <= wanted * (1 + 1e-9)).all():
-                    yield repeats * int(rows.sum()), chosen, repeats
+                if (_stds(fitted, rows, repeats)[: wanted.size] <= wanted * (1 + 1e-6)).all():
+                    yield repeats * int(rows.sum()), chosen
                     break
 
 
@@ -172,7 +174,7 @@ def _stds(fitted: Fit, rows: Bools, repeats: int) -> Floats:
     return both[:2]
 
 
-def _of_heights(design: Design, heights: tuple[float, ...]) -> tuple[Any, ...]:
+def _of_heights(design: Design, heights: tuple[float, ...]) -> tuple[Indenter, ...]:
     return tuple(one for one in design.indenters if one.height_mm in heights)
 
 

@@ -107,9 +107,7 @@ def _read(path: Path) -> Design:
     gel = recording.sensor.gel
     if gel is None:
         raise InputError("the recording states no gel", where=path, remedy="Add [sensor.gel] to recording.toml.")
-    faces = tuple(
-        i for i in recording.indenters.values() if i.shape == "flat_cylinder" and i.height_mm is not None
-    )
+    faces = tuple(one for one in recording.indenters.values() if one.shape == "flat_cylinder")
     force = recording.force_std_N
     noise = PressNoise(recording.depth_std_mm or TYPICAL_ZERO_MM, force[2] if force else TYPICAL_FORCE_N)
     nu = gel.poisson_ratio
@@ -146,16 +144,16 @@ def _faces(
     edge_mm: float | None,
     height_std_mm: float | None,
 ) -> tuple[Indenter, ...]:
-    """A face for each radius and height; those of the recording where neither is given."""
+    """A face for each radius and height, else as the recording states it; its own where neither is given."""
     from tactilevision.records import Indenter
 
-    faces = design.indenters
+    stated = {one.radius_mm: one for one in design.indenters}
+    faces = tuple(one for one in design.indenters if one.height_mm is not None)
     if radii or heights:
-        radii, heights = radii or design.radii_mm, heights or design.heights_mm
-        std = max((face.height_std_mm for face in faces), default=0.0)
+        heights = heights or tuple(sorted({one.height_mm for one in faces if one.height_mm is not None}))
         faces = tuple(
-            Indenter(f"radius {a:g} height {h:g}", radius_mm=a, height_mm=h, height_std_mm=std)
-            for a in radii
+            replace(stated.get(a, Indenter("")), name=f"radius {a:g} height {h:g}", radius_mm=a, height_mm=h)
+            for a in radii or sorted(stated)
             for h in heights
         )
     if not faces:
