@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from calibration.tasks.calibrate import calibrate, observe
     from calibration.tasks.compare import compare
     from calibration.tasks.diagnose import diagnose
+    from calibration.tasks.forecast import Design, PressNoise
     from calibration.tasks.history import history
+    from calibration.tasks.plan import Goal, plan
     from calibration.tasks.validate import validate
 
 _PLACES = {
@@ -34,7 +36,9 @@ _PLACES = {
     "tasks.calibrate": ("calibrate", "observe"),
     "tasks.compare": ("compare",),
     "tasks.diagnose": ("diagnose",),
+    "tasks.forecast": ("Design", "PressNoise"),
     "tasks.history": ("history",),
+    "tasks.plan": ("Goal", "plan"),
     "tasks.validate": ("validate",),
 }
 _HOME = {name: place for place, names in _PLACES.items() for name in names}
@@ -42,11 +46,14 @@ _HOME = {name: place for place, names in _PLACES.items() for name in names}
 __all__ = [
     "EFFECTS",
     "LAWS",
+    "Design",
     "Effect",
     "EffectBase",
+    "Goal",
     "Measured",
     "Observations",
     "Parameter",
+    "PressNoise",
     "Stage",
     "State",
     "Viscoelasticity",
@@ -55,6 +62,7 @@ __all__ = [
     "diagnose",
     "history",
     "observe",
+    "plan",
     "validate",
 ]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, force, simulate, tabulate, train, validate, view
+from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -24,6 +24,7 @@ app.command("compare")(diagnose.compare)
 app.command("steps")(diagnose.steps)
 app.command("new-effect")(diagnose.new_effect)
 app.command("force")(force.force)
+app.command("plan")(plan.plan)
 app.command("validate")(validate.validate)
 app.command("tabulate")(tabulate.tabulate)
 app.command("train")(train.train)
