@@ -24,7 +24,7 @@ from calibration.model.composition import Model
 from calibration.noise.model import Noise
 from calibration.noise.reml import STATED_DOF
 from calibration.result.edge_allowance import allow_for_edge
-from calibration.tasks.calibrate import determine_material
+from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model
 from tactilevision.errors import InputError
 from tactilevision.records import Estimate, Floats, Gel, Indenter, Pair
@@ -129,9 +129,9 @@ def forecast(design: Design) -> Forecast:
     return Forecast(design, c, modulus, nu)
 
 
-def forecast_fit(design: Design, modulus_MPa: float, poisson_ratio: float) -> Fit:
+def forecast_fit(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Fit:
     """The fit that presses without errors would give for a gel of this E (MPa) and nu."""
-    data = forecast_data(design, modulus_MPa, poisson_ratio)
+    data = forecast_data(design, modulus_MPa, poisson_ratio=poisson_ratio)
     model = base_model(data)
     check(data)
     free = sum(not p.fixed and p.prior is None for p in model.parameters(data))
@@ -140,11 +140,11 @@ def forecast_fit(design: Design, modulus_MPa: float, poisson_ratio: float) -> Fi
     return fit(model, data, noise=noise, starts=_with_tolerances_at_rest(model, data, start))
 
 
-def forecast_data(design: Design, modulus_MPa: float, poisson_ratio: float) -> Observations:
+def forecast_data(design: Design, modulus_MPa: float, *, poisson_ratio: float) -> Observations:
     """One sample (N,) a face: depth (mm), and the law's force (N), with the noise of the mean of its repeats."""
     data = _faces(design)
     model = base_model(data)
-    about, _ = linearise(model, _truth(model, data, modulus_MPa, poisson_ratio), data)
+    about, _ = linearise(model, _truth(model, data, modulus_MPa, poisson_ratio), data=data)
     noise, root = design.noise, np.sqrt(design.repeats)
     return replace(
         data.with_force(about.force_N),
@@ -210,7 +210,7 @@ def _no_less_than_0(name: str, value: float) -> None:
 
 
 def _margins(design: Design, modulus: float, nu: float) -> tuple[Margin, Margin, Margin]:
-    found = allow_for_edge(determine_material(forecast_fit(design, modulus, nu)))
+    found = allow_for_edge(determine_material(forecast_fit(design, modulus, poisson_ratio=nu)))
     return _margin(found.c), _margin(found.youngs_modulus), _margin(found.poisson_ratio, relative=False)
 
 

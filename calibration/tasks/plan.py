@@ -137,7 +137,9 @@ def fewest_presses(whole: Forecast, goal: Goal) -> Forecast:
     the goal; the most promising are then forecast whole, and kept where they need fewer presses.
     """
     design, count = whole.design, 1 if goal.poisson_ratio is None else 2
-    fitted = forecast_fit(replace(design, repeats=1), design.youngs_modulus_MPa[0], design.poisson_ratio[0])
+    fitted = forecast_fit(
+        replace(design, repeats=1), design.youngs_modulus_MPa[0], poisson_ratio=design.poisson_ratio[0]
+    )
     wanted = _stds(fitted, np.ones(len(design.indenters), dtype=bool), design.repeats)[:count]
     best = whole
     for _, heights in sorted(_promising(fitted, design, wanted))[:MAX_TRIED]:

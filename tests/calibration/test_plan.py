@@ -32,7 +32,7 @@ def design(radii: tuple[float, ...] = (2.5,), heights: tuple[float, ...] = HEIGH
 
 def drawn_values(one: Design, count: int, rng: np.random.Generator) -> Floats:
     """E, nu and beta (count, p) of calibrations of drawn depths and forces of a gel of E = .2 MPa, nu = .48."""
-    clean, truth = forecast_data(one, 0.2, 0.48), forecast_fit(one, 0.2, 0.48).values
+    clean, truth = forecast_data(one, 0.2, poisson_ratio=0.48), forecast_fit(one, 0.2, poisson_ratio=0.48).values
     model, noise = base_model(clean), Noise(1.0)
     rows = []
     for _ in range(count):
