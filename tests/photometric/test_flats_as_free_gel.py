@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from lamp_room import SENSOR, ball, ball_pictures, flat, picture
 
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.recording.model import BallPress
 from tactilevision.records import Bytes
-
-sys.path.insert(0, str(Path(__file__).parent / "photometric"))
-from lamp_room import SENSOR, ball, ball_pictures, flat, picture
 
 
 def written(path: Path, rgb: Bytes) -> Path:

@@ -22,7 +22,7 @@ from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Frame, Pair
 from tactilevision.records.flags import BALLS, LIGHT, MEANING, MOVED, REFERENCE, add
 
-sys.path.insert(0, str(Path(__file__).parent / "photometric"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import LAMPS, MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, in_px, picture, places, presses
 
 SEED = 61

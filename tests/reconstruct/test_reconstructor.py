@@ -18,12 +18,12 @@ from tactilevision.reconstruct.untouched_frames import subtract_background, tare
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
-sys.path.insert(0, str(Path(__file__).parent / "photometric"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import MM_PER_PX, SENSOR, SHAPE, ball, ball_pictures, flat, picture, places, presses
 
 from tactilevision.uncertainty.steep_slope import hidden_step_mm
 
-REAL = Path(__file__).parents[2] / "shared" / "real"
+REAL = Path(__file__).parents[3] / "shared" / "real"
 
 
 @lru_cache
