@@ -38,6 +38,7 @@ def diagnose(
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
     seed: Seed = 0,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
@@ -48,6 +49,7 @@ def diagnose(
     from calibration.session import Step
     from calibration.tasks import diagnose as method
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
+    from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files import staged, write_json, write_text
 
     taken, bulge = _with_nu(take(recordings))
@@ -71,8 +73,9 @@ def diagnose(
         if apply:
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
-        pictures = evidence(found, surfaces, stage)
-        write_text(stage / "report.html", diagnosis_page(title, found, pictures, drawn_cards(found, own, stage)))
+        figures = FigureFolder(stage, form)
+        pictures = evidence(found, surfaces, figures)
+        write_text(stage / "report.html", diagnosis_page(title, found, pictures, drawn_cards(found, own, figures)))
     console.warn(found.after.warnings)
     console.say(*summary(found), f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
@@ -86,6 +89,7 @@ def compare(
     ] = None,
     private: Private = None,
     seed: Seed = 0,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
@@ -110,7 +114,7 @@ def compare(
         drawn = draw.draw_waterfall(
             names, [model.held_out_N for model in found.models], found.models[-1].repeatability_N
         )
-        style.save_png(drawn, stage / "error.png")
+        style.save_figure(drawn, stage / "error.png", form)
     console.say(*(_model_line(name, model) for name, model in zip(names, found.models, strict=True)))
     console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)

@@ -187,11 +187,14 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
             np.ma.masked_where(~height.valid, height.depth_mm),
             levels=np.linspace(0, top, 8)[1:-1],  # at 0 it would trace the noise
             colors="white",
-            linewidths=0.35,
+            linewidths=0.5,
             alpha=0.6,
             extent=extent_mm(height),
             origin="upper",
         )
+        _contour_entry(axes)
+    if not height.valid.all():
+        axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
     scale_bar(axes, height)
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
@@ -237,15 +240,24 @@ def overlay(axes: Axes, rgb: Bytes, height: HeightMap, footprint: Footprint | No
     if top > 0.02:
         levels = np.array([0.25, 0.5, 0.75]) * top
         depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(depth, levels=levels, colors="white", linewidths=0.5, extent=extent, origin="upper")
+        axes.contour(depth, levels=levels, colors="white", linewidths=0.7, extent=extent, origin="upper")
+        _contour_entry(axes)
     if footprint is not None:
         middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)
         turn = np.linspace(0, 2 * np.pi, 200)
         x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
         y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
-        axes.plot(x, y, color=style.ORANGE, lw=1.6)
+        axes.plot(x, y, color=style.ORANGE, lw=1.8, label="punch face")
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
+
+
+def _contour_entry(axes: Axes) -> None:
+    """What the legend says of white lines, which white paper would hide."""
+    from matplotlib.patheffects import withStroke
+
+    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
+    axes.plot([], [], color="white", lw=1.4, path_effects=edge, label="contours of the depth")
 
 
 def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
@@ -265,7 +277,7 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
         color=colour,
         ha="center",
         va="bottom",
-        fontsize=8,
+        fontsize=9,
         path_effects=rim,
     )
 
