@@ -242,7 +242,7 @@ def draw_sighting(seen: Sighting) -> Figure:
 
 @style.house_look
 def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
-    """The mean residual height map about the punch's axis; white where nothing is compared."""
+    """The mean residual height map about the punch's axis; grey where nothing is compared."""
     figure, (axes,) = style.new_figure(5.6, 4.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))
     image = axes.pcolormesh(
@@ -250,11 +250,14 @@ def draw_residual_map(residual_mm: Floats, axis: Floats, count: int) -> Figure:
     )
     axes.invert_yaxis()
     axes.set_aspect("equal")
+    axes.set_facecolor(style.INVALID)
+    axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="not compared")
+    style.legend_below(figure)
     axes.grid(False)
     axes.set(
         xlabel="x (punch radii)",
         ylabel="y (punch radii)",
-        title=f"measured − expected (white: not compared), mean of {count} presses",
+        title=f"measured − expected, mean of {count} presses",
     )
     figure.colorbar(image, ax=axes, label="depth (µm)", shrink=0.85)
     return figure

@@ -48,7 +48,6 @@ class FittedLine:
 def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "") -> Figure:
     """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
     figure, (force, stiffness, rest, corner) = style.new_figure(style.WIDTH_IN, 5.4, rows=2, columns=2)
-    corner.set_axis_off()  # it holds the legend of all
     strain = cloud.depth_mm / cloud.thickness_mm
     secant = cloud.force_N / cloud.depth_mm
     secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / np.abs(cloud.depth_mm)
@@ -71,7 +70,7 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
     force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
     stiffness.set(xlabel="w / h", ylabel="P / w (N/mm)", title="The line that gives c and β")
     rest.set(xlabel="w / h", ylabel="measured − fitted (mN)", title="What the fit leaves")
-    corner.legend(*force.get_legend_handles_labels(), loc="center left")
+    style.legend_below(figure, corner=corner)
     return figure
 
 
@@ -81,7 +80,7 @@ def scatter(
     """Points with bars; those that were left out of the fit are hollow."""
     what = ", and 95 % interval" if cloud.bars else ""
     for mask, colour, face, label in (
-        (cloud.used, style.BLUE, style.BLUE, "accepted" + what),
+        (cloud.used, "black", "black", "accepted" + what),
         (~cloud.used, style.GREY, "white", "rejected" + what),
     ):
         kept = mask & np.isfinite(x) & np.isfinite(y)

@@ -40,7 +40,7 @@ def draw_joint(
         y, colour = floor + (place + 0.6) * ROW * height, colours.get(name, style.GREY)
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
         if used:
-            axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν by {words}")
+            axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν, {words}")
         if bar[0] == bar[1]:  # an arrow at the edge says where it lies
             words += f": {low:.3f} to {high:.3f}, off the picture"
             inwards = 0.012 * (right - left) * (1 if high <= left else -1)

@@ -92,16 +92,26 @@ def new_quad(width_in: float, height_in: float, *, legend_in: float) -> tuple[Fi
     return figure, list(figure.subplots(2, 2, squeeze=False).ravel())
 
 
-def legend_below(figure: Figure, *, columns: int = 3) -> None:
-    """One legend under all axes: each label once, whichever axes it stands in."""
+def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None) -> None:
+    """One legend of all axes, each label once: under them, or in a `corner` that is left empty for it."""
+    from matplotlib.lines import Line2D
+
     entries = {
         label: handle
         for axes in figure.axes
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
-    if entries:
-        figure.legend(list(entries.values()), list(entries), loc=place, ncols=columns)
+    if not entries:
+        return
+    if corner is None:
+        legend = figure.legend(list(entries.values()), list(entries), loc=place, ncols=columns)
+    else:
+        corner.set_axis_off()
+        legend = corner.legend(list(entries.values()), list(entries), loc="center left")
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
 
 
 def save_figure(figure: Figure, path: Path | str, form: str = "png") -> None:
