@@ -73,6 +73,7 @@ class _Stage:
         )
         self.figure.colorbar(self.depth, ax=self.above, label="depth into the gel (mm)")
         scale_bar(self.above, first)
+        self.above.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
         for axes in (self.frame, self.above):
             axes.grid(False)
             axes.set(xticks=[], yticks=[])

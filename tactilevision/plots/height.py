@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @style.house_look
 def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     """The map from above with contours, scale bar and colour bar, and two cuts through its deepest place."""
-    figure, axes = style.new_figure(10, 4.2, columns=2)
+    figure, axes = style.new_figure(style.WIDTH_IN, 3.4, columns=2)
     above, cuts = axes
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
@@ -29,13 +29,14 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     row, column = deepest_place(height)
     cut_lines(cuts, height, row, column)
     _mark_cuts(above, height, row, column)
+    style.legend_below(figure)
     return figure
 
 
 @style.house_look
 def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
     """The rectified frame with the depth's contours, the depth from above, and two cuts: one strip."""
-    figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
+    figure, (frame, above, cuts, corner) = style.new_figure(style.WIDTH_IN, 5.6, rows=2, columns=2)
     overlay(frame, rgb, height, None)
     frame.set_title(titled(height, title or height.name))
     image = depth_image(above, height)
@@ -44,13 +45,14 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
     cut_lines(cuts, height, row, column)
     _mark_cuts(above, height, row, column)
     above.set_title("Depth of the gel's surface")
+    style.legend_below(figure, corner=corner)
     return figure
 
 
 @style.house_look
 def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     """Which way the surface faces: its tilt in degrees, arrows towards the depth; the gel lit from above left."""
-    figure, (tilt, lit) = style.new_figure(10, 4.2, columns=2)
+    figure, (tilt, lit) = style.new_figure(style.WIDTH_IN, 3.2, columns=2)
     depth = np.where(height.valid, height.depth_mm, np.nan)
     down_x, down_y = (
         np.gradient(depth, height.mm_per_px[0], axis=1),
@@ -127,6 +129,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, footprint: Footprint | None, *, 
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height, footprint)
     axes.set_title(titled(height, title or height.name))
+    style.legend_below(figure)
     return figure
 
 
@@ -213,11 +216,10 @@ def cut_lines(axes: Axes, height: HeightMap, row: int, column: int) -> None:
         axes.plot(place, depth, color=colour, label=label)
         if height.std_mm is not None:
             std = height.std_mm[where]
-            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0)
+            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0, label=f"std {label}")
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.invert_yaxis()
     axes.set(xlabel="place (mm)", ylabel="depth into the gel (mm)", title="Cuts through the deepest place")
-    axes.legend(loc="lower right")
 
 
 def _mark_cuts(axes: Axes, height: HeightMap, row: int, column: int) -> None:

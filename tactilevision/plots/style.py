@@ -101,14 +101,16 @@ def legend_below(figure: Figure, *, columns: int = 3, corner: Axes | None = None
         for axes in figure.axes
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    place = "lower center" if figure.get_layout_engine() is None else "outside lower center"
     if not entries:
         return
-    if corner is None:
-        legend = figure.legend(list(entries.values()), list(entries), loc=place, ncols=columns)
-    else:
+    handles, labels = list(entries.values()), list(entries)
+    if corner is not None:
         corner.set_axis_off()
-        legend = corner.legend(list(entries.values()), list(entries), loc="center left")
+        legend = corner.legend(handles, labels, loc="center left")
+    elif figure.get_layout_engine() is None:
+        legend = figure.legend(handles, labels, loc="lower center", ncols=columns)
+    else:
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set(markersize=max(handle.get_markersize(), 5), alpha=1)  # small dots of a cloud
