@@ -223,7 +223,7 @@ def draw() -> None:
     """The published line among finite elements, and nu as the route reads it from gels of nu = .4797."""
     from tactilevision.plots import style
 
-    style.save_png(_figure(), DOCS / "evidence" / "five_points.png")
+    style.save_figure(_figure(), DOCS / "evidence" / "five_points.png")
 
 
 def _figure() -> Figure:

@@ -154,8 +154,8 @@ def sighting(found: Diagnosis) -> Sighting | None:
         against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
     if data.slopes is not None:
         against += [
-            ("slope beside the face", data.slopes.slope),
-            ("azimuth beside the face (degrees, 90 is down)", data.slopes.azimuth_deg),
+            ("slope beside the punch face (mm/mm)", data.slopes.slope),
+            ("azimuth beside the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
     return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))

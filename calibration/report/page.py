@@ -21,7 +21,12 @@ div.card::after { content: ""; display: block; clear: both; }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
 th { font-weight: 600; } td.number { text-align: right; white-space: nowrap; }
-figure { margin: .8rem 0; } figure img { max-width: 100%; height: auto; } figcaption { color: var(--soft); }
+figure { margin: .8rem 0; } figcaption { color: var(--soft); }
+figure img { max-width: min(100%, 45rem); height: auto; cursor: zoom-in; }
+figure input { position: absolute; opacity: 0; }
+figure input:focus-visible + img { outline: 2px solid var(--soft); }
+@media screen { figure input:checked + img { position: fixed; inset: 0; z-index: 1; width: 100vw; height: 100vh;
+       max-width: none; object-fit: contain; background: white; cursor: zoom-out; } }
 ul { padding-left: 1.2rem; } code { font-size: .92em; }
 """
 
@@ -64,9 +69,13 @@ def listing(items: Sequence[str]) -> str:
 
 
 def figure(data_uri: str, caption: str) -> str:
-    """A picture with words under it, which are its text for readers who do not see it, too."""
+    """A picture with words under it, which are its text for readers who do not see it, too; a click enlarges it.
+
+    The click ticks an unseen box, so that neither a script nor a second copy of the picture is needed.
+    """
     text = escape(caption)
-    return f'<figure><img src="{data_uri}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+    image = f'<label><input type="checkbox" aria-label="enlarge"><img src="{data_uri}" alt="{text}"></label>'
+    return f"<figure>{image}<figcaption>{text}</figcaption></figure>"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequence[int] = ()) -> str:

@@ -15,6 +15,7 @@ from tactilevision.cli.measure import Taken, beside_the_punch, take
 
 if TYPE_CHECKING:
     from calibration.result.result import CalibrationResult
+    from tactilevision.cli.pictures import FigureFolder
     from tactilevision.errors import TactilevisionError
 
 
@@ -42,6 +43,7 @@ def calibrate(
         LawName,
         typer.Option(help="default: kappa from first principles at the true a/h; paper: the published route."),
     ] = LawName.DEFAULT,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Certify each press, then fit Young's modulus and Poisson's ratio; writes tables, JSON and a report.
@@ -49,20 +51,21 @@ def calibrate(
     Of several recordings the newest one's result stands in OUT itself, each older one's in a folder of its own;
     history.csv says whether the gel has changed.
     """
+    from tactilevision.cli import pictures
     from tactilevision.files import plain_name, staged
 
     outcomes = [_calibrate_one(taken, law.value) for taken in take(recordings)]
     with staged(out) as stage:
-        _write(outcomes[-1], stage)
+        _write(outcomes[-1], stage, form)
         if not _holds_a_recording(out):
             _describe(outcomes[-1].taken, stage)
         for number, outcome in enumerate(outcomes[:-1], start=1):
             older = f"{number:02d}_{plain_name(outcome.taken.recording.name)}"
-            _write(outcome, stage / older)
+            _write(outcome, stage / older, form)
             if not _holds_a_recording(out / older):
                 _describe(outcome.taken, stage / older)
         if sum(outcome.result is not None for outcome in outcomes) > 1:
-            _write_history(outcomes, law.value, stage)
+            _write_history(outcomes, law.value, pictures.FigureFolder(stage, form))
         earlier = _left_by_an_earlier_run(out, stage)
     for path in earlier:
         path.unlink(missing_ok=True)
@@ -100,7 +103,7 @@ def _unfixed(taken: Taken, law: str, why: str) -> dict[str, Any]:
     return unfixed_as_json(gel, taken.points, why=why, law=law, clock_offset=clock, warnings=warnings)
 
 
-def _write(outcome: Outcome, folder: Path) -> None:
+def _write(outcome: Outcome, folder: Path, form: str) -> None:
     from calibration.report.report import calibration_page
     from tactilevision.cli import pictures
     from tactilevision.files import write_json, write_text
@@ -114,9 +117,10 @@ def _write(outcome: Outcome, folder: Path) -> None:
         write_curves(folder, certificate.curves)
     write_json(folder / "calibration.json", outcome.content)
     with console.progress_bar("drawing") as progress:
-        fits = pictures.of_fit(result, taken.points, folder=folder) if result is not None else []
+        figures = pictures.FigureFolder(folder, form)
+        fits = pictures.of_fit(result, taken.points, folder=figures) if result is not None else []
         presses = (
-            pictures.of_presses(recording, certificate, folder=folder, progress=progress) if certificate else []
+            pictures.of_presses(recording, certificate, folder=figures, progress=progress) if certificate else []
         )
     notes = [*recording.warnings, *(certificate.warnings if certificate else ())]
     title, why = f"Calibration of {recording.name}", str(outcome.fault)
@@ -132,8 +136,9 @@ def _left_by_an_earlier_run(out: Path, stage: Path) -> list[Path]:
     """
     if not (out / "calibration.json").exists():
         return []
-    names = ["fit.png", "material.png", "history.csv", "history.png"]
-    names += [f"presses/{path.name}" for path in (out / "presses").glob("*.png")]
+    forms = [one.value for one in console.FigureFormat]
+    names = ["history.csv", *(f"{name}.{form}" for name in ("fit", "material", "history") for form in forms)]
+    names += [f"presses/{path.name}" for form in forms for path in (out / "presses").glob(f"*.{form}")]
     if not _holds_a_recording(out):
         names += ["points.csv", "curves.csv"]
     return [out / name for name in names if not (stage / name).exists()]
@@ -155,15 +160,15 @@ def _describe(taken: Taken, folder: Path) -> None:
     write_settings(replace(taken.recording, path=folder, sensor=sensor))
 
 
-def _write_history(outcomes: Sequence[Outcome], law: str, folder: Path) -> None:
+def _write_history(outcomes: Sequence[Outcome], law: str, figures: FigureFolder) -> None:
     from calibration.tasks.history import history
     from tactilevision.cli import pictures
     from tactilevision.recording import write_table
 
     rows = history([outcome.taken.measured for outcome in outcomes if outcome.result is not None], law=law)
     flat = [row.as_row() for row in rows]
-    write_table(folder / "history.csv", {column: [row[column] for row in flat] for column in flat[0]})
-    pictures.of_history(rows, folder)
+    write_table(figures.path / "history.csv", {column: [row[column] for row in flat] for column in flat[0]})
+    pictures.of_history(rows, figures)
     for row in rows:
         moved = "has moved" if row.moved else "no change that can be told"
         console.say(f"{row.date} {row.recording}: stiffness {100 * row.change:+.1f} % since the first, {moved}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -13,7 +14,22 @@ import typer
 from tactilevision.errors import TactilevisionError
 from tactilevision.files import write_json
 
+
+class FigureFormat(StrEnum):
+    """The forms of plots.style.FORMS, which is not imported before something is drawn."""
+
+    PNG = "png"
+    SVG = "svg"
+    PDF = "pdf"
+
+
 OutOption = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.")]
+FormatOption = Annotated[
+    FigureFormat,
+    typer.Option(
+        "--format", help="Write each figure in this form, too; PNG is always written, and in the report."
+    ),
+]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them

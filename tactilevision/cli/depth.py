@@ -160,5 +160,5 @@ def _draw(
         height = anchor(reconstructor.height_map(frame))
         figure = draw_height_and_frame(reconstructor.rectified(frame), height)
         path = folder / f"{Path(frame.name).stem}_depth.png"
-        style.save_png(figure, path)
+        style.save_figure(figure, path)
         console.say(f"wrote {path}")

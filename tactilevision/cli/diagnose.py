@@ -14,6 +14,7 @@ from tactilevision.cli import console
 from tactilevision.cli.measure import beside_the_punch, take
 
 if TYPE_CHECKING:
+    from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
     from calibration.session import Step
@@ -38,16 +39,17 @@ def diagnose(
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
     seed: Seed = 0,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     import numpy as np
 
-    from calibration.effects import written
     from calibration.report.diagnosis_report import diagnosis_page, summary
     from calibration.session import Step
     from calibration.tasks import diagnose as method
     from tactilevision.cli.findings import drawn_cards, evidence, reliefs
+    from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files import staged, write_json, write_text
 
     taken, bulge = _with_nu(take(recordings))
@@ -56,13 +58,7 @@ def diagnose(
         found = method.diagnose(
             _data(taken), np.random.default_rng(seed), effects=own, known=_known(known), bulge=bulge
         )
-    steps = [Step(key, "") for key in known or ()]
-    named = {e.key: e for e in found.fitted.model.effects}
-    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
-    steps += [
-        Step(written(named[key]), _path_of(key, own, private), errors.before, errors.after, *held, errors.floor)
-        for key, held in zip(added, pairwise(found.held_out), strict=True)
-    ]
+    steps = [*(Step(key, "") for key in known or ()), *_steps(found, own, private)]
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
@@ -71,14 +67,28 @@ def diagnose(
         if apply:
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
-        pictures = evidence(found, surfaces, folder=stage)
+        figures = FigureFolder(stage, form)
+        pictures = evidence(found, surfaces, folder=figures)
         write_text(
             stage / "report.html",
-            diagnosis_page(title, found, figures=pictures, cards=drawn_cards(found, own, folder=stage)),
+            diagnosis_page(title, found, figures=pictures, cards=drawn_cards(found, own, folder=figures)),
         )
     console.warn(found.after.warnings)
     console.say(*summary(found), f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
+
+
+def _steps(found: Diagnosis, own: Sequence[Effect], private: Sequence[Path] | None) -> list[Step]:
+    """A step for each effect that was added, with the errors before and after it."""
+    from calibration.effects import written
+    from calibration.session import Step
+
+    named = {e.key: e for e in found.fitted.model.effects}
+    errors, added = found.errors, [e.key for e in found.effects if e.key in named]
+    return [
+        Step(written(named[key]), _path_of(key, own, private), errors.before, errors.after, *held, errors.floor)
+        for key, held in zip(added, pairwise(found.held_out), strict=True)
+    ]
 
 
 def compare(
@@ -89,6 +99,7 @@ def compare(
     ] = None,
     private: Private = None,
     seed: Seed = 0,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
@@ -113,7 +124,7 @@ def compare(
         drawn = draw.draw_waterfall(
             names, [model.held_out_N for model in found.models], repeatability_N=found.models[-1].repeatability_N
         )
-        style.save_png(drawn, stage / "error.png")
+        style.save_figure(drawn, stage / "error.png", form=form)
     console.say(*(_model_line(name, model) for name, model in zip(names, found.models, strict=True)))
     console.say(*left_out, f"wrote {out / 'comparison.json'} and {out / 'error.png'}")
     console.hand_over(found.as_json(), json)

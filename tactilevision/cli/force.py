@@ -152,15 +152,15 @@ def _figures(
     for number in moments.telling(recording, strength, most=most):
         solved = job.solve(read_frame(recording, number))
         figure = draw.draw_force(solved.found, solved.height, shear=solved.shear)
-        style.save_png(figure, folder / f"{Path(rows[number].frame).stem}_force.png")
+        style.save_figure(figure, folder / f"{Path(rows[number].frame).stem}_force.png")
     best = int(np.nanargmax(strength)) if np.isfinite(strength).any() else -1
     if best >= 0 and strength[best] > 0:
         solved = job.solve(read_frame(recording, best))
         said = _sensitivity(job, solved.found, job.sensitivity(solved), folder)
-    style.save_png(resultants.draw_resultants(rows, recording.presses), folder / "resultants.png")
+    style.save_figure(resultants.draw_resultants(rows, recording.presses), folder / "resultants.png")
     found = _left(rows)
     if found is not None:
-        style.save_png(resultants.draw_residuals(found), folder / "residuals.png")
+        style.save_figure(resultants.draw_residuals(found), folder / "residuals.png")
     console.say(f"figures are in {folder}")
     return said
 
@@ -173,7 +173,7 @@ def _sensitivity(
 
     if not ranges:
         return []
-    style.save_png(draw.draw_sensitivity(found, ranges), folder / "sensitivity.png")
+    style.save_figure(draw.draw_sensitivity(found, ranges), folder / "sensitivity.png")
     said = [entry.as_json(found) for entry in ranges]
     for entry in said:
         low, high = entry["change_percent"]

@@ -1,8 +1,9 @@
-"""The pictures of a calibration, written as PNG and handed to the report."""
+"""The pictures of a calibration, written into its folder and handed to the report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,22 +23,36 @@ if TYPE_CHECKING:
     from tactilevision.records import CertifiedPoint
 
 
-def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: Path) -> list[Picture]:
+@dataclass(frozen=True, slots=True)
+class FigureFolder:
+    """Where the figures of a report go: each as PNG, and in `form` beside it where that is another."""
+
+    path: Path
+    form: str = "png"
+
+    def keep(self, figure: Figure, name: str, *, caption: str = "") -> Picture:
+        """Write a figure as NAME.png, and give it to the report."""
+        path = self.path / name
+        style.save_figure(figure, path, form=self.form)
+        return Picture(style.data_uri(path), caption)
+
+
+def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folder: FigureFolder) -> list[Picture]:
     """Force against depth with the fitted law, and E over nu."""
     from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
     drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
     words = "Certified points and the fitted law; bars and bands are 95 % intervals."
-    return [keep(drawn, folder / "fit.png", caption=words), _material(result, folder / "material.png")]
+    return [folder.keep(drawn, "fit.png", caption=words), _material(result, folder)]
 
 
-def _material(result: CalibrationResult, path: Path) -> Picture:
+def _material(result: CalibrationResult, folder: FigureFolder) -> Picture:
     """E over nu: the joint region and the routes where there are any, else the curve with its intervals."""
     words = "One punch fixes the curve; what is known of ν picks the part of it."
     if not result.routes:
         plain = (result.youngs_modulus_of_nu, result.youngs_modulus, result.poisson_ratio)
-        return keep(indentation.draw_material(*plain), path, caption=words)
+        return folder.keep(indentation.draw_material(*plain), "material.png", caption=words)
     from calibration.result.joint_region import joint_picture
     from tactilevision.plots.joint import draw_joint
 
@@ -45,11 +60,12 @@ def _material(result: CalibrationResult, path: Path) -> Picture:
     routes = [(band.name, band.interval, band.used) for band in seen.bands]
     words += " The region holds both at 95 %; where friction is unknown it reaches down to a gel that sticks,"
     words += " where no edge is stated up to a rounded one."
-    return keep(draw_joint(seen.curve, seen.region, best=seen.best, routes=routes), path, caption=words)
+    drawn = draw_joint(seen.curve, seen.region, best=seen.best, routes=routes)
+    return folder.keep(drawn, "material.png", caption=words)
 
 
 def of_presses(
-    recording: Recording, certificate: Certificate, *, folder: Path, progress: Progress
+    recording: Recording, certificate: Certificate, *, folder: FigureFolder, progress: Progress
 ) -> list[Picture]:
     """One strip for each press that left evidence."""
     from tactilevision.errors import RecordingError
@@ -68,12 +84,9 @@ def of_presses(
                     rgb = None  # a torn frame has no picture; the strip says so
             figure = draw_press(evidence, point, rgb=rgb)
             words = "; ".join(finding.text for finding in evidence.findings)
+            name = f"presses/{picture_name(point.press, number)}"
             pictures.append(
-                keep(
-                    figure,
-                    folder / "presses" / picture_name(point.press, number),
-                    caption=f"Press {point.press}: " + (words or "nothing against it."),
-                )
+                folder.keep(figure, name, caption=f"Press {point.press}: " + (words or "nothing against it."))
             )
         progress(number, len(certificate.points))
     return pictures
@@ -85,16 +98,10 @@ def picture_name(label: str, number: int) -> str:
     return f"{plain}.png" if plain == label else f"{number:03d}_{plain}.png"
 
 
-def of_history(rows: Sequence[HistoryRow], folder: Path) -> None:
+def of_history(rows: Sequence[HistoryRow], folder: FigureFolder) -> None:
     """E over time."""
     names = [row.date or row.recording for row in rows]
     drawn = indentation.draw_history(
         names, [row.youngs_modulus for row in rows], moved=[row.moved for row in rows]
     )
-    style.save_png(drawn, folder / "history.png")
-
-
-def keep(figure: Figure, path: Path, *, caption: str) -> Picture:
-    """Write a figure and give it to the report."""
-    style.save_png(figure, path)
-    return Picture(style.data_uri(path), caption)
+    folder.keep(drawn, "history.png")

@@ -82,8 +82,8 @@ def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:
     also: tuple[str, ...] = (".onnx", ".json") if network else (".json",)
     if method.card.other.get("held_out_balls"):
         from tactilevision.plots.depth_report import draw_depth_report
-        from tactilevision.plots.style import save_png
+        from tactilevision.plots.style import save_figure
 
-        save_png(draw_depth_report(method.card.other), path.with_suffix(".png"))
+        save_figure(draw_depth_report(method.card.other), path.with_suffix(".png"))
         also += (".png",)
     console.say("wrote " + ", ".join(str(path.with_suffix(suffix)) for suffix in (".npz", *also)))

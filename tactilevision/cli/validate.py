@@ -27,6 +27,7 @@ def validate(
         Path | None,
         typer.Option(help="calibration.json with E and nu; else the one in PATH, else it is calibrated first."),
     ] = None,
+    form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
     """Compare with finite elements at the measured forces and depths, for each friction and law.
@@ -47,7 +48,7 @@ def validate(
     content = report.as_json(found)
     with staged(out) as stage:
         write_json(stage / "validation.json", content)
-        _draw(found, stage)
+        _draw(found, stage, form)
     for law in dict.fromkeys(one.law for one in found.comparisons):
         console.say(*report.table(found, law), "")
     console.say(*report.statements(found), *(f"assumed: {line}" for line in found.assumptions))
@@ -83,7 +84,7 @@ def _middle(interval: Pair | None, modulus_of_nu: Sequence[Pair]) -> Material:
     return Material(float(np.interp(nu, nus, moduli)), min(nu, 0.4999))
 
 
-def _draw(found: Validation, folder: Path) -> None:
+def _draw(found: Validation, folder: Path, form: str) -> None:
     from tactilevision.plots import style
     from tactilevision.plots.validation import Panel, Series, draw_validation
 
@@ -102,4 +103,4 @@ def _draw(found: Validation, folder: Path) -> None:
                 if one.law == law
             ]
             panels.append(Panel(law.title(), samples.depth_mm, measured, series))
-        style.save_png(draw_validation(panels, quantity, title=title), folder / f"{name}.png")
+        style.save_figure(draw_validation(panels, quantity, title=title), folder / f"{name}.png", form=form)

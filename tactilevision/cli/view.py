@@ -73,7 +73,7 @@ def view(
         figures["terms"] = draw_terms(height, told)
     for name, figure in figures.items():
         path_out = out / f"{Path(height.name).stem}_{name}.png"
-        style.save_png(figure, path_out)
+        style.save_figure(figure, path_out)
         console.say(f"wrote {path_out}")
     for form in export or []:
         console.say(f"wrote {write(height, out, form=form)}")

@@ -70,20 +70,22 @@ class Sighting:
 @style.house_look
 def draw_residuals(panels: Sequence[Panel]) -> Figure:
     """What the model leaves against each covariate, the most telling first; bins with 95 % bands of their mean."""
-    columns = min(4, max(len(panels), 1))
+    columns = min(2, max(len(panels), 1))
     rows = max(1, -(-len(panels) // columns))
-    figure, axes = style.new_figure(3.1 * columns, 2.4 * rows, rows=rows, columns=columns)
+    figure, axes = style.new_figure(style.WIDTH_IN, 0.5 + 2.2 * rows, rows=rows, columns=columns)
     for place, panel in zip(axes, panels, strict=False):
         _panel(place, panel)
     for place in axes[len(panels) :]:
         place.set_axis_off()
+    style.legend_below(figure, columns=2)
     return figure
 
 
 def _panel(axes: Axes, panel: Panel) -> None:
     telling = panel.p_adjusted < 0.05
     few = panel.values.size < 60
-    axes.plot(panel.values, panel.residual, ".", ms=6 if few else 2, color=style.GREY, alpha=0.8 if few else 0.35)
+    size, pale = (6, 0.8) if few else (2, 0.35)
+    axes.plot(panel.values, panel.residual, ".", ms=size, color=style.GREY, alpha=pale, label="single readings")
     for low, high in _bins(panel.values):
         inside = (panel.values >= low) & (panel.values <= high)
         count = np.count_nonzero(inside)
@@ -97,13 +99,14 @@ def _panel(axes: Axes, panel: Panel) -> None:
             fmt="o",
             ms=5,
             color=style.RED if telling else style.BLUE,
+            label=f"mean of a bin, 95 %: {'a pattern' if telling else 'may be chance'}",
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
     p = f"p = {panel.p_adjusted:.2g}" if panel.p_adjusted > 1e-300 else "p < 1e-300"
     axes.set_title(
         f"{'depends on' if telling else 'no pattern in'} {panel.name} ({p})",
         color=style.RED if telling else "black",
-        fontsize=8.5,
+        fontsize=9,
     )
     axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
 
@@ -119,11 +122,11 @@ def _bins(values: Floats) -> list[tuple[float, float]]:
 @style.house_look
 def draw_offsets(shown: Offsets) -> Figure:
     """Each press's own offset in order; what cannot belong to the others in red, with its name."""
-    figure, (axes,) = style.new_figure(8.0, 3.0)
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.6)
     odd, place = np.array(shown.odd), np.arange(len(shown.labels))
-    axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.RED, style.GREY), lw=1.2)
-    axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE)
-    axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED)
+    axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.RED, style.BLUE), lw=1.2)
+    axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE, label="like the others")
+    axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED, label="cannot be one of them")
     for k in place[odd]:
         axes.annotate(shown.labels[k], (k, shown.offset_um[k]), xytext=(7, 0), textcoords="offset points",
                       color=style.RED, weight="bold", va="center")  # fmt: skip
@@ -141,20 +144,21 @@ def draw_offsets(shown: Offsets) -> Figure:
     step = -(-len(place) // 20)
     axes.set_xticks(place[::step], shown.labels[::step], rotation=45, ha="right")
     axes.margins(y=0.15)
-    axes.set(xlabel="press, in order", ylabel="own offset of depth (um)", title="Each press's own offset")
+    axes.set(xlabel="press, in order", ylabel="own offset of depth (µm)", title="Each press's own offset")
+    style.legend_below(figure)
     return figure
 
 
 @style.house_look
 def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], *, repeatability_N: float) -> Figure:
     """The held-out error from the base model to the last effect added, and the repeatability."""
-    figure, (axes,) = style.new_figure(1.8 + 1.5 * len(names), 3.2)
+    figure, (axes,) = style.new_figure(min(2.6 + 1.2 * len(names), style.WIDTH_IN), 3.6)
     bars = axes.bar(range(len(names)), 1e3 * np.array(held_out_N), color=style.BLUE, width=0.6)
     bars[0].set_color(style.GREY)
-    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=8)
+    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
     if np.isfinite(repeatability_N):
         axes.axhline(1e3 * repeatability_N, color=style.RED, ls="--", lw=1.2, label="repeatability")
-        axes.legend(loc="upper right")
+        style.legend_below(figure)
     axes.set_xticks(
         range(len(names)), [f"+ {n}" if k else n for k, n in enumerate(names)], rotation=15, ha="right"
     )
@@ -169,13 +173,13 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
 
     Below 3 they look alike.
     """
-    size = 1.6 + 0.75 * len(keys)
+    size = min(1.8 + 0.75 * len(keys), style.WIDTH_IN - 1.2)
     figure, (axes,) = style.new_figure(size + 1.2, size)
     image = axes.imshow(np.minimum(separation, 9), cmap="cividis_r", vmin=0, vmax=9)
     for (row, column), value in np.ndenumerate(separation):
         text = "–" if row == column else f"{value:.1f}"
         axes.text(
-            column, row, text, ha="center", va="center", fontsize=8, color="white" if value > 4.5 else "black"
+            column, row, text, ha="center", va="center", fontsize=9, color="white" if value > 4.5 else "black"
         )
     names = [key.replace("_", " ") for key in keys]
     axes.set_xticks(range(len(keys)), names, rotation=35, ha="right")
@@ -191,10 +195,10 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
 @style.house_look
 def draw_overlay(overlay: Overlay) -> Figure:
     """A candidate's predicted residual as a line over the measured one."""
-    figure, (axes,) = style.new_figure(4.2, 2.6)
+    figure, (axes,) = style.new_figure(5.2, 3.6)
     order = np.argsort(overlay.values)
     axes.errorbar(overlay.values, overlay.residual, yerr=overlay.error, fmt="o", ms=4, color=style.GREY,
-                  label="what the base model leaves")  # fmt: skip
+                  label="what the base model leaves, 95 %")  # fmt: skip
     axes.plot(
         overlay.values[order],
         overlay.predicted[order],
@@ -204,46 +208,59 @@ def draw_overlay(overlay: Overlay) -> Figure:
     )
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.set(xlabel=f"{overlay.name} ({overlay.unit})" if overlay.unit else overlay.name, ylabel="residual / std")
-    axes.legend(fontsize=7.5)
+    style.legend_below(figure, columns=1)
     return figure
 
 
 @style.house_look
 def draw_sighting(seen: Sighting) -> Figure:
     """Reconstructed over certified depth, against each thing that may show what is wrong with it."""
-    columns = min(3, len(seen.against))
+    columns = min(2, len(seen.against))
     rows = -(-len(seen.against) // columns)
-    figure, places = style.new_figure(4.2 * columns, 2.8 * rows, rows=rows, columns=columns)
+    figure, places = style.new_figure(style.WIDTH_IN, 0.5 + 2.4 * rows, rows=rows, columns=columns)
     low, high = np.quantile(seen.ratio, [0.02, 0.98])
     low, high, beside = min(low, seen.fitted.min(), 1), max(high, seen.fitted.max(), 1), ~seen.face
     for axes, (label, values) in zip(places, seen.against, strict=False):
-        axes.plot(values[seen.face], seen.ratio[seen.face], "s", ms=4, color=style.BLUE, mfc="none", label="faces")
+        axes.plot(
+            values[seen.face], seen.ratio[seen.face], "s", ms=4, color=style.BLUE, mfc="none", label="punch faces"
+        )
         if beside.any():
             axes.plot(
-                values[beside], seen.ratio[beside], ".", ms=4, color=style.BLUE, alpha=0.6, label="slopes beside"
+                values[beside],
+                seen.ratio[beside],
+                ".",
+                ms=4,
+                color=style.BLUE,
+                alpha=0.6,
+                label="slopes beside them",
             )
         axes.plot(values, seen.fitted, "_", ms=7, color=style.RED, label="with what was found")
         axes.axhline(1, color=style.GREY, lw=0.8)
         axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(low - 0.05, high + 0.05))
-    places[0].legend(fontsize=7.5)
     for axes in places[len(seen.against) :]:
         axes.set_axis_off()
+    style.legend_below(figure)
     return figure
 
 
 @style.house_look
 def draw_residual_map(residual_mm: Floats, axis: Floats, *, count: int) -> Figure:
     """The mean residual height map (n, n), in mm, about the punch's axis; white where nothing is compared."""
-    figure, (axes,) = style.new_figure(4.4, 3.6)
+    figure, (axes,) = style.new_figure(5.6, 4.6)
     reach = 1e3 * float(np.nanquantile(np.abs(residual_mm), 0.98))
     image = axes.pcolormesh(
         axis, axis, 1e3 * residual_mm, cmap="RdBu_r", vmin=-reach, vmax=reach, shading="nearest"
     )
     axes.invert_yaxis()
     axes.set_aspect("equal")
+    axes.set_facecolor(style.INVALID)
+    axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="not compared")
+    style.legend_below(figure)
     axes.grid(False)
     axes.set(
-        xlabel="x (punch radii)", ylabel="y (punch radii)", title=f"measured - expected, mean of {count} presses"
+        xlabel="x (punch radii)",
+        ylabel="y (punch radii)",
+        title=f"measured − expected, mean of {count} presses",
     )
-    figure.colorbar(image, ax=axes, label="depth (um)", shrink=0.85)
+    figure.colorbar(image, ax=axes, label="depth (µm)", shrink=0.85)
     return figure

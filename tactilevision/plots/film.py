@@ -58,7 +58,7 @@ class _Stage:
 
     def __init__(self, shots: Sequence[Shot], title: str) -> None:
         first = shots[0].height
-        self.figure, (self.frame, self.above, self.course) = style.new_strip(12, 3.7, shares=(1.25, 1.5, 1))
+        self.figure, (self.frame, self.above, *courses) = style.new_quad(style.WIDTH_IN, 5.4, legend_in=0.35)
         self.picture = self.frame.imshow(shots[0].rgb, extent=extent_mm(first))
         self.peak = np.array([_peak(shot.height) for shot in shots])
         top = max(float(np.nanmax(self.peak, initial=0.0)), 0.02)
@@ -73,25 +73,30 @@ class _Stage:
         )
         self.figure.colorbar(self.depth, ax=self.above, label="depth into the gel (mm)")
         scale_bar(self.above, first)
+        self.above.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
         for axes in (self.frame, self.above):
             axes.grid(False)
             axes.set(xticks=[], yticks=[])
         self.frame.set_title(title or first.name)
         self.time_s = _times(shots)
-        self.course.plot(self.time_s, self.peak, color=style.BLUE, label="greatest depth (mm)")
         force = np.array([shot.force_N for shot in shots])
-        if np.isfinite(force).any():
-            self.course.plot(self.time_s, force, color=style.ORANGE, label="fz, F/T sensor (N)")
-        self.now = self.course.axvline(self.time_s[0], color=style.RED, lw=1)
-        self.course.set(xlabel="time (s)" if np.isfinite(first.time_s) else "frame")
-        self.course.legend(loc="upper left", fontsize=8)
-        self.course.margins(y=0.25)
+        self.now = []
+        shown = ((self.peak, "greatest depth (mm)", style.BLUE), (force, "F/T sensor's fz (N)", style.ORANGE))
+        for axes, (values, label, colour) in zip(courses, shown, strict=True):
+            if not np.isfinite(values).any():
+                axes.set_axis_off()
+                continue
+            axes.plot(self.time_s, values, color=colour, label=label.rpartition(" ")[0])
+            self.now.append(axes.axvline(self.time_s[0], color=style.RED, lw=1.2, label="the frame shown"))
+            axes.set(xlabel="time (s)" if np.isfinite(first.time_s) else "frame", ylabel=label)
+        style.legend_below(self.figure)
 
     def show(self, number: int, shot: Shot) -> Bytes:
         """Draw one shot."""
         self.picture.set_data(shot.rgb)
         self.depth.set_data(_known(shot.height))
-        self.now.set_xdata([self.time_s[number]] * 2)
+        for line in self.now:
+            line.set_xdata([self.time_s[number]] * 2)
         words = titled(shot.height, f"{shot.height.name}: {self.peak[number]:.3f} mm")
         self.above.set_title(words, loc="left", fontsize=10)
         return _rendered(self.figure)

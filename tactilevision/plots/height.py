@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @style.house_look
 def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     """The map (H, W), in mm, from above with contours and bars, and two cuts through its deepest place."""
-    figure, axes = style.new_figure(10, 4.2, columns=2)
+    figure, axes = style.new_figure(style.WIDTH_IN, 3.4, columns=2)
     above, cuts = axes
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
@@ -29,13 +29,14 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
+    style.legend_below(figure)
     return figure
 
 
 @style.house_look
 def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> Figure:
     """The rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
-    figure, (frame, above, cuts) = style.new_figure(14, 3.9, columns=3)
+    figure, (frame, above, cuts, corner) = style.new_figure(style.WIDTH_IN, 5.6, rows=2, columns=2)
     overlay(frame, rgb, height=height, footprint=None)
     frame.set_title(titled(height, title or height.name))
     image = depth_image(above, height)
@@ -44,13 +45,14 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
     above.set_title("Depth of the gel's surface")
+    style.legend_below(figure, corner=corner)
     return figure
 
 
 @style.house_look
 def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     """Which way the surface (H, W) faces: its tilt in degrees, arrows towards the depth; lit from above left."""
-    figure, (tilt, lit) = style.new_figure(10, 4.2, columns=2)
+    figure, (tilt, lit) = style.new_figure(style.WIDTH_IN, 3.2, columns=2)
     depth = np.where(height.valid, height.depth_mm, np.nan)
     down_x, down_y = (
         np.gradient(depth, height.mm_per_px[0], axis=1),
@@ -130,6 +132,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, 
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height=height, footprint=footprint)
     axes.set_title(titled(height, title or height.name))
+    style.legend_below(figure)
     return figure
 
 
@@ -190,11 +193,14 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
             np.ma.masked_where(~height.valid, height.depth_mm),
             levels=np.linspace(0, top, 8)[1:-1],  # at 0 it would trace the noise
             colors="white",
-            linewidths=0.35,
+            linewidths=0.5,
             alpha=0.6,
             extent=extent_mm(height),
             origin="upper",
         )
+        _contour_entry(axes)
+    if not height.valid.all():
+        axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
     scale_bar(axes, height)
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
@@ -213,11 +219,10 @@ def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
         axes.plot(place, depth, color=colour, label=label)
         if height.std_mm is not None:
             std = height.std_mm[where]
-            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0)
+            axes.fill_between(place, depth - std, depth + std, color=colour, alpha=0.2, lw=0, label=f"std {label}")
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.invert_yaxis()
     axes.set(xlabel="place (mm)", ylabel="depth into the gel (mm)", title="Cuts through the deepest place")
-    axes.legend(loc="lower right")
 
 
 def _mark_cuts(axes: Axes, height: HeightMap, row: int, column: int) -> None:
@@ -240,15 +245,24 @@ def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint |
     if top > 0.02:
         levels = np.array([0.25, 0.5, 0.75]) * top
         depth = np.ma.masked_where(~height.valid, height.depth_mm)
-        axes.contour(depth, levels=levels, colors="white", linewidths=0.5, extent=extent, origin="upper")
+        axes.contour(depth, levels=levels, colors="white", linewidths=0.7, extent=extent, origin="upper")
+        _contour_entry(axes)
     if footprint is not None:
         middle = ((height.depth_mm.shape[1] - 1) / 2, (height.depth_mm.shape[0] - 1) / 2)
         turn = np.linspace(0, 2 * np.pi, 200)
         x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
         y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
-        axes.plot(x, y, color=style.ORANGE, lw=1.6)
+        axes.plot(x, y, color=style.ORANGE, lw=1.8, label="punch face")
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
+
+
+def _contour_entry(axes: Axes) -> None:
+    """What the legend says of white lines, which white paper would hide."""
+    from matplotlib.patheffects import withStroke
+
+    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
+    axes.plot([], [], color="white", lw=1.4, path_effects=edge, label="contours of the depth")
 
 
 def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
@@ -268,7 +282,7 @@ def scale_bar(axes: Axes, height: HeightMap, *, colour: str = "white") -> None:
         color=colour,
         ha="center",
         va="bottom",
-        fontsize=8,
+        fontsize=9,
         path_effects=rim,
     )
 

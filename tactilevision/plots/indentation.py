@@ -47,7 +47,7 @@ class FittedLine:
 @style.house_look
 def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "") -> Figure:
     """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
-    figure, (force, stiffness, rest) = style.new_figure(11.5, 3.8, columns=3)
+    figure, (force, stiffness, rest, corner) = style.new_figure(style.WIDTH_IN, 5.4, rows=2, columns=2)
     strain = cloud.depth_mm / cloud.thickness_mm
     secant = cloud.force_N / cloud.depth_mm
     secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / np.abs(cloud.depth_mm)
@@ -63,14 +63,14 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
             (stiffness, line.depth_mm / line.thickness_mm, line.depth_mm),
         ):
             axes.plot(x, line.force_N / scale, color=colour, label=line.name)
-            axes.fill_between(x, low / scale, high / scale, color=colour, alpha=0.18, lw=0)
+            axes.fill_between(
+                x, low / scale, high / scale, color=colour, alpha=0.18, lw=0, label=f"95 % of {line.name}"
+            )
     rest.axhline(0, color=style.GREY, lw=0.8)
     force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
     stiffness.set(xlabel="w / h", ylabel="P / w (N/mm)", title="The line that gives c and β")
     rest.set(xlabel="w / h", ylabel="measured − fitted (mN)", title="What the fit leaves")
-    if len(lines) > 1:
-        stiffness.legend(fontsize=8)
-    force.legend(fontsize=8, loc="upper left")
+    style.legend_below(figure, corner=corner)
     return figure
 
 
@@ -78,9 +78,10 @@ def scatter(
     axes: Axes, cloud: PointCloud, *, x: Floats, y: Floats, bars: tuple[Floats | None, Floats | None]
 ) -> None:
     """Points x, y (n,), mm or N, with bars; those that were left out of the fit are hollow."""
+    what = ", and 95 % interval" if cloud.bars else ""
     for mask, colour, face, label in (
-        (cloud.used, style.BLUE, style.BLUE, "accepted"),
-        (~cloud.used, style.GREY, "white", "rejected"),
+        (cloud.used, "black", "black", "accepted" + what),
+        (~cloud.used, style.GREY, "white", "rejected" + what),
     ):
         kept = mask & np.isfinite(x) & np.isfinite(y)
         if not kept.any():
@@ -106,7 +107,7 @@ def scatter(
 @style.house_look
 def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Estimate) -> Figure:
     """E over nu at the fitted stiffness: the curve that one punch fixes, and the part of it that remains."""
-    figure, (axes,) = style.new_figure(5.2, 3.8)
+    figure, (axes,) = style.new_figure(6.0, 4.4)
     nu, e = np.array(modulus_of_nu).T
     axes.plot(nu, e, color=style.BLUE, label="E(ν) at the fitted c")
     if poisson.interval95 is not None:
@@ -114,9 +115,9 @@ def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Est
     if modulus.interval95 is not None:
         axes.axhspan(*modulus.interval95, color=style.GREEN, alpha=0.15, lw=0, label="95 % interval of E")
     if poisson.value is not None and modulus.value is not None:
-        axes.plot(poisson.value, modulus.value, "o", color=style.RED, ms=6)
+        axes.plot(poisson.value, modulus.value, "o", color=style.RED, ms=6, label="best E and ν")
     axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="What is fixed, and what is not")
-    axes.legend(fontsize=8, loc="lower left")
+    style.legend_below(figure, columns=2)
     return figure
 
 
@@ -129,7 +130,13 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
             continue
         low, high = estimate.interval95
         bar = [[estimate.value - low], [high - estimate.value]]
-        axes.errorbar([place], [estimate.value], yerr=bar, fmt="o", color=style.RED if has_moved else style.BLUE)
+        colour, label = (
+            (style.RED, "changed by more than its interval")
+            if has_moved
+            else (style.BLUE, "no change that can be told")
+        )
+        axes.errorbar([place], [estimate.value], yerr=bar, fmt="o", color=colour, label=label)
     axes.set_xticks(range(len(dates)), dates, rotation=30, ha="right")
-    axes.set(ylabel="Young's modulus E (MPa)", title="Ageing of the gel")
+    axes.set(ylabel="Young's modulus E (MPa)", title="Ageing of the gel (95 % intervals)")
+    style.legend_below(figure, columns=2)
     return figure

@@ -17,7 +17,7 @@ WORDS = {
     "bulge": "rise beside the punch",
     "radii": "several radii",
     "prior": "stated beforehand",
-    "beta": "β by the published law (not used)",
+    "beta": "law of β (not used)",
 }
 ROW = 0.055  # of the height of the picture, for each route's bar
 
@@ -30,20 +30,20 @@ def draw_joint(
 
     `routes` (name, 95 % interval, used).
     """
-    figure, (axes,) = style.new_figure(7.2, 4.6)
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 5.2)
     axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
     axes.fill(*region.T, color=style.ORANGE, alpha=0.35, lw=0, label="95 % of E and ν together")
     if best is not None:
-        axes.plot(*best, "o", color=style.RED, ms=5)
+        axes.plot(*best, "o", color=style.RED, ms=6, label="best E and ν")
     left, right, bottom, top = _frame(curve, region, routes)
     height = (top - bottom) / (0.9 - ROW * len(routes))
     floor = top + 0.05 * height - height
     colours = dict(zip(WORDS, (style.GREEN, style.PURPLE, style.GREY, style.SKY), strict=True))
     for place, (name, (low, high), used) in enumerate(routes):
         y, colour = floor + (place + 0.6) * ROW * height, colours.get(name, style.GREY)
-        if used:
-            axes.axvspan(low, high, color=colour, alpha=0.08, lw=0)
         bar, words = np.clip([low, high], left, right), WORDS.get(name, name)
+        if used:
+            axes.axvspan(low, high, color=colour, alpha=0.12, lw=0, label=f"95 % of ν, {words}")
         if bar[0] == bar[1]:  # an arrow at the edge says where it lies
             words += f": {low:.3f} to {high:.3f}, off the picture"
             inwards = 0.012 * (right - left) * (1 if high <= left else -1)
@@ -52,7 +52,7 @@ def draw_joint(
         axes.plot(bar, [y, y], "|-", ms=9, mew=1.5, color=colour, lw=4 if used else 1.5, label=words)
     axes.set(xlim=(left, right), ylim=(floor, floor + height), xlabel="Poisson's ratio ν")
     axes.set(ylabel="Young's modulus E (MPa)", title="E and ν together, and what each route says of ν")
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)  # it would cover the region
+    style.legend_below(figure, columns=2)  # inside it would cover the region
     return figure
 
 

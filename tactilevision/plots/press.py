@@ -19,27 +19,35 @@ if TYPE_CHECKING:
 @style.house_look
 def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) -> Figure:
     """Four panels; `rgb` is the rectified frame at the event, None where there is none."""
-    figure, (frame, depth, bevel, force) = style.new_strip(12, 2.7, shares=(1.25, 1.4, 1, 1))
-    figure.subplots_adjust(wspace=0.4)  # room for the numbers of a signal that is all noise
+    figure, (frame, depth, bevel, force) = style.new_quad(style.WIDTH_IN, 6.0, legend_in=0.9)
     verdict = "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}"
     height = evidence.height_map
     if height is None:
         for axes in (frame, depth):
-            axes.text(0.5, 0.5, "no picture at the event", ha="center", transform=axes.transAxes, color=style.GREY)
+            axes.text(
+                0.5,
+                0.5,
+                "no picture at the contact event",
+                ha="center",
+                transform=axes.transAxes,
+                color=style.GREY,
+            )
             axes.set_axis_off()
     else:
         if rgb is not None:
             overlay(frame, rgb, height=height, footprint=evidence.footprint)
         image = depth_image(depth, height)
-        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.8, pad=0.02)
+        figure.colorbar(image, ax=depth, label="depth (mm)", shrink=0.75, pad=0.02)
         for axes in (frame, depth):
             _bevel_window(axes, evidence)
-            axes.set(
-                xticks=[], yticks=[], xlabel="", ylabel=""
-            )  # the scale bar says it, and ticks take their time
-    frame.set_title(f"press {point.press} ({point.indenter}): {verdict}")
+            # the scale bar says it, and ticks take their time
+            axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
+        frame.set_title("Frame at the contact event")
+        depth.set_title("Height map of that frame")
+    figure.suptitle(f"Press {point.press} ({point.indenter}): {verdict}", x=0.02, ha="left", fontsize=11)
     _bevel_signal(bevel, evidence)
     _force(force, evidence, point)
+    style.legend_below(figure)
     return figure
 
 
@@ -50,32 +58,30 @@ def _bevel_window(axes: Axes, evidence: Evidence) -> None:
     left, right, bottom, top = extent_mm(evidence.height_map)
     middle_x, middle_y = (left + right) / 2, (top + bottom) / 2
     x, y = np.array([x0, x1, x1, x0, x0]) + middle_x, np.array([y0, y0, y1, y1, y0]) + middle_y
-    axes.plot(x, y, color=style.SKY, lw=1.2)
+    axes.plot(x, y, color=style.SKY, lw=1.6, label="window on the bevel")
 
 
 def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
     axes.set(
-        xlabel="depth as the camera reads it (mm)",
-        ylabel="bevel side − other side (µm)",
-        title="Does the bevel touch?",
+        xlabel="depth read by the camera (mm)",
+        ylabel="bevel − other side (µm)",
+        title="Signal of the bevel",
     )
     if evidence.signal_mm is None:
         axes.text(0.5, 0.5, "not looked for", ha="center", transform=axes.transAxes, color=style.GREY)
         return
-    axes.plot(evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=3, color=style.BLUE)
+    axes.plot(
+        evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=4, color=style.BLUE, label="one frame's bevel signal"
+    )
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.depth_seen_mm, color=style.RED, lw=1.2, label="first touch")
-        axes.legend(fontsize=8, loc="upper left")
+        axes.axvline(evidence.touch.depth_seen_mm, color=style.RED, lw=1.4, label="contact event")
 
 
 def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
-    labels = (("x", style.SKY, 0), ("y", style.ORANGE, 1), ("z", style.BLUE, 2))
+    labels = (("fx", style.GREEN, 0), ("fy", style.PURPLE, 1), ("fz, into the gel", style.BLUE, 2))
     for name, colour, column in labels:
-        axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.0, label=f"f{name}")
+        axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.2, label=name)
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.2)
-        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=5)
+        axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.4, label="contact event")
+        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=6, label="certified force")
     axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, tared")
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.2 * (high - low))  # the legend stands above the curves
-    axes.legend(fontsize=8, ncols=3, loc="upper left")

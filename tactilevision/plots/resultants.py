@@ -37,7 +37,7 @@ def draw_resultants(rows: Sequence[FrameForce], presses: Sequence[Press] = ()) -
     timed = bool(np.isfinite(time_s).all())
     place = _without_pauses(time_s) if timed else np.arange(len(rows), dtype=float)
     shown = [k for k in (2, 0, 1) if k == 2 or np.nan_to_num(force[:, k]).any()]
-    figure, axes = style.new_figure(13, 1.2 + 2.4 * max(1, len(shown)), rows=max(1, len(shown)))
+    figure, axes = style.new_figure(style.WIDTH_IN, 1.2 + 2.4 * max(1, len(shown)), rows=max(1, len(shown)))
     parts = _parts(place, time_s if timed else place)
     for axis, k in zip(axes, shown, strict=False):
         _course(axis, place, force[:, k], std[:, k], parts=parts, colour=COLOURS[k])
@@ -67,7 +67,7 @@ def draw_residuals(found: Residuals) -> Figure:
 
     Blue: frames that can be trusted; hollow grey: flagged. The band is the 95 % interval of the force itself.
     """
-    figure, axes = style.new_figure(14, 7.4, rows=2, columns=3)
+    figure, axes = style.new_figure(style.WIDTH_IN, 8.0, rows=3, columns=2)
     left, std = found.residual_N[:, 2], found.std_N[:, 2]
     labels = list(dict.fromkeys(found.press.tolist()))
     press = np.array([labels.index(name) for name in found.press], dtype=float)
@@ -76,7 +76,7 @@ def draw_residuals(found: Residuals) -> Figure:
         (found.depth_mm, "depth of the contact (mm)"),
         (found.place_mm[:, 0], "x on the pad (mm)"),
         (found.place_mm[:, 1], "y on the pad (mm)"),
-        (found.direction_deg, "direction of the tangential force (degrees from x)"),
+        (found.direction_deg, "direction of tangential force (° from x)"),
     )
     for axis, (values, label) in zip(axes, against, strict=False):
         _cloud(axis, values, left, std, found.usable)
@@ -85,11 +85,11 @@ def draw_residuals(found: Residuals) -> Figure:
         axes[4].text(0.5, 0.5, "no tangential force", ha="center", transform=axes[4].transAxes, color=style.GREY)
     _cloud(axes[5], press, left, std, found.usable)
     if len(labels) <= 40:
-        axes[5].set_xticks(range(len(labels)), [name or "-" for name in labels], rotation=90, fontsize=7)
+        axes[5].set_xticks(range(len(labels)), [name or "-" for name in labels], rotation=90, fontsize=8)
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
     inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
     if not found.usable.all():
-        axes[0].legend(loc="lower left", fontsize=8)
+        style.legend_below(figure)
     axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within their 95 % interval")
     return figure
 

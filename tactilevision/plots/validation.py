@@ -43,7 +43,7 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
 
     Depths that no series reaches are shaded.
     """
-    figure, axes = style.new_figure(4.4 * len(panels) + 0.6, 6.0, rows=2, columns=len(panels))
+    figure, axes = style.new_figure(style.WIDTH_IN, 6.4, rows=2, columns=len(panels))
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     above, below = axes[: len(panels)], axes[len(panels) :]
     for panel, upper, lower in zip(panels, above, below, strict=True):
@@ -55,8 +55,7 @@ def draw_validation(panels: Sequence[Panel], quantity: str, *, title: str = "") 
         _share_limits(row)
     for panel, lower in zip(panels, below, strict=True):
         _shade(lower, panel)
-    most = max(range(len(panels)), key=lambda k: sum(np.isfinite(one.error).sum() for one in panels[k].series))
-    below[most].legend(fontsize=8, loc="best", ncols=2)
+    style.legend_below(figure)
     return figure
 
 
@@ -70,11 +69,11 @@ def _against(axes: Axes, panel: Panel) -> None:
         xytext=(6, -10),
         textcoords="offset points",
         color=style.GREY,
-        fontsize=8,
     )
     order = np.argsort(panel.measured)
     for one, colour, marker in zip(panel.series, style.CYCLE, MARKERS, strict=False):
-        axes.plot(panel.measured[order], one.computed[order], marker, ms=4.5, color=colour, mfc="none", mew=1.2)
+        axes.plot(panel.measured[order], one.computed[order], marker, ms=4.5, color=colour, mfc="none", mew=1.2,
+                  label=one.name)  # fmt: skip
     axes.set(xlim=(0, 1.05 * top), ylim=(0, None))
 
 
@@ -89,17 +88,13 @@ def _errors(axes: Axes, panel: Panel) -> None:
 
 
 def _shade(axes: Axes, panel: Panel) -> None:
-    """Depths that no series reaches, named at the end away from the line of no error."""
+    """Depths that no series reaches."""
     reached = np.any([np.isfinite(one.error) for one in panel.series], axis=0)
     if reached.all():
         return
     deepest = float(panel.depth_mm[reached].max(initial=0.0))
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    axes.axvspan(deepest, right, color=style.INVALID, alpha=0.5, lw=0)
-    below = low + high < 0
-    axes.annotate("no elements\nso deep", (deepest, 0 if below else 1), xytext=(4, 4 if below else -4),
-                  xycoords=("data", "axes fraction"), textcoords="offset points",
-                  va="bottom" if below else "top", fontsize=8, color=style.GREY)  # fmt: skip
+    left, right = axes.get_xlim()
+    axes.axvspan(deepest, right, color=style.INVALID, alpha=0.5, lw=0, label="no finite elements so deep")
     axes.set_xlim(left, right)
 
 

@@ -24,7 +24,7 @@ def test_the_papers_points_are_not_called_adequate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A free beta fits them, but no contact law allows this one: four candidates, each with what it would be."""
-    assert run(monkeypatch, "diagnose", PAPER, "--out", tmp_path) == 0
+    assert run(monkeypatch, "diagnose", PAPER, "--format", "pdf", "--out", tmp_path) == 0
     found = json.loads((tmp_path / "diagnosis.json").read_text())
     assert found["verdict"] == "AMBIGUOUS"
     assert "beta_outside_theory" in found["flags"]
@@ -33,11 +33,14 @@ def test_the_papers_points_are_not_called_adequate(
     assert 3.0 * (1 + thickness["value"]) == pytest.approx(2.25, abs=0.15)
     assert found["measure_next"]
     assert {"history.json", "repeat.sh", "report.html", "residuals.png"} <= {p.name for p in tmp_path.iterdir()}
+    drawn = {form: {path.stem for path in tmp_path.rglob(f"*.{form}")} for form in ("png", "pdf")}
+    assert drawn["png"] == drawn["pdf"], "each figure is written in both forms"
     assert "cannot tell which of" in capsys.readouterr().out
 
 
 def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path) == 0
+    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--format", "svg", "--out", tmp_path) == 0
+    assert {"error.png", "error.svg"} <= {path.name for path in tmp_path.iterdir()}
     models = json.loads((tmp_path / "comparison.json").read_text())
     assert [model["effects"] for model in models] == [[], ["depth_zero"]]
     assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])

@@ -15,7 +15,7 @@ from tactilevision.force.field import ForceField
 from tactilevision.force.frame import NOTHING, FrameForce
 from tactilevision.plots.force import draw_force, draw_sensitivity
 from tactilevision.plots.resultants import draw_residuals, draw_resultants
-from tactilevision.plots.style import save_png
+from tactilevision.plots.style import save_figure
 from tactilevision.records import Press
 
 
@@ -27,7 +27,7 @@ def test_a_force_map_says_each_axis_and_its_deviation(tmp_path: Path, sheared: b
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert any("fz" in title and "±" in title for title in titles)
     assert any("not measured" in title for title in titles) != sheared
-    save_png(figure, tmp_path / "force.png")
+    save_figure(figure, tmp_path / "force.png")
     assert (tmp_path / "force.png").stat().st_size > 10_000
 
 

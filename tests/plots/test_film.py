@@ -66,7 +66,7 @@ def test_normals_overlay_and_difference_are_drawn_with_holes(tmp_path: Path) -> 
     assert "tilt" in tilted.axes[0].get_title(loc="left")
     assert len(tilted.axes[0].collections) == 1, "arrows"
     strip = draw_height_and_frame(second.rgb, second.height)
-    assert len(strip.axes) == 4
+    assert len(strip.axes) == 5
     change = draw_difference(first.height, second.height).axes[0].images[0]
     assert float(np.nanmax(np.asarray(change.get_array()))) == pytest.approx(0.3)
     assert change.get_clim()[0] == -change.get_clim()[1]

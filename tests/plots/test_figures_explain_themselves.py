@@ -1,0 +1,217 @@
+"""Figures of reports: legible when shown 500 px wide, each colour explained, units on the axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pytest
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, LineCollection
+from matplotlib.colors import to_rgb, to_rgba_array
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Text
+
+from tactilevision.certificate.certificate import Evidence
+from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.contact.bevel_onset import Growth, Onset
+from tactilevision.plots import diagnosis, indentation, joint, style, validation
+from tactilevision.plots.film import Shot, _Stage
+from tactilevision.plots.press import draw_press
+from tactilevision.records import CertifiedPoint, Estimate, Footprint, HeightMap
+
+SHOWN_PX = 500
+LEAST_PX = 8.0  # height of a letter's body that is read without effort
+UNITS = ("(", "/", "ν", "press", "frame", "if this", "could this")  # ratios, counts and names have no unit
+OLD_WORDS = ("touch", "floor", "ruler")
+
+X = np.linspace(0.05, 0.5, 12)
+ONES, HALF = np.ones(12), np.full(12, 0.05)
+
+
+def height_map() -> HeightMap:
+    y, x = np.mgrid[:30, :40]
+    depth = np.where(np.hypot(x - 20, y - 15) < 8, 0.3, 0.0)
+    return HeightMap(depth, x > 3, (0.1, 0.1), name="a", time_s=1.0)
+
+
+def press(height: HeightMap | None) -> Figure:
+    onset = Onset(0.3, 0.01, 1.0, 0.1, Growth(), 1.0, 0.01, 100.0, 1.0)
+    event = None if height is None else ContactEvent(0.3, 0.01, 0.3, "bevel", onset)
+    signal = None if height is None else 1e-3 * X
+    footprint = Footprint(
+        np.ones((30, 40), dtype=bool), (0.0, 0.0), 0.01, 0.8, 0.01, (0.0, 0.0), 0.01, 0.3, 0.01, 0.01
+    )
+    window = ((1.0, -0.5), (1.2, 0.5))
+    forces = np.column_stack([X, X, X])
+    evidence = Evidence("1", 0, "a", footprint, height, window, X, X, signal, event, 0.3, X, forces)
+    return draw_press(evidence, CertifiedPoint("1", "A1", 0.3, 1.0), rgb=np.zeros((30, 40, 3), np.uint8))
+
+
+def fit() -> Figure:
+    used = np.arange(12) > 2
+    cloud = indentation.PointCloud(X, 0.01 * ONES, X, 0.01 * ONES, X, 3.0, used)
+    lines = [indentation.FittedLine(name, X, X, HALF, 3.0) for name in ("a = 1 mm", "a = 2 mm")]
+    return indentation.draw_fit(cloud, lines)
+
+
+def estimate(value: float) -> Estimate:
+    return Estimate(value, 0.05 * value, (0.9 * value, 1.1 * value), "MPa")
+
+
+def material() -> Figure:
+    curve = [(0.4, 0.25), (0.45, 0.22), (0.5, 0.18)]
+    return indentation.draw_material(curve, estimate(0.2), estimate(0.45))
+
+
+def history() -> Figure:
+    return indentation.draw_history(["a", "b"], [estimate(0.2), estimate(0.3)], moved=[False, True])
+
+
+def joint_region() -> Figure:
+    curve = np.column_stack([np.linspace(0.43, 0.4999, 20), np.linspace(0.23, 0.18, 20)])
+    region = np.array([[0.465, 0.21], [0.485, 0.2], [0.485, 0.19]])
+    routes = [("bulge", (0.468, 0.484), True), ("beta", (0.40, 0.42), False)]
+    return joint.draw_joint(curve, region, best=(0.475, 0.2), routes=routes)
+
+
+def residuals() -> Figure:
+    values = np.repeat(X, 3)
+    rest = np.tile([0.0, 1.0, 2.0], 12)
+    return diagnosis.draw_residuals([diagnosis.Panel("w", "mm", values, rest, p) for p in (0.01, 0.5, 1)])
+
+
+def offsets() -> Figure:
+    own_um, odd = np.array([1.0, -1.0, 8.0]), (False, False, True)
+    return diagnosis.draw_offsets(diagnosis.Offsets(("a", "b", "c"), own_um, odd, 1))
+
+
+def overlay() -> Figure:
+    return diagnosis.draw_overlay(diagnosis.Overlay("w", "mm", "depth_zero", X, X, HALF, X))
+
+
+def sighting() -> Figure:
+    seen = diagnosis.Sighting(ONES, ONES, X > 0.2, (("certified depth (mm)", X), ("time (min)", X), ("press", X)))
+    return diagnosis.draw_sighting(seen)
+
+
+def validated() -> Figure:
+    error = np.where(X > 0.4, np.nan, 0.1)
+    series = [validation.Series(name, X, error) for name in ("sticking", "sliding")]
+    panels = [validation.Panel(name, X, X, series) for name in ("Linear", "Neo-Hooke")]
+    return validation.draw_validation(panels, "depth (mm)", title="Depths")
+
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "press": lambda: press(height_map()),
+    "press without a picture": lambda: press(None),
+    "fit": fit,
+    "material": material,
+    "history": history,
+    "joint": joint_region,
+    "residuals": residuals,
+    "offsets": offsets,
+    "waterfall": lambda: diagnosis.draw_waterfall(
+        ["base", "a", "b", "c", "d", "e"], [5.0, 4, 3, 2, 1, 1], repeatability_N=0.5
+    ),
+    "confusability": lambda: diagnosis.draw_confusability(["a", "b"], np.array([[0.0, 4], [5, 0]])),
+    "overlay": overlay,
+    "sighting": sighting,
+    "residual map": lambda: diagnosis.draw_residual_map(1e-3 * np.outer(X, X), X, count=3),
+    "validation": validated,
+    "film": lambda: _Stage([Shot(np.zeros((30, 40, 3), np.uint8), height_map(), 1.0)] * 2, "press 7").figure,
+}
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, Figure]:
+    return {name: draw() for name, draw in FIGURES.items()}
+
+
+def shown(figure: Figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.axison]
+
+
+def words(figure: Figure) -> list[Text]:
+    return [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_text_is_legible_at_500_px(name: str, drawn: dict[str, Figure]) -> None:
+    figure = drawn[name]
+    width_in = figure.get_figwidth()
+    assert width_in <= style.WIDTH_IN
+    assert [
+        t.get_text() for t in words(figure) if float(t.get_fontsize()) / 72 * SHOWN_PX / width_in < LEAST_PX
+    ] == []
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_axis_says_what_it_is_and_in_which_unit(name: str, drawn: dict[str, Figure]) -> None:
+    for axes in shown(drawn[name]):
+        for axis in (axes.xaxis, axes.yaxis):
+            label, ticks = axis.get_label_text(), [tick.get_text() for tick in axis.get_ticklabels()]
+            is_number = any(tick.lstrip("−-").replace(".", "").isdigit() for tick in ticks)
+            assert label or not is_number, ticks
+            assert not label or any(unit in label for unit in UNITS), label
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_colour_and_area_is_explained(name: str, drawn: dict[str, Figure]) -> None:
+    figure = drawn[name]
+    legends = [*figure.legends, *(one for one in (axes.get_legend() for axes in figure.axes) if one is not None)]
+    said = {text.get_text() for legend in legends for text in legend.get_texts()}
+    said_colours = {to_rgb(text.get_color()) for text in words(figure)}
+    for axes in shown(figure):
+        if axes.get_label() == "<colorbar>":
+            continue
+        handles, labels = axes.get_legend_handles_labels()
+        assert set(labels) <= said
+        explained = {colour for handle in handles for part in parts(handle) for colour in colours(part)}
+        for artist in (*axes.lines, *axes.collections, *axes.patches):
+            if not is_reference(artist) and not (name == "waterfall" and isinstance(artist, Patch)):
+                assert set(colours(artist)) <= explained | said_colours, f"{name}: {artist}"
+
+
+def is_reference(artist: Artist) -> bool:
+    """A zero line or a scale bar, which says itself what it is: grey, black or white, and level."""
+    if not isinstance(artist, Line2D) or artist.get_color() not in (style.GREY, "black", "white"):
+        return False
+    y = np.asarray(artist.get_ydata(), dtype=float)
+    return y.size == 2 and y[0] == y[1]
+
+
+def parts(handle: Artist | Container) -> Sequence[Artist]:
+    """The artists of a legend's handle: errorbars and bars are containers of some."""
+    return handle.get_children() if isinstance(handle, Container) else [handle]
+
+
+def colours(artist: Artist) -> Iterator[tuple[float, float, float]]:
+    """The colours that an artist shows; areas by their face."""
+    if isinstance(artist, Line2D):
+        yield to_rgb(artist.get_color())
+    elif isinstance(artist, LineCollection):
+        yield from (to_rgb(c) for c in to_rgba_array(artist.get_edgecolor()))
+    elif isinstance(artist, Patch):
+        yield to_rgb(artist.get_facecolor())
+    elif isinstance(artist, Collection) and artist.get_array() is None:
+        faces, edges = artist.get_facecolor(), artist.get_edgecolor()
+        yield from (to_rgb(c) for c in to_rgba_array(faces if len(np.asarray(faces)) else edges))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_words_are_those_of_the_manual(name: str, drawn: dict[str, Figure]) -> None:
+    said = " ".join(text.get_text() for text in words(drawn[name])).lower()
+    assert [word for word in OLD_WORDS if word in said] == []
+
+
+def test_pixels_of_unknown_depth_have_a_legend_entry(drawn: dict[str, Figure]) -> None:
+    labels = [text.get_text() for text in drawn["press"].legends[0].get_texts()]
+    assert {"depth not known", "punch face", "window on the bevel", "contact event"} <= set(labels)
+    assert len(labels) == len(set(labels))
+    assert any(isinstance(one, AxesImage) for axes in drawn["press"].axes for one in axes.images)
