@@ -20,10 +20,14 @@ OLD = {
 }
 GONE = {  # the module stands; what it lost was of use to the package alone
     "calibration.repeats.pure_error.noise_floor",
+    "calibration.effects.bevel_rise.supposed",
+    "tactilevision.cli.pictures.keep",
     "tactilevision.cli.source.open_anchor",
     "tactilevision.photometric.method.Evaluator",
     "tactilevision.photometric.response.response_in",
     "tactilevision.plots.diagnosis.draw_relief",
+    "tactilevision.plots.style.new_strip",
+    "tactilevision.plots.style.save_png",
     "tactilevision.records.measured.CertifiedPoint",
 }
 FIND_ALL = """

@@ -20,6 +20,7 @@ Proc. IMechE C 212 (1998) 319.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -34,6 +35,9 @@ from tactilevision.mechanics.punch_equation import (
     legendre_series,
 )
 from tactilevision.records import Floats
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 SHARP_MM = 1e-5  # a smaller rounding is none
 MIN_FLAT = 0.05  # of the radius: a rounder edge than the rest would leave no face
@@ -56,20 +60,38 @@ def rounded_contact(
 
     `sticking` from 0 (the gel slides over the edge) to 1 (it sticks to it).
     """
-    from scipy.interpolate import CubicSpline
-
     if edge_mm < SHARP_MM:
         return np.full(depth_mm.shape, outer_mm), np.ones(depth_mm.shape)
+    growth = _growth(outer_mm, edge_mm, thickness_mm, poisson_ratio, sticking)
+    root, met = growth.through(np.cbrt(np.clip(depth_mm, 0, growth.need_mm))).T
+    full = 1 - growth.lost_mm / np.maximum(depth_mm, growth.need_mm)
+    whole = depth_mm >= growth.need_mm
+    flat_mm = growth.flat_mm
+    return flat_mm + (outer_mm - flat_mm) * np.where(whole, 1.0, root) ** 2, np.where(whole, full, met)
+
+
+class _Growth(NamedTuple):
+    """Root of the growth and share of force `through` the cube root of the depth, until the whole edge is in."""
+
+    through: CubicSpline
+    flat_mm: float
+    need_mm: float
+    lost_mm: float
+
+
+@lru_cache(maxsize=256)  # a fit asks for the same few at every step of its other parameters
+def _growth(
+    outer_mm: float, edge_mm: float, thickness_mm: float, poisson_ratio: float, sticking: float
+) -> _Growth:
+    from scipy.interpolate import CubicSpline
+
     b = outer_mm - min(edge_mm, (1 - MIN_FLAT) * outer_mm)
     grid = np.linspace(0, 1, STEPS)  # root of how far the contact has grown: w goes with its cube
     r = b + (outer_mm - b) * grid**2
     need, lost = _half_space(r, b, edge_mm) * _of_layer(poisson_ratio, r / thickness_mm, b / r) ** (1 - sticking)
     share = np.append(1.0, 1 - lost[1:] / need[1:])
     through = CubicSpline(np.cbrt(need), np.stack([grid, share], axis=1))
-    root, met = through(np.cbrt(np.clip(depth_mm, 0, need[-1]))).T
-    full = 1 - lost[-1] / np.maximum(depth_mm, need[-1])
-    whole = depth_mm >= need[-1]
-    return b + (outer_mm - b) * np.where(whole, 1.0, root) ** 2, np.where(whole, full, met)
+    return _Growth(through, b, float(need[-1]), float(lost[-1]))
 
 
 def _half_space(r: Floats, b: float | Floats, edge_mm: float) -> Floats:
