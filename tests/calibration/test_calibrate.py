@@ -172,7 +172,7 @@ class Sticking(Truth):
         return super().stiffness(radius_mm, thickness_mm) * (1 + surplus)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_several_radii_that_fix_nu_leave_E_room_for_friction(seed: int) -> None:
     truth = Sticking(
         radii_mm=(1.5, 2.5, 3.5),

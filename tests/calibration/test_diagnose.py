@@ -102,8 +102,8 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
     [
         ("refit_with", ConvergenceError("no minimum")),
         pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
-        ("adopt", ConvergenceError("no minimum")),
-        ("_skill", ZeroDivisionError()),
+        pytest.param("adopt", ConvergenceError("no minimum"), marks=pytest.mark.slow),
+        pytest.param("_skill", ZeroDivisionError(), marks=pytest.mark.slow),
         ("separation", ConvergenceError("no minimum")),
     ],
 )

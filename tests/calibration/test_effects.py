@@ -27,9 +27,8 @@ from tactilevision.records import Floats
 
 EVERY = [pytest.param(EFFECTS[key], id=key) for key in CATALOGUE]
 CLEAR = [p for p in EVERY if p.id not in ("force_gain", "photometric_gain", "bevel_rise")]
-FITTED = [
-    pytest.param(*p.values, id=p.id, marks=[pytest.mark.slow] if p.id == "edge_fillet" else []) for p in CLEAR
-]
+LONG = ("edge_fillet", "tilt", "adhesion")  # fits of some seconds
+FITTED = [pytest.param(*p.values, id=p.id, marks=[pytest.mark.slow] if p.id in LONG else []) for p in CLEAR]
 
 
 def rich() -> Observations:

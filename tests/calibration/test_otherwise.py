@@ -56,7 +56,10 @@ def test_a_creep_since_the_touch_stands_for_a_relaxation_beside_an_adhesion() ->
     assert found.as_json()["parameters"]["size_N"]["unit"] == "N"
 
 
-@pytest.mark.parametrize("keys", [("viscoelasticity",), ("depth_zero", "viscoelasticity"), ("force_bias",)])
+ONE = [pytest.param(key, marks=pytest.mark.slow) for key in (("viscoelasticity",), ("force_bias",))]
+
+
+@pytest.mark.parametrize("keys", [("depth_zero", "viscoelasticity"), *ONE])
 def test_true_effects_alone_and_in_pairs_stand(keys: tuple[str, ...]) -> None:
     truth = {"viscoelasticity": [0.06, 1.0], "depth_zero": [0.015], "force_bias": [0.03]}
     model = LAW

@@ -20,10 +20,12 @@ from tactilevision.errors import InputError, OutputError
     ("body", "why"),
     [
         ("raise RuntimeError('my own fault')", "my own fault"),
-        ("raise SystemExit(7)", "SystemExit: 7"),
+        pytest.param("raise SystemExit(7)", "SystemExit: 7", marks=pytest.mark.slow),
         pytest.param("return replace(state, force_N=state.force_N * 1j)", "real", marks=pytest.mark.slow),
         pytest.param("return replace(state, force_N=state.force_N * np.nan)", "finite", marks=pytest.mark.slow),
-        ("return replace(state, force_N=state.force_N[:3])", "one force a sample"),
+        pytest.param(
+            "return replace(state, force_N=state.force_N[:3])", "one force a sample", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Path, body: str, why: str) -> None:

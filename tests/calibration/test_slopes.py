@@ -64,7 +64,7 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
     ("key", "fault", "truth"),
     [
         pytest.param("photometric_gain", {"gain": 0.75}, -0.25, marks=pytest.mark.slow),
-        ("photometric_drift", {"gain": 1 - 0.15 * np.arange(12) / 11}, -0.15),
+        pytest.param("photometric_drift", {"gain": 1 - 0.15 * np.arange(12) / 11}, -0.15, marks=pytest.mark.slow),
         ("slope_saturation", {"ceiling": 0.35}, 1 / 0.35),
     ],
 )

@@ -20,7 +20,7 @@ def written(path: Path, rgb: Bytes) -> Path:
     return path
 
 
-@pytest.mark.parametrize("flats", [3, 6])
+@pytest.mark.parametrize("flats", [pytest.param(3, marks=pytest.mark.slow), 6])
 def test_four_flats_or_more_serve_where_no_press_tells_when_the_gel_is_free(flats: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     balls = tuple(
