@@ -22,16 +22,17 @@ PUBLIC = {"__init__.py": "calibration.effects.viscoelasticity"}  # the public AP
 
 
 def effects_known(path: Path) -> set[str]:
-    """Keys of effects that stand in a file as strings, and modules of effects that it imports."""
+    """Keys of effects that stand in a file as strings, and modules and classes of effects that it imports."""
+    named = {f"calibration.effects.{key}" for key in EFFECTS}
+    named |= {f"calibration.effects.{type(effect).__name__}" for effect in EFFECTS.values()}
     known: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Constant) and node.value in EFFECTS:
             known.add(str(node.value))
-        elif (
-            isinstance(node, ast.ImportFrom)
-            and (node.module or "").removeprefix("calibration.effects.") in EFFECTS
-        ):
-            known.add(node.module or "")
+        elif isinstance(node, ast.Import):
+            known |= named & {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            known |= named & {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
     return known
 
 
@@ -44,8 +45,12 @@ def test_no_other_file_knows_an_effect(path: Path) -> None:
 
 def test_a_file_that_knows_an_effect_is_found(tmp_path: Path) -> None:
     path = tmp_path / "knows.py"
-    path.write_text('from calibration.effects.tilt import Tilt\nif key == "friction":\n    pass\n')
-    assert effects_known(path) == {"calibration.effects.tilt", "friction"}
+    path.write_text(
+        "from calibration.effects.tilt import Tilt\nfrom calibration.effects import skin, Friction\n"
+        "import calibration.effects.ageing\nif key == 'friction':\n    pass\n"
+    )
+    modules = {f"calibration.effects.{name}" for name in ("tilt", "skin", "Friction", "ageing")}
+    assert effects_known(path) == {"friction", *modules}
 
 
 @pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda e: e.key)
