@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import nan  # one object: steps without a figure are equal
 from pathlib import Path
 from typing import Any
 
+from tactilevision.door.documents import read_json
 from tactilevision.errors import InputError
 from tactilevision.files import write_json
 
+_KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
 
 
@@ -72,7 +74,9 @@ class History:
 
     def script(self, out: Path | str) -> str:
         """A shell script that repeats the analysis with these effects and writes into `out`."""
-        options = " ".join(f"--effect {_quoted(s.path)}" if s.path else f"--with {s.key}" for s in self.steps)
+        options = " ".join(
+            f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
+        )
         names = " ".join(_quoted(name) for name in self.recordings)
         command = f"tactilevision compare {names} {options}".rstrip() + f" --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
@@ -87,9 +91,9 @@ def load_history(path: Path | str) -> History:
             remedy="Name a folder that `tactilevision diagnose` or `compare` wrote.",
         )
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = read_json(path)
         return History(
-            tuple(content["recordings"]),
+            tuple(_text(name) for name in content["recordings"]),
             *(tuple(_step(row) for row in content[name]) for name in ("steps", "undone")),
         )
     except (OSError, ValueError, KeyError, TypeError) as fault:
@@ -100,7 +104,16 @@ def _step(row: dict[str, Any]) -> Step:
     def number(name: str) -> float:
         return nan if row.get(name) is None else float(row[name])
 
-    return Step(str(row["key"]), str(row["path"]), *(number(name) for name in ERRORS))
+    key = _text(row["key"])
+    if not _KEY.fullmatch(key):
+        raise ValueError(f"{key!r} is no effect's key")
+    return Step(key, _text(row["path"]), *(number(name) for name in ERRORS))
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str) or "\0" in value:
+        raise TypeError(f"{value!r} is no text")
+    return value
 
 
 def _quoted(text: str) -> str:

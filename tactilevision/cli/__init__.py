@@ -14,10 +14,11 @@ def main() -> int:
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(library, "1")  # matrices are small here: threads would only wait for each other
     from tactilevision.cli.app import app
-    from tactilevision.cli.console import report_failure
+    from tactilevision.cli.console import INTERRUPTED, report_failure
 
     try:
-        app(standalone_mode=False)
+        if app(standalone_mode=False) == INTERRUPTED:  # typer makes a number of what Ctrl-C raised
+            return report_failure(KeyboardInterrupt())
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
     except BaseException as fault:

@@ -32,6 +32,7 @@ FormatOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
+INTERRUPTED = 130  # exit code: 128 and the number of the signal
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
 
 
@@ -96,7 +97,7 @@ def report_failure(fault: BaseException) -> int:
         return fault.exit_code
     if isinstance(fault, typer.Abort | KeyboardInterrupt):
         typer.echo("interrupted: results written earlier are as they were.", err=True)
-        return 130
+        return INTERRUPTED
     if isinstance(fault, BrokenPipeError):
         return 0
     show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.limits import check
+from tactilevision.door.opening import check_regular
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
 from tactilevision.records import HeightMap, Pair
@@ -45,9 +48,14 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
 
     path = Path(path)
     try:
+        check_regular(path)
         with tifffile.TiffFile(path) as file:
+            pixels = math.prod(file.series[0].shape) if file.series else 0
+            check(pixels, "MAX_PIXELS", what="its pixels", where=path)
             depth, about = file.asarray(), file.pages[0].description or ""  # type: ignore[union-attr]
-    except (OSError, ValueError, tifffile.TiffFileError) as fault:
+    except InputError:
+        raise
+    except Exception as fault:  # tifffile raises an error of its own for each way of being damaged
         raise InputError(f"cannot be read as a depth TIFF: {fault}", where=path) from fault
     if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.floating):
         raise InputError(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tactilevision.door.documents import read_json
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
@@ -51,20 +51,10 @@ def read_material(path: Path | str) -> Material:
     calibration, or holds no number for E or nu, or one that no gel has.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
-        raise InputError(
-            "is not a calibration that can be read",
-            where=path,
-            value=str(fault),
-            remedy="Make one with `tactilevision calibrate`.",
-        ) from fault
-    if not isinstance(content, dict):
-        raise InputError("is not a calibration", where=path, value=type(content).__name__)
+    content = _content(path)
     modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", path)
     poisson, poisson_std = _estimate(content, "poisson_ratio", path)
-    covariance = _covariance(content)
+    covariance = _covariance(content, path)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
     incompressible = MAX_POISSON < poisson <= 0.5
@@ -132,7 +122,19 @@ def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, flo
     raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
 
 
-def _covariance(content: dict[str, Any]) -> Floats | None:
+def _content(path: Path | str) -> dict[str, Any]:
+    try:
+        return read_json(path)
+    except (OSError, InputError) as fault:
+        raise InputError(
+            "is not a calibration that can be read",
+            where=path,
+            value=str(fault),
+            remedy="Make one with `tactilevision calibrate`.",
+        ) from fault
+
+
+def _covariance(content: dict[str, Any], path: Path) -> Floats | None:
     """(2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
     entry = content.get("covariance")
     names = ["youngs_modulus_MPa", "poisson_ratio"]
@@ -147,12 +149,21 @@ def _covariance(content: dict[str, Any]) -> Floats | None:
         matrix = np.asarray(entry, dtype=float)[np.ix_(places, places)]
     except (TypeError, ValueError, IndexError):
         return None
-    return matrix if np.isfinite(matrix).all() else None
+    if not np.isfinite(matrix).all():
+        return None
+    if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
+        raise InputError(
+            "the covariance of E and nu is none: no deviations have it",
+            where=path,
+            value=matrix.tolist(),
+            remedy="Take the calibration.json that `calibrate` wrote.",
+        )
+    return matrix
 
 
 def check_gel(path: Path | str, gel: Gel) -> None:
     """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
-    made_on = json.loads(Path(path).read_text(encoding="utf-8")).get("gel")
+    made_on = _content(path).get("gel")
     thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
     if isinstance(thickness, int | float) and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
@@ -165,6 +176,6 @@ def check_gel(path: Path | str, gel: Gel) -> None:
 
 def read_clock_offset(path: Path | str) -> float | None:
     """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
-    stated = json.loads(Path(path).read_text(encoding="utf-8")).get("clock_offset_s")
+    stated = _content(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
     return float(value) if isinstance(value, int | float) else None

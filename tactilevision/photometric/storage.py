@@ -7,8 +7,6 @@ numbers; a file that does not match its card is refused.
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.arrays import read_arrays
+from tactilevision.door.documents import read_json
+from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
@@ -67,17 +68,28 @@ def load_method(path: Path | str) -> CalibratedMethod:
             where=target,
             remedy="Copy both files together, or calibrate again.",
         )
+    arrays = read_arrays(target)
     try:
-        with np.load(target, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as fault:
-        raise InputError(f"the method cannot be read: {fault}", where=target) from fault
+        return _method(card, arrays, target)
+    except InputError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
+        raise InputError(
+            f"the method's numbers do not fit together: {fault}",
+            where=target,
+            remedy="Copy it again, or calibrate again.",
+        ) from fault
+
+
+def _method(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> CalibratedMethod:
+    shape = arrays["reference"].shape
+    if len(shape) != 3 or shape[2] != 3 or arrays["usable"].shape != shape[:2]:
+        raise InputError("the method's reference is no picture", where=path, value=shape)
     red, green, blue = (float(value) for value in arrays["noise_grey"])
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
-    reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"], marks)
+    reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
-    law = _law(card, arrays, target)
-    return CalibratedMethod(law, reference, float(arrays["relative_error"]), background, card)
+    return CalibratedMethod(_law(card, arrays, path), reference, float(arrays["relative_error"]), background, card)
 
 
 def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
@@ -102,7 +114,7 @@ def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
 
 def digest(path: Path) -> str:
     """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
 def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
@@ -136,7 +148,7 @@ def _network(card: MethodCard, path: Path) -> Network:
         raise InputError("the card is not that of a network", where=path, value=card.method)
     if not path.is_file():
         raise InputError("the network is missing", where=path, remedy="Copy it together with its card.")
-    content = path.read_bytes()
+    content = read_bytes(path)
     session = open_bytes(content, card.onnx_sha256, where=path)
     slopes = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
     if slopes.shape != (1, 2, 1, 1):
@@ -147,9 +159,7 @@ def _network(card: MethodCard, path: Path) -> Network:
 def read_card(path: Path) -> MethodCard:
     """The card of a method. Raises InputError where it is missing or no table."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
+        content = read_json(path)
+    except OSError as fault:
         raise InputError(f"the method's card cannot be read: {fault}", where=path) from fault
-    if not isinstance(content, dict):
-        raise InputError("the method's card is not a table", where=path)
     return MethodCard.from_json(content)

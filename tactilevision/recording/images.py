@@ -8,7 +8,6 @@ are read from colours. A .npy file holds (height, width, 3 or 4) in the order re
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.arrays import DamagedArrayError, read_array
+from tactilevision.door.limits import check
+from tactilevision.door.opening import read_bytes
+from tactilevision.door.pictures import check_picture
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
@@ -42,7 +45,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
     Raises as `read_image` does.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except FileNotFoundError as fault:
         raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
     except OSError as fault:
@@ -51,6 +54,7 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
         raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
     if path.suffix.lower() == ".npy":
         return _array(data, path)
+    check_picture(data, where=path)
     picture = _decoded(data, path)
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         picture = picture[..., 2::-1]
@@ -101,9 +105,11 @@ def _scaled(picture: npt.NDArray[Any], white: float) -> Bytes:
 
 def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
     try:
-        return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
-    except (ValueError, EOFError, OSError) as fault:
-        raise TornImageError(f"the array is damaged: {fault}", where=path, remedy=_REMEDY_TORN) from fault
+        array = read_array(data, where=path)
+    except DamagedArrayError as fault:
+        raise TornImageError(fault.what, where=path, remedy=_REMEDY_TORN) from fault
+    check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
+    return array
 
 
 def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:

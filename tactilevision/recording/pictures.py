@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.names import inside
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.images import TornImageError, as_rgb, read_stored
@@ -71,6 +72,8 @@ def list_frames(root: Path, frames_path: Path) -> tuple[Table, tuple[str, ...]]:
     if frames_path.is_file():
         _check_indices(table, frames_path)
         return table, ()
+    for name in names:
+        inside(frames_path, name, where=table.path)
     present = set(_image_names(frames_path))
     gone = _check_present(table, names, present, spare=_MAX_MISSING)
     left = len(present - set(names))
@@ -137,6 +140,8 @@ def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
             remedy=f"Add it: columns {', '.join(layout.BALL_COLUMNS.required)}.",
         )
     table = read_table(path, layout.BALL_COLUMNS)
+    for name in table.words["frame"]:
+        inside(folder, name, where=path)
     _check_present(table, table.words["frame"], set(images))
     radius = table.numbers["ball_radius_mm"]
     for row in np.flatnonzero(radius <= 0):

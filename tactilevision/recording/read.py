@@ -191,5 +191,5 @@ def _extra(table: Table) -> dict[str, Columns]:
 
 
 def _indenter(name: str, settings: IndenterSettings) -> Indenter:
-    found = settings.model_dump(include=set(Indenter.__dataclass_fields__), exclude_none=True)
+    found = settings.model_dump(include=set(Indenter.__dataclass_fields__) - {"name"}, exclude_none=True)
     return Indenter(name=name, **found)

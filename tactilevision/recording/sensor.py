@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import RecordingError
+from tactilevision.door.arrays import read_arrays
+from tactilevision.door.names import inside
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording.names import nearest
 from tactilevision.records import Gel, Sensor
 from tactilevision.sensors import SENSORS, get_sensor
@@ -35,7 +36,11 @@ def build_sensor(
         raise RecordingError(
             "[sensor] kind is missing", where=toml, remedy=f'State one of {", ".join(SENSORS)}, or "custom".'
         )
-    maps = None if settings.rectification is None else read_maps(toml.parent / settings.rectification)
+    maps = (
+        None
+        if settings.rectification is None
+        else read_maps(inside(toml.parent, settings.rectification, where=toml))
+    )
     straight = (maps[0].shape[1], maps[0].shape[0]) if maps else frame_size_px
     stated = _stated_size(settings, straight, toml)
     given: dict[str, Any] = {
@@ -103,23 +108,26 @@ def _named(
 def read_maps(path: Path) -> Maps:
     """map_x, map_y (height, width) float32 of a rectification: rectified[y, x] = raw[map_y, map_x]."""
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            missing = [name for name in ("map_x", "map_y") if name not in arrays]
-            if missing:
-                raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
-            maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
+        arrays = read_arrays(path)
     except OSError as fault:
         raise RecordingError(
             f"the rectification cannot be read: {fault.strerror or fault}",
             where=path,
             remedy="[sensor] rectification names a file beside recording.toml.",
         ) from fault
-    except (ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as fault:
+    except InputError as fault:
         raise RecordingError(
-            f"the rectification cannot be read: {fault}",
+            f"the rectification cannot be read: {fault.what}",
             where=path,
+            value=fault.value,
             remedy="Save it with numpy.savez(path, map_x=..., map_y=...).",
         ) from fault
+    missing = [name for name in ("map_x", "map_y") if name not in arrays]
+    if missing:
+        raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
+    if any(arrays[name].dtype.kind not in "fiu" for name in ("map_x", "map_y")):
+        raise RecordingError("map_x and map_y are numbers", where=path, value=str(arrays["map_x"].dtype))
+    maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
     if maps[0].ndim != 2 or maps[0].shape != maps[1].shape:
         raise RecordingError(
             "map_x and map_y are (height, width) alike", where=path, value=(maps[0].shape, maps[1].shape)

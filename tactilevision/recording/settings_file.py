@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from tactilevision.errors import RecordingError
+from tactilevision.door.documents import parse_toml, read_text
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.names import nearest
 from tactilevision.recording.settings import GelSettings, IndenterSettings, SensorSettings, Settings
@@ -37,21 +36,13 @@ _PLAUSIBLE = (
 
 
 def load_toml(path: Path) -> dict[str, Any]:
-    """The file's content. Raises RecordingError with the line where it is not TOML."""
+    """The file's content. Raises RecordingError with the line where it is not TOML, or beyond the limits."""
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except UnicodeDecodeError as fault:
-        raise RecordingError("is not UTF-8 text", where=path, remedy="Save it as UTF-8.") from fault
-    except tomllib.TOMLDecodeError as fault:
-        line = re.search(r"line (\d+)", str(fault))
-        place = f"{path}, line {line[1]}" if line else f"{path}, at its end"
-        raise RecordingError(
-            f"is not TOML: {fault}",
-            where=place,
-            remedy="Text stands in quotes, the name of a table in [brackets].",
-        ) from fault
+        return parse_toml(read_text(path), where=path)
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+    except InputError as fault:
+        raise RecordingError(fault.what, where=fault.where, value=fault.value, remedy=fault.remedy) from fault
 
 
 def check_settings(content: dict[str, Any], path: Path) -> tuple[Settings, tuple[str, ...]]:

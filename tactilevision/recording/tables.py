@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import math
 from array import array
@@ -14,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.limits import check
+from tactilevision.door.opening import open_regular
 from tactilevision.errors import RecordingError
 from tactilevision.recording.layout import Columns
 from tactilevision.recording.names import nearest
@@ -52,7 +55,7 @@ def read_table(path: Path, columns: Columns, *, least_rows: int = 1) -> Table:
     Raises RecordingError, with file and line, for whatever is not such a table.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as stream:
             rows = csv.reader(stream, strict=True)
             try:
                 return _read(path, rows, columns, least_rows)
@@ -109,6 +112,7 @@ def _read(path: Path, rows: Any, columns: Columns, least_rows: int) -> Table:
 def _header(path: Path, cells: list[str] | None, columns: Columns) -> list[str]:
     if not cells:
         raise RecordingError("is empty", where=path, remedy=f"Give it a header: {','.join(columns.required)}.")
+    check(len(cells), "MAX_COLUMNS", what="its columns", where=f"{path}, line 1")
     header = [cell.strip() or f"column_{index + 1}" for index, cell in enumerate(cells)]
     for mark, called in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.opening import check_regular
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
@@ -71,6 +72,7 @@ def _take(key: _Key, first: int) -> tuple[cv2.VideoCapture, int]:
 
 
 def _open(path: Path) -> cv2.VideoCapture:
+    check_regular(path)
     capture = cv2.VideoCapture(str(path))
     if not capture.isOpened():
         raise RecordingError(

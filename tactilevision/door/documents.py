@@ -1,0 +1,87 @@
+"""TOML and JSON: text of a bounded size, nested not too deeply, with numbers that are finite."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tactilevision.door.limits import check, limit
+from tactilevision.door.opening import read_bytes
+from tactilevision.errors import InputError
+
+_STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.S)
+
+
+def read_text(path: Path | str) -> str:
+    """UTF-8 text, with or without a byte order mark. Raises InputError, and OSError as `open_regular` does."""
+    data = read_bytes(path, limit="MAX_TEXT_MB")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise InputError("is not UTF-8 text", where=path, remedy="Save it as UTF-8.") from fault
+
+
+def parse_toml(text: str, *, where: object) -> dict[str, Any]:
+    """The table that a TOML text holds. Raises InputError with the line where it is none, or beyond the limits."""
+    _check_nesting(_STRINGS.sub('""', text), where)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as fault:
+        line = re.search(r"line (\d+)", str(fault))
+        place = f"{where}, line {line[1]}" if line else f"{where}, at its end"
+        raise InputError(
+            f"is not TOML: {fault}",
+            where=place,
+            remedy="Text stands in quotes, the name of a table in [brackets].",
+        ) from fault
+    except (ValueError, RecursionError, OverflowError) as fault:
+        raise InputError(f"is not TOML: {fault}", where=where) from fault
+
+
+def read_json(path: Path | str) -> dict[str, Any]:
+    """The table that a JSON file holds, its numbers finite.
+
+    Raises InputError where it is no such table, OSError where the file system refuses.
+    """
+    text = read_text(path)
+    try:
+        content = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_finite)
+    except (ValueError, RecursionError) as fault:
+        raise InputError(f"is not JSON: {str(fault)[:200]}", where=path) from fault
+    if not isinstance(content, dict):
+        raise InputError("is not a table of JSON", where=path, value=type(content).__name__)
+    return content
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is no finite number")
+    return number
+
+
+def _whole(text: str) -> int:
+    if len(text) > limit("MAX_DIGITS"):
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _check_nesting(text: str, where: object) -> None:
+    """Raise for brackets within brackets, keys of many parts, and numbers of many digits."""
+    depth = deepest = 0
+    for mark in re.findall(r"[\[\]{}]", text):
+        depth += 1 if mark in "[{" else -1
+        deepest = max(deepest, depth)
+    check(deepest, "MAX_DEPTH", what="brackets within brackets", where=where)
+    for line in text.split("\n"):
+        if line.count(".") > limit("MAX_DEPTH"):
+            parts = max(
+                (part.count(".") + 1 for part in re.findall(r"[\w.\" -]+", line.partition("=")[0])), default=0
+            )
+            check(parts, "MAX_DEPTH", what="the parts of a key", where=where)
+    digits = max((len(number) for number in re.findall(r"[0-9_]+", text)), default=0)
+    check(digits, "MAX_DIGITS", what="the digits of a number", where=where)

@@ -1,0 +1,38 @@
+"""Names that stand in files: none leads out of its folder, by "..", an absolute path or a link."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from tactilevision.errors import InputError
+
+_OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)|\0")
+
+
+def inside(folder: Path, name: str, *, where: object) -> Path:
+    """`folder / name`. Raises InputError where that leads out of the folder; `where` is the file that says so."""
+    path = folder / name
+    if not name or _OUTWARD.search(name) or (_linked(folder, name) and not _within(path, folder)):
+        raise InputError(
+            "a name leads out of its folder",
+            where=where,
+            value=name,
+            remedy=f"Name a file within {folder}; copy it there if it lies elsewhere.",
+        )
+    return path
+
+
+def _linked(folder: Path, name: str) -> bool:
+    """Whether a part of the way from the folder to the file is a link."""
+    place = os.fspath(folder)
+    for part in re.split(r"[/\\]", name):
+        place = os.path.join(place, part)
+        if os.path.islink(place):
+            return True
+    return False
+
+
+def _within(path: Path, folder: Path) -> bool:
+    return path.resolve().is_relative_to(folder.resolve())

@@ -1,0 +1,72 @@
+"""The size of a picture from its header, before anything is unpacked.
+
+PNG: IHDR (ISO 15948, 11.2.2). JPEG: SOF (ITU T.81, B.2.2). TIFF: tags 256, 257 (TIFF 6.0, p. 18). BMP: the
+information header.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from tactilevision.door.limits import check
+
+_PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
+_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
+_BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
+_FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
+_WHOLE = {1: "B", 3: "H", 4: "I", 16: "Q"}  # types of TIFF that hold whole numbers
+
+
+def check_picture(data: bytes, *, where: object) -> None:
+    """Raise InputError where a picture's header states more pixels than the limit; an unknown header passes."""
+    size = picture_size(data)
+    if size is not None:
+        check(size[0] * size[1], "MAX_PIXELS", what=f"a picture of {size[0]} x {size[1]} pixels", where=where)
+
+
+def picture_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in px as the header has them; None where it is of another kind, or cut short."""
+    try:
+        if data.startswith(_PNG):
+            width, height = struct.unpack_from(">II", data, 16)
+            return int(width), int(height)
+        if data.startswith(_JPEG):
+            return _jpeg(data)
+        if data.startswith(_BMP):
+            width, height = struct.unpack_from("<ii", data, 18)
+            return abs(int(width)), abs(int(height))
+        if data[:4] in _TIFF or data[:4] in _BIG_TIFF:
+            return _tiff(data)
+    except (struct.error, IndexError, KeyError):
+        return None
+    return None
+
+
+def _jpeg(data: bytes) -> tuple[int, int] | None:
+    place = 2
+    while place + 9 < len(data):
+        if data[place] != 0xFF:
+            return None
+        marker = data[place + 1]
+        if marker in _FRAME_STARTS:
+            height, width = struct.unpack_from(">HH", data, place + 5)
+            return int(width), int(height)
+        alone = marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD8
+        place += (1 if marker == 0xFF else 2) if alone else 2 + struct.unpack_from(">H", data, place + 2)[0]
+    return None
+
+
+def _tiff(data: bytes) -> tuple[int, int] | None:
+    """Of the largest of the pictures that the file holds."""
+    big = data[:4] in _BIG_TIFF
+    order = _BIG_TIFF[data[:4]] if big else _TIFF[data[:4]]
+    start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
+    count = struct.unpack_from(order + ("Q" if big else "H"), data, start)[0]
+    first, entry, number = (8, 20, "Q") if big else (2, 12, "I")
+    found: dict[int, int] = {}
+    for k in range(min(count, 4096)):
+        at = start + first + entry * k
+        tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
+        if tag in (256, 257):
+            found[tag] = struct.unpack_from(order + _WHOLE[kind], data, at + 4 + (8 if big else 4))[0]
+    return (int(found[256]), int(found[257])) if len(found) == 2 else None
