@@ -11,7 +11,7 @@ No force where w <= 0. Source: Hayes et al., J. Biomech. 5 (1972) 541; the form 
 Med. Eng. Phys. 19 (1997) 57.
 
 `bent`: the bracket as finite elements have it, 1 + beta eps + gamma eps (eps - .2), eps = w/h: beta stays the
-slope of the chord up to w/h = .2, and gamma, one a radius, lies between the bounds of theory.py.
+slope of the chord up to w/h = .2, and gamma, one a radius, lies between the bounds of laws/theory.
 """
 
 from __future__ import annotations

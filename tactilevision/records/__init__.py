@@ -1,4 +1,4 @@
-"""The frozen records that all rooms share, and the one place that states signs, axes, orders and units.
+"""The frozen records that all packages share, and the one place that states signs, axes, orders and units.
 
 Units are mm, N, MPa (N/mm²), s throughout, so no conversion factor appears inside the library.
 Axes: z into the gel, x to the right, y down, in the rectified frame as the camera shows it. Arrays of
