@@ -37,7 +37,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
             return abs(int(width)), abs(int(height))
         if data[:4] in _TIFF or data[:4] in _BIG_TIFF:
             return _tiff(data)
-    except (struct.error, IndexError, KeyError):
+    except (struct.error, IndexError, KeyError, OverflowError):
         return None
     return None
 

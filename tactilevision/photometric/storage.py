@@ -24,7 +24,7 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import light_of
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
-from tactilevision.photometric.methods.lookup import Lookup
+from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
@@ -32,6 +32,20 @@ from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 
 FORMAT = 1  # version of a method's card; cards of another are refused
+
+_SHAPES: Mapping[str, tuple[int, ...]] = {
+    "law_coefficients": (2, len(PRODUCTS), len(POWERS)),
+    "law_steepest": (),
+    "law_table": (CELLS, CELLS, CELLS, 2),
+    "law_lowest": (3,),
+    "law_highest": (3,),
+    "reference": (0, 0, 3),
+    "noise_grey": (3,),
+    "usable": (0, 0),
+    "marks": (),
+    "relative_error": (),
+    "quiet": (3, 0, 0),
+}  # sides of each array; 0: any
 
 
 def save_method(method: ReferencedMethod, path: Path | str) -> Path:
@@ -82,14 +96,31 @@ def load_method(path: Path | str) -> CalibratedMethod:
 
 
 def _method(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> CalibratedMethod:
-    shape = arrays["reference"].shape
-    if len(shape) != 3 or shape[2] != 3 or arrays["usable"].shape != shape[:2]:
-        raise InputError("the method's reference is no picture", where=path, value=shape)
+    for name, array in arrays.items():
+        _check_array(name, array, path)
+    if arrays["usable"].shape != arrays["reference"].shape[:2]:
+        raise InputError("the method's reference is of two sizes", where=path, value=arrays["usable"].shape)
     red, green, blue = (float(value) for value in arrays["noise_grey"])
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
     return CalibratedMethod(_law(card, arrays, path), reference, float(arrays["relative_error"]), background, card)
+
+
+def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
+    """Raise InputError for an array of another kind or shape than a method has under this name."""
+    sides = _SHAPES.get(name)
+    if sides is None:
+        return
+    fits = array.ndim == len(sides) and all(
+        n == side or (not side and n) for n, side in zip(array.shape, sides, strict=True)
+    )
+    if not fits or array.dtype.kind not in "fiub":
+        raise InputError(
+            f"the method's {name} has another shape", where=path, value=(array.shape, str(array.dtype))
+        )
+    if name not in ("reference", "quiet") and not np.isfinite(array).all():
+        raise InputError(f"the method's {name} holds what is no finite number", where=path)
 
 
 def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
@@ -120,15 +151,7 @@ def digest(path: Path) -> str:
 def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
     name = card.method
     if name == Polynomial.name:
-        coefficients = arrays["law_coefficients"]
-        if coefficients.shape != (2, len(PRODUCTS), len(POWERS)):
-            raise InputError(
-                "a polynomial of another order than this version's",
-                where=path,
-                value=coefficients.shape,
-                remedy="Calibrate again.",
-            )
-        return Polynomial(coefficients, float(arrays["law_steepest"]))
+        return Polynomial(arrays["law_coefficients"], float(arrays["law_steepest"]))
     if name == Lookup.name:
         return Lookup(arrays["law_table"].astype(np.float32), arrays["law_lowest"], arrays["law_highest"])
     if name == Network.name:

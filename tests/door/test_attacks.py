@@ -1,0 +1,178 @@
+"""Attacks on whole readers, as they were tried: each is one clear error, and nothing is written elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.session import History, Step, load_history
+from tactilevision.errors import InputError
+from tactilevision.force.calibrated import read_clock_offset, read_material
+from tactilevision.recording import read_recording
+from tactilevision.recording.images import read_image
+from tactilevision.recording.layout import FORCE_COLUMNS
+from tactilevision.recording.tables import read_table
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "sample_frames" / "gelslim3"
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """The sample's settings and tables with its first pictures."""
+    folder = tmp_path / "recording"
+    shutil.copytree(SAMPLE, folder, ignore=shutil.ignore_patterns("frames", "reference", "truth.toml"))
+    (folder / "frames").mkdir()
+    for path in sorted((SAMPLE / "frames").iterdir())[:3]:
+        shutil.copy(path, folder / "frames")
+    names = sorted(path.name for path in (folder / "frames").iterdir())
+    rows = "".join(f"{name},{0.1 * k}\n" for k, name in enumerate(names))
+    (folder / "frames.csv").write_text("frame,time_s\n" + rows)
+    for name in ("forces.csv", "presses.csv", "stage.csv"):
+        (folder / name).unlink(missing_ok=True)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["../victim.png", "{outside}/victim.png", "link.png"])
+def test_a_listed_frame_outside_the_recording_is_refused_by_name(
+    name: str, recording: Path, tmp_path: Path
+) -> None:
+    victim = tmp_path / "victim.png"
+    shutil.copy(next((recording / "frames").iterdir()), victim)
+    (recording / "frames" / "link.png").symlink_to(victim)
+    name = name.format(outside=tmp_path)
+    table = recording / "frames.csv"
+    table.write_text(table.read_text() + f"{name},0.9\n")
+    with pytest.raises(InputError, match="leads out of its folder") as refused:
+        read_recording(recording)
+    assert refused.value.value == name
+
+
+def test_a_rectification_outside_the_recording_is_refused(recording: Path) -> None:
+    toml = recording / "recording.toml"
+    toml.write_text(toml.read_text().replace('"maps.npz"', '"../maps.npz"'))
+    if "../maps.npz" not in toml.read_text():
+        toml.write_text(toml.read_text().replace("[sensor]", '[sensor]\nrectification = "../maps.npz"', 1))
+    with pytest.raises(InputError, match="leads out of its folder"):
+        read_recording(recording)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".npy", ".tiff"])
+def test_a_pipe_in_place_of_a_picture_is_no_picture(suffix: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / f"a{suffix}")
+    with pytest.raises(InputError, match="is a pipe"):
+        read_image(tmp_path / f"a{suffix}")
+
+
+def test_a_link_to_a_device_is_no_picture(tmp_path: Path) -> None:
+    (tmp_path / "a.png").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match="is a device"):
+        read_image(tmp_path / "a.png")
+
+
+def test_settings_that_are_a_pipe_are_refused(recording: Path) -> None:
+    (recording / "recording.toml").unlink()
+    os.mkfifo(recording / "recording.toml")
+    with pytest.raises(InputError, match="is a pipe"):
+        read_recording(recording)
+
+
+def test_an_indenter_that_states_its_name_is_read(recording: Path) -> None:
+    toml = recording / "recording.toml"
+    text = toml.read_text()
+    first = next(line for line in text.split("\n") if line.startswith("[indenter."))
+    toml.write_text(text.replace(first, f'{first}\nname = "x"', 1))
+    assert "x" not in read_recording(recording).indenters
+
+
+def test_a_table_of_a_million_columns_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text(",".join(map(str, range(1_000_000))) + "\n")
+    with pytest.raises(InputError, match="columns"):
+        read_table(path, FORCE_COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "why"),
+    [([[-1e-6, 0.0], [0.0, 1e-6]], "covariance"), ([[1e-6, 1.0], [1.0, 1e-6]], "covariance")],
+)
+def test_a_covariance_that_is_none_is_refused_where_it_stands(
+    covariance: list[list[float]], why: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "calibration.json"
+    values = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01}, "poisson_ratio": {"value": 0.48, "std": 0.01}}
+    path.write_text(json.dumps(values | {"covariance": covariance}))
+    with pytest.raises(InputError, match=why):
+        read_material(path)
+
+
+def test_a_clock_offset_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_text('{"clock_offset_s": {"value": NaN}}')
+    with pytest.raises(InputError, match="not a calibration"):
+        read_clock_offset(path)
+
+
+def test_a_tampered_history_puts_no_command_into_the_script(tmp_path: Path) -> None:
+    path = tmp_path / "history.json"
+    row = {"key": "x; touch /tmp/owned", "path": ""}
+    path.write_text(json.dumps({"recordings": ["a"], "steps": [row], "undone": []}))
+    with pytest.raises(InputError, match="no history"):
+        load_history(path)
+    script = History(("a b; c",)).add(Step("mine", "$(touch owned).py")).script("out; x")
+    command = script.split("\n")[2]
+    assert shlex.split(command)[2:] == ["a b; c", "--effect", "$(touch owned).py", "--out", "out; x"]
+
+
+@pytest.mark.parametrize(
+    "content", ['{"recordings": 3}', '{"recordings": ["a"], "steps": [3], "undone": []}', "[]"]
+)
+def test_a_history_of_another_shape_is_refused(content: str, tmp_path: Path) -> None:
+    (tmp_path / "history.json").write_text(content)
+    with pytest.raises(InputError, match="no history"):
+        load_history(tmp_path / "history.json")
+
+
+def test_ctrl_c_says_interrupted_and_ends_with_130(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tactilevision", "calibrate", str(SAMPLE), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, cwd=ROOT)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "out").exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert "interrupted" in said
+    assert "Traceback" not in said
+
+
+def test_a_method_whose_numbers_do_not_fit_is_refused(tmp_path: Path) -> None:
+    from tactilevision.photometric.storage import digest, load_method
+
+    before = ROOT / "tests" / "data" / "before"
+    source = next(path for path in before.rglob("*.npz") if path.with_suffix(".json").is_file())
+    with np.load(source) as file:
+        arrays = dict(file)
+    card = json.loads(source.with_suffix(".json").read_text())
+    for name, array in arrays.items():
+        for other in (np.zeros(3), np.array("text"), np.zeros((2, 0)), None):
+            path = tmp_path / "method.npz"
+            np.savez(path, **{key: value for key, value in (arrays | {name: other}).items() if value is not None})
+            path.with_suffix(".json").write_text(json.dumps(card | {"sha256": digest(path)}))
+            try:
+                load_method(path)
+            except InputError:
+                continue
+            same = other is not None and other.shape == array.shape
+            assert same or name in ("marks", "quiet"), name  # both may be left out
