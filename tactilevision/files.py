@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tactilevision.errors import OutputError
 
+_UNFINISHED = ".unfinished-"  # of a folder of results: then the number of the process that writes it
 _LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
@@ -85,7 +86,8 @@ def staged(folder: Path | str) -> Iterator[Path]:
     target = Path(folder)
     try:
         target.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=target))
+        _clear_unfinished(target)
+        stage = Path(tempfile.mkdtemp(prefix=f"{_UNFINISHED}{os.getpid()}-", dir=target))
     except OSError as fault:
         raise _refused(target, fault) from fault
     try:
@@ -98,6 +100,24 @@ def staged(folder: Path | str) -> Iterator[Path]:
         raise _refused(target, fault) from fault
     finally:
         shutil.rmtree(stage, ignore_errors=True)
+
+
+def _clear_unfinished(folder: Path) -> None:
+    """Remove what runs that were killed have left there; of a run that still goes on, nothing."""
+    for path in folder.glob(f"{_UNFINISHED}*"):
+        owner = path.name.removeprefix(_UNFINISHED).partition("-")[0]
+        if not (owner.isdigit() and _runs(int(owner))):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import at_border
 from tactilevision.errors import InputError
-from tactilevision.gpu.device import find_gpu
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import BORDER, add

@@ -190,7 +190,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
         _simulated_pictures("--seed", 14, "--no-faults", "--markers", "--youngs-modulus", 0.12)
     ),
     "drawn, one punch, nothing hidden": Case(
-        _drawn("--seed", 303, "--design", "plain", "--gel", "fem", "--noise", "ar1"), quick=True
+        _drawn("--seed", 303, "--design", "plain", "--gel", "fem", "--noise", "ar1")
     ),
     "drawn, two punches, viscoelastic": Case(
         _drawn("--seed", 301, "--design", "medium", "--hidden", "viscoelasticity")

@@ -28,7 +28,10 @@ class DamagedArrayError(InputError):
 
 
 def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
-    """The one array of a .npy file. Raises InputError where it is damaged, holds objects, or is too large."""
+    """The one array of a .npy file, as it is, of any shape, in its unit.
+
+    Raises DamagedArrayError where it is damaged or holds objects, InputError where it is too large.
+    """
     try:
         _check_header(io.BytesIO(data), where)
         return np.asarray(np.lib.format.read_array(io.BytesIO(data), allow_pickle=False))
@@ -39,7 +42,7 @@ def read_array(data: bytes, *, where: object) -> npt.NDArray[Any]:
 
 
 def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
-    """The arrays of a .npz file by their names.
+    """The arrays of a .npz file by their names, as they are, of any shape, in their unit.
 
     Raises InputError where the file is damaged, holds objects, or unpacks to more than the limit; OSError where
     the file system refuses.

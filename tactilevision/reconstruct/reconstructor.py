@@ -26,11 +26,12 @@ from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
+from tactilevision.records.flags import DEEPER, add
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
 if TYPE_CHECKING:
-    from tactilevision.gpu.reader import TorchReader
+    from tactilevision.reconstruct.gpu.reader import TorchReader
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
@@ -67,7 +68,7 @@ class Reconstructor:
         unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        surface, valid, std, flags = self._mapped(self.rectified(frame))
+        surface, valid, std, flags = self._flagged(self.rectified(frame))
         return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
 
     def rectified(self, frame: Frame) -> Bytes:
@@ -76,13 +77,21 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
-        surface, valid, std, flags = self._mapped(rgb)
+        surface, valid, std, flags = self._flagged(rgb)
         return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
         self.rectified_map(rgb)
         return self.reference_match.residuals if self.reference_match else tuple(DEFAULT_BASELINE.values())
+
+    def _flagged(self, rgb: Bytes) -> Mapped:
+        """As `_mapped`; a map that is deeper than the gel is thick says so."""
+        surface, valid, std, flags = self._mapped(rgb)
+        gel = self.sensor.gel
+        if gel is not None and surface.max() > gel.thickness_mm:
+            flags = add(flags, (DEEPER,))
+        return surface, valid, std, flags
 
     def _mapped(self, rgb: Bytes) -> Mapped:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
@@ -181,7 +190,7 @@ class Reconstructor:
 
     def use(self, device: str) -> bool:
         """Read frames on torch's `device` from here on; False where torch cannot be told how."""
-        from tactilevision.gpu.reader import TorchReader
+        from tactilevision.reconstruct.gpu.reader import TorchReader
 
         if self.referenced:
             with suppress(LookupError):

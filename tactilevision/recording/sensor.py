@@ -126,7 +126,7 @@ def read_maps(path: Path) -> Maps:
     if missing:
         raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
     if any(arrays[name].dtype.kind not in "fiu" for name in ("map_x", "map_y")):
-        raise RecordingError("map_x and map_y are numbers", where=path, value=str(arrays["map_x"].dtype))
+        raise RecordingError("the rectification cannot be read: map_x and map_y are numbers", where=path)
     maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
     if maps[0].ndim != 2 or maps[0].shape != maps[1].shape:
         raise RecordingError(

@@ -36,6 +36,9 @@ def read_frame_table(path: Path) -> Table:
     return table
 
 
+MAX_FORCE_N = 1e6  # N: a hundred tonnes on a pad of some cm2; more is another unit, or a broken file
+
+
 def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[ForceSeries, Table]:
     """forces.csv turned into the rectified frame's axes.
 
@@ -48,6 +51,13 @@ def read_forces(path: Path, settings: ForceSettings, *, toml: Path) -> tuple[For
     check_time(table, time_s)
     turn = rotation(settings, toml)
     readings = np.column_stack([table.numbers[name] for name in ("fx_N", "fy_N", "fz_N")])
+    for row in np.flatnonzero(np.abs(readings).max(axis=1) > MAX_FORCE_N)[:1]:
+        raise table.fault(
+            int(row),
+            "a force that no gel bears",
+            value=float(np.abs(readings[row]).max()),
+            remedy="Forces are in N.",
+        )
     std = np.array(settings.std_N) if settings.std_N else step_noise(readings)
     torque = None
     if all(name in table.numbers for name in ("tx_Nm", "ty_Nm", "tz_Nm")):

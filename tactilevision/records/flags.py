@@ -9,7 +9,9 @@ LIGHT = "light"
 BORDER = "border"
 REFERENCE = "reference"
 BALLS = "balls"
+DEEPER = "deeper_than_gel"
 MEANING = {
+    DEEPER: "the map is deeper than the gel is thick: no press reads like this, and no depth of it can be true",
     MOVED: "the picture lies beside its reference: depth may be false everywhere",
     REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "
     "and may be everywhere where the light was calibrated with it",

@@ -130,6 +130,7 @@ def test_a_press_that_does_not_belong_is_found(jump_mm: float, odd: tuple[str, .
     assert own_zero_mm(fitted)[5] > 0.8 * jump_mm - 0.012
 
 
+@pytest.mark.slow
 def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
     data = presses(24)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press >= 14, 0.025, 0.0)))

@@ -49,6 +49,7 @@ def allowed(one: Fit, *keys: str) -> tuple[Estimate, Estimate, tuple[UndetectedE
     return alone, *average_models(alone, one, effects=[EFFECTS[key] for key in keys or EFFECTS])
 
 
+@pytest.mark.slow
 def test_radii_that_exclude_a_wrong_thickness_leave_the_interval_as_it_is() -> None:
     alone, wide, unseen = allowed(fitted())
     before, after = _ends(alone), _ends(wide)
@@ -83,6 +84,7 @@ def test_effects_of_another_depth_are_absent() -> None:
     assert not absent(EFFECTS["tilt"], data)
 
 
+@pytest.mark.slow
 def test_a_press_that_cannot_belong_is_set_aside_and_both_verdicts_are_said() -> None:
     data = presses(20)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, -0.06, 0.0)))

@@ -14,14 +14,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared_scenes import sample_reconstructor
 
 from calibration.session import History, Step, load_history
 from tactilevision.errors import InputError
+from tactilevision.files import staged
 from tactilevision.force.calibrated import read_clock_offset, read_material
 from tactilevision.recording import read_recording
 from tactilevision.recording.images import read_image
 from tactilevision.recording.layout import FORCE_COLUMNS
+from tactilevision.recording.series import read_forces
+from tactilevision.recording.settings import ForceSettings
 from tactilevision.recording.tables import read_table
+from tactilevision.records.flags import DEEPER, LIGHT
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_frames" / "gelslim3"
@@ -176,3 +181,35 @@ def test_a_method_whose_numbers_do_not_fit_is_refused(tmp_path: Path) -> None:
                 continue
             same = other is not None and other.shape == array.shape
             assert same or name in ("marks", "quiet"), name  # both may be left out
+
+
+@pytest.mark.parametrize("kind", ["grey", "noise"])
+def test_a_picture_of_nothing_is_never_a_depth(kind: str) -> None:
+    """Such pictures read deeper than the gel is thick, and the map says that it cannot be."""
+    reconstructor = sample_reconstructor()
+    shape = (reconstructor.sensor.height_px, reconstructor.sensor.width_px, 3)
+    grey = np.full(shape, 128, np.uint8)
+    noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    height = reconstructor.rectified_map(grey if kind == "grey" else noise)
+    gel = reconstructor.sensor.gel
+    assert gel is not None
+    assert (DEEPER in height.flags) == (height.depth_mm.max() > gel.thickness_mm)
+    assert DEEPER in height.flags or LIGHT in height.flags
+
+
+def test_a_force_that_no_gel_bears_is_refused_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,1\n0.01,0,0,2e6\n0.02,0,0,1\n")
+    with pytest.raises(InputError, match="line 3: a force that no gel bears"):
+        read_forces(path, ForceSettings(), toml=tmp_path / "recording.toml")
+
+
+def test_what_a_killed_run_left_is_cleared_and_a_running_one_is_left_alone(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    for name in (f".unfinished-{dead.pid}-abc", ".unfinished-abc", f".unfinished-{os.getpid()}-abc"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "half.png").write_bytes(b"half")
+    with staged(tmp_path) as stage:
+        (stage / "new.txt").write_text("new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f".unfinished-{os.getpid()}-abc", "new.txt"]

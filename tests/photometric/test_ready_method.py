@@ -94,7 +94,7 @@ def test_a_network_that_is_not_its_card_s_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the network is missing"):
         load_network(path, reference)
     path.with_suffix(".json").write_text("[]")
-    with pytest.raises(InputError, match="card is not a table"):
+    with pytest.raises(InputError, match="is not a table"):
         load_network(path, reference)
 
 

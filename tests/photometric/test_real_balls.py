@@ -156,6 +156,7 @@ def test_the_ready_network_sees_real_presses(folder: str, least: float) -> None:
     assert measure(reader.rectified_map(flat), reader.error)[1] == 0
 
 
+@pytest.mark.slow
 def test_gelsight_mini_at_640_by_480() -> None:
     where = REAL / "taxim_gelsight_mini"
     with (where / "labels.csv").open(encoding="utf-8") as table:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from tactilevision.gpu.cosine import TorchSolver
-from tactilevision.gpu.laws import Law, law_on
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
 from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.photometric.multiresolution import TiledSlopes
 from tactilevision.photometric.protocols import Evaluator, Reading
+from tactilevision.reconstruct.gpu.cosine import TorchSolver
+from tactilevision.reconstruct.gpu.laws import Law, law_on
 from tactilevision.records import Bytes, Pair, SlopeMap
 
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]

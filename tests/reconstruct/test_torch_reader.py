@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactilevision.gpu.device import DRIVERS
 from tactilevision.live import Stream
 from tactilevision.photometric import PHOTOMETRIC, CalibratedMethod, calibrate_from_balls, make_reference
 from tactilevision.photometric.training.network_training import NetworkFitter
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.gpu.device import DRIVERS
 from tactilevision.reconstruct.untouched_frames import subtract_background
 from tactilevision.records import Frame
 
@@ -72,7 +72,10 @@ def test_a_stream_takes_the_gpu_there_is_and_follows_the_light_on_it(monkeypatch
 
 
 def test_torch_is_loaded_only_where_a_driver_is() -> None:
-    code = "import sys; from tactilevision.gpu.device import find_gpu; print(find_gpu(), 'torch' in sys.modules)"
+    code = (
+        "import sys\nfrom tactilevision.reconstruct.gpu.device import find_gpu\nprint(find_gpu(), "
+        "'torch' in sys.modules)"
+    )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     if not any(Path(path).exists() for path in DRIVERS):
         assert said == ["None", "False"]
