@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing, and would hide the line
+
 
 @dataclass(frozen=True, slots=True)
 class PointCloud:
@@ -49,8 +51,9 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
     """P against w, P/w against w/h, and what the fit leaves; bars and bands are 95 % intervals."""
     figure, (force, stiffness, rest, corner) = style.new_figure(style.WIDTH_IN, 5.4, rows=2, columns=2)
     strain = cloud.depth_mm / cloud.thickness_mm
-    secant = cloud.force_N / cloud.depth_mm
-    secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / np.abs(cloud.depth_mm)
+    deep_mm = np.where(cloud.depth_mm > SHALLOW * np.max(cloud.depth_mm), cloud.depth_mm, np.nan)
+    secant = cloud.force_N / deep_mm
+    secant_std = np.hypot(cloud.force_std_N, secant * cloud.depth_std_mm) / deep_mm
     depth_bar, force_bar = 1.96 * cloud.depth_std_mm, 1.96 * cloud.force_std_N
     scatter(force, cloud, x=cloud.depth_mm, y=cloud.force_N, bars=(depth_bar, force_bar))
     scatter(stiffness, cloud, x=strain, y=secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))

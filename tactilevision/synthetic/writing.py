@@ -41,7 +41,7 @@ def recording_of(folder: Path, scenario: Scenario) -> Recording:
         depth_std_mm=options.indenters.height_std_mm if gauge else DEPTH_STD_MM,
         clock_offset_s=round(scenario.clock_offset_s, 5) if options.rig.state_clock_offset and pictured else None,
         indenters={f"A{i + 1}": _indenter(options, i) for i in range(len(options.indenters.heights_mm))},
-        presses=tuple(_press(p) for p in scenario.presses) if pictured else (),
+        presses=tuple(_press(p) for p in scenario.presses) if pictured or options.frames == "curves" else (),
         forces=forces,
         points=certified(scenario) if gauge else (),
         curves=curves(scenario) if options.frames == "curves" else (),
