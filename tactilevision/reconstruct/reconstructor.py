@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,8 +39,18 @@ Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any
 READABLE = 0.8
 
 
+class _Turn:
+    """A lock, since a map is made in arrays that the next one is made in; a copy of it is another lock."""
+
+    def __init__(self) -> None:
+        self.lock = RLock()
+
+    def __reduce__(self) -> tuple[type[_Turn], tuple[()]]:
+        return _Turn, ()
+
+
 class Reconstructor:
-    """Turns the frames of one sensor into height maps. Not thread-safe: make one for each thread.
+    """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
     `calibration` is what the method was made from, None for a method that came ready.
     """
@@ -48,6 +59,7 @@ class Reconstructor:
         self, sensor: Sensor, method: PhotometricMethod, *, calibration: Calibration | None = None
     ) -> None:
         self.sensor, self.method, self.calibration = sensor, method, calibration
+        self.turn = _Turn()
         self.warnings: tuple[str, ...] = calibration.warnings if calibration else ()
         self.zero: ZeroPlane | None = None
         self.evidence: MapEvidence | None = None
@@ -82,12 +94,14 @@ class Reconstructor:
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
-        self.rectified_map(rgb)
-        return self.reference_match.residuals if self.reference_match else tuple(DEFAULT_BASELINE.values())
+        with self.turn.lock:
+            self.rectified_map(rgb)
+            return self.reference_match.residuals if self.reference_match else tuple(DEFAULT_BASELINE.values())
 
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
-        surface, valid, std, flags = self._mapped(rgb)
+        with self.turn.lock:
+            surface, valid, std, flags = self._mapped(rgb)
         gel = self.sensor.gel
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
@@ -179,7 +193,8 @@ class Reconstructor:
     def slope_map(self, frame: Frame) -> SlopeMap:
         """The slopes (H, W) that a raw frame shows, before any integration. Raises as height_map does."""
         rgb = self.rectified(frame)
-        return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
+        with self.turn.lock:
+            return self.referenced.read(rgb).slopes if self.referenced else self.method.slopes(rgb)
 
     def follow(self, rgb: Bytes, share: float) -> None:
         """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""

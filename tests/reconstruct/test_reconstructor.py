@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from shared_scenes import SAMPLE, sample_reconstructor
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
 from tactilevision.reconstruct import Reconstructor, untouched_rms_mm
 from tactilevision.reconstruct.untouched_frames import subtract_background, tare
+from tactilevision.recording import read_frame, read_recording
 from tactilevision.records import Bytes, Frame, SlopeMap
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
@@ -205,3 +209,20 @@ def test_real_gelsight_mini_goes_the_same_way() -> None:
     assert found.direction_error_deg < 15.0
     height = Reconstructor(sensor, found.method).height_map(Frame(shots[3].rgb))
     assert 0.05 < height.depth_mm.max() < 1.0
+
+
+def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
+    """Gentle and deep presses in turn, four threads at a time: each map is that of its own picture."""
+    reconstructor = sample_reconstructor()
+    recording = read_recording(SAMPLE)
+    pictures = [reconstructor.rectified(read_frame(recording, k)) for k in range(80, 120, 4)]
+    alone = [reconstructor.rectified_map(picture).depth_mm.copy() for picture in pictures]
+    turns = [*range(10)] * 6
+    with ThreadPoolExecutor(4) as pool:
+        together = list(
+            pool.map(lambda k: (k, reconstructor.rectified_map(pictures[k]).depth_mm), [*range(10)] * 6)
+        )
+    for k, depth_mm in together:
+        np.testing.assert_allclose(depth_mm, alone[k], atol=1e-6)
+    again = pickle.loads(pickle.dumps(reconstructor))  # noqa: S301 - a worker's copy
+    np.testing.assert_allclose(again.rectified_map(pictures[0]).depth_mm, alone[0], atol=1e-6)
