@@ -219,10 +219,8 @@ def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
     alone = [reconstructor.rectified_map(picture).depth_mm.copy() for picture in pictures]
     turns = [*range(10)] * 6
     with ThreadPoolExecutor(4) as pool:
-        together = list(
-            pool.map(lambda k: (k, reconstructor.rectified_map(pictures[k]).depth_mm), [*range(10)] * 6)
-        )
-    for k, depth_mm in together:
+        together = list(pool.map(lambda k: reconstructor.rectified_map(pictures[k]).depth_mm, turns))
+    for k, depth_mm in zip(turns, together, strict=True):
         np.testing.assert_allclose(depth_mm, alone[k], atol=1e-6)
     again = pickle.loads(pickle.dumps(reconstructor))  # noqa: S301 - a worker's copy
     np.testing.assert_allclose(again.rectified_map(pictures[0]).depth_mm, alone[0], atol=1e-6)
