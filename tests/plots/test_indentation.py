@@ -19,4 +19,4 @@ def test_forces_of_nought_and_below_are_drawn_with_their_bars() -> None:
     heights = [float(np.ptp(np.asarray(ends)[:, 1])) for bar in bars for ends in bar.get_segments()]
     assert np.isfinite(heights).all()
     upright = [height for height in heights if height > 0.0]
-    assert upright[1] == pytest.approx(2 * 1.96 * 0.004 / 0.1, abs=1e-6)
+    assert upright[0] == pytest.approx(2 * 1.96 * 0.004 / 0.1, abs=1e-6), "the first is too shallow for P/w"

@@ -184,7 +184,7 @@ def test_recordings_without_pictures(tmp_path: Path, kind: str) -> None:
         curve = recording.curves[0]
         assert set(curve.phase) == {"free", "load", "hold", "unload"}
         assert abs(curve.depth_mm[curve.phase == "free"].mean()) < 0.002
-        assert [press.press for press in recording.presses] == [curve.press for curve in recording.curves]
+        assert {curve.press for curve in recording.curves} <= {press.press for press in recording.presses}
 
 
 def test_prior_of_poisson_ratio_can_be_left_out_and_clock_stated(tmp_path: Path) -> None:
