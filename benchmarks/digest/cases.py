@@ -171,7 +171,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "depth held to the faces": Case(_anchored_depths),
     "force of one frame": Case(_one_force, quick=True),
     "force between sides": Case(_forces_between_sides),
-    "points of before": Case(_calibrate(BEFORE / "calibrated"), quick=True),
+    "points of before": Case(_calibrate(BEFORE / "calibrated")),
     "polynomial of before": Case(_saved_method("polynomial"), quick=True),
     "lookup of before": Case(_saved_method("lookup")),
     "either of before": Case(_saved_method("either")),

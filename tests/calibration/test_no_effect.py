@@ -68,6 +68,7 @@ def plateaus(count: int, rng: np.random.Generator) -> Observations:
     return replace(taken.shifted(0.0015 * rng.standard_normal(data.size)), depth_std_mm=np.full(data.size, 0.0015))
 
 
+@pytest.mark.slow
 def test_noise_of_the_depth_sorts_no_residuals() -> None:
     data = plateaus(16, np.random.default_rng(3))
     hold = data.phase == "hold"

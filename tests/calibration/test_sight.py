@@ -90,6 +90,7 @@ def points(ratio: Floats, std: float) -> Observations:
     )
 
 
+@pytest.mark.slow
 def test_what_the_height_map_says_of_itself_accuses_nobody_and_what_is_beyond_it_does() -> None:
     depths = np.tile([0.14, 0.27, 0.37, 0.46, 0.55], 3)
     low = 1 - 0.2 * (depths - 0.14)  # a face that reads lower the deeper it is, by up to 8 %

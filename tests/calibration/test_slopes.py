@@ -88,6 +88,7 @@ def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> 
     assert found.last.lack_of_fit > 0.005
 
 
+@pytest.mark.slow
 def test_five_presses_are_too_few_for_slopes() -> None:
     data = seen(5).take(np.arange(3))
     both = fit_vision_depth(replace(data, reconstructed_mm=data.depth_mm))

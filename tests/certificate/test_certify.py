@@ -186,6 +186,7 @@ def test_frames_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     assert any("00003.png" in warning for warning in certify(read, drawn).warnings)
 
 
+@pytest.mark.slow
 def test_few_frames_while_the_rig_stands_still_at_the_touch_are_no_loss(tmp_path: Path) -> None:
     made = line_up([Made(0.35), Made(0.5), Made(0.35, dwell_s=0.6), Made(0.5), Made(0.5, fault="dropped_frames")])
     certificate = certify(*recording(tmp_path, made, seed=4))

@@ -54,7 +54,7 @@ def certified(factor: float) -> Certificate:
     return certify(stated, sample_reconstructor() if factor == 1.0 else build_reconstructor(stated))
 
 
-@pytest.mark.parametrize(("factor", "off"), [(1.0, 0), (1.1, -10)])
+@pytest.mark.parametrize(("factor", "off"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (1.1, -10)])
 def test_a_ball_stated_too_large_is_told_by_the_sample_s_presses(factor: float, off: int) -> None:
     """Certified depths are the bevel's: they stay within half a percent."""
     said = [line for line in certified(factor).warnings if "gentle faces" in line]
