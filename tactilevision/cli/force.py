@@ -41,9 +41,9 @@ def force(
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
     from dataclasses import replace
 
-    from tactilevision.force.beside import write_beside
     from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
     from tactilevision.force.folder import force_folder, force_job
+    from tactilevision.force.recorded_comparison import write_comparison
 
     material = read_material(calibration)
     offset = read_clock_offset(calibration)
@@ -64,7 +64,7 @@ def force(
     content |= {"faces_certified": anchor.depth_scale is not None}
     content |= {"warnings": list(reconstructor.warnings)}
     content |= {"shear": _shear(read), "measured": _beside(rows)}
-    beside = write_beside(recording, rows, folder=out / "beside")
+    beside = write_comparison(recording, rows, folder=out / "beside")
     if beside is not None:
         console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
     content |= {"sensitivity": _figures(recording, job, rows, out / "figures", most=pictures)}

@@ -1,9 +1,9 @@
-"""What the picture saw beside what the force sensor read, as a recording of curves: for `tactilevision diagnose`.
+"""The picture's depth against the force sensor's reading, as a recording of curves for `tactilevision diagnose`.
 
 Each press becomes a curve of the contact's depth, as the height map has it, against the sensor's force, with the
 place of the pressure for the press's own where the protocol states none. So whatever separates the two, by depth,
 place, direction, time or press, meets the same residual panels and the same effects as a calibration does.
-`picture_fz_N` and its deviation are kept beside.
+`picture_fz_N` and its deviation are columns of their own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tactilevision.records import Curve, Press
 MIN_COUNT = 4  # frames of a press that make a curve
 
 
-def write_beside(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
+def write_comparison(recording: Recording, rows: Sequence[FrameForce], *, folder: Path) -> Path | None:
     """Write the recording of curves into `folder`; None where no press has enough frames with both."""
     presses, curves = [], []
     for press in recording.presses:
