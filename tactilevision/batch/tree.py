@@ -16,6 +16,7 @@ from pathlib import Path
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
+from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
 from tactilevision.recording.pictures import find_frames
@@ -23,7 +24,7 @@ from tactilevision.recording.pictures import find_frames
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
-Run = Callable[[Recording, Reconstructor, Path], tuple[FrameResult, ...]]
+Run = Callable[..., tuple[FrameResult, ...]]  # reconstruct_folder with its options
 Progress = Callable[[int, int, str], None]
 
 
@@ -69,7 +70,21 @@ def reconstruct_tree(
     `read` opens a source, `light` makes its reconstructor. A run that was cut off goes on where it was: sources
     that are finished are known by their depth.csv. Raises InputError where no source is found.
     """
-    root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
+    with output_lock(out):
+        return _reconstruct(
+            Path(root),
+            Path(out),
+            read=read,
+            light=light,
+            run=partial(reconstruct_folder, workers=workers, form=form, with_std=with_std),
+            way=f"{form} with std" if with_std else form,
+            progress=progress,
+        )
+
+
+def _reconstruct(
+    root: Path, out: Path, *, read: Open, light: Light, run: Run, way: str, progress: Progress | None
+) -> tuple[Branch, ...]:
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
     told = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
@@ -86,8 +101,7 @@ def reconstruct_tree(
             if progress is not None:
                 progress(before + done, total, name)
 
-        run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
-        branches.append(_branch(name, recording, out, light=light, run=run, way=way))
+        branches.append(_branch(name, recording, out, light=light, run=partial(run, progress=report), way=way))
         before += len(recording.frame_names)
     every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
     write_text(out / TABLE, _table(every))

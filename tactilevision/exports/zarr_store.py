@@ -85,6 +85,7 @@ def _opened(path: str) -> Any:
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    _opened.cache_clear()
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.parent.mkdir(parents=True, exist_ok=True)
     group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
@@ -92,13 +93,25 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
     return group
 
 
+def settle(path: Path) -> None:
+    """Put right what a run that was killed between the two renames of `_move` has left."""
+    old = _old(path)
+    with told_as_output(path):
+        if old.exists() and not path.exists():
+            os.replace(old, path)
+    shutil.rmtree(old, ignore_errors=True)
+
+
 def _move(scratch: Path, path: Path) -> None:
-    old = path.with_name(f".{path.name}-old")
-    shutil.rmtree(old, ignore_errors=True)
+    settle(path)
     if path.exists():
-        os.replace(path, old)
+        os.replace(path, _old(path))
     os.replace(scratch, path)
-    shutil.rmtree(old, ignore_errors=True)
+    shutil.rmtree(_old(path), ignore_errors=True)
+
+
+def _old(path: Path) -> Path:
+    return path.with_name(f".{path.name}-old")
 
 
 def _zarr() -> Any:
