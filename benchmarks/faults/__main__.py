@@ -23,6 +23,7 @@ OTHERS: dict[str, trials.Trial] = {
     "disk full": trials.disk_full,
     "read-only": trials.read_only,
     "clock back": trials.clock_back,
+    "recorded clock back": trials.recorded_clock_back,
     "input changed": trials.input_changed,
     "run twice": trials.run_twice,
 }

@@ -67,7 +67,7 @@ def _small_recording(folder: Path) -> Path:
     settings = folder / "recording.toml"
     text = settings.read_text(encoding="utf-8").replace('shape = "disc"', 'shape = "unbounded"')
     settings.write_text(text.replace("radius_mm = 15.0\n", ""), encoding="utf-8")
-    first, last = (cv2.imread(str(path)).astype(float) for path in sorted((folder / "frames").iterdir()))
+    first, last = (np.asarray(cv2.imread(str(p)), float) for p in sorted((folder / "frames").iterdir()))
     shutil.rmtree(folder / "frames")
     (folder / "frames").mkdir()
     rng, names = np.random.default_rng(0), [f"{number:03d}.png" for number in range(FRAMES)]
@@ -89,7 +89,7 @@ def _run(words: list[str]) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder by its name, without what is the clock's (`ms`, the date) and the folder's name."""
+    """Every file below a folder by its name, without the clock's (`ms`, the date) and the folder's name."""
     here = os.fsencode(folder.resolve())
     return {
         str(path.relative_to(folder)): _timeless(path).replace(here, b"OUT")

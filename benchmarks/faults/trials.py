@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,7 +92,7 @@ def _ended(process: subprocess.Popen[str]) -> Ended:
 
 
 def earlier_results(whole: Undisturbed, out: Path) -> dict[str, bytes]:
-    """Put results of an earlier run, told from new ones by a mark, into `out`; cases that a run goes on from stay."""
+    """Put results of an earlier run into `out`, told by a mark; cases that a run goes on from stay."""
     shutil.copytree(whole.out, out)
     for path in out.rglob("*"):
         if path.is_file() and path.parent.name != "cases":
@@ -102,7 +102,8 @@ def earlier_results(whole: Undisturbed, out: Path) -> dict[str, bytes]:
 
 def half_written(whole: Undisturbed, out: Path, before: Mapping[str, bytes]) -> list[str]:
     """Results that are neither the new ones nor those of before; a store must be the one or the other."""
-    wrong, stores = [], {}
+    wrong: list[str] = []
+    stores: dict[str, set[str]] = {}
     for name, data in visible(contents(out)).items():
         new, old = data == whole.found.get(name), data == before.get(name)
         if not new and not old and not nearly_same(whole.out, out, name):
@@ -166,7 +167,7 @@ def worker_killed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
 def stopped(
     whole: Undisturbed, out: Path, rng: np.random.Generator, *, number: signal.Signals
 ) -> list[str] | None:
-    """Ctrl-C as a terminal sends it, to all processes; or SIGTERM to the first. Neither leaves a thing unfinished."""
+    """Ctrl-C as a terminal sends it, to all processes; or SIGTERM to the first. Nothing half done stays."""
     before = earlier_results(whole, out)
     with started(whole.command, out) as process:
         try:
@@ -190,12 +191,12 @@ def _refused(ended: Ended) -> list[str]:
 
 
 def disk_full(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
-    """A disk too small by a drawn share, then one that is large enough; a limit on a file's size without mounts."""
+    """A disk too small by a drawn share, then one large enough; without mounts, a limit on a file's size."""
     size = sum(path.stat().st_size for path in whole.out.rglob("*") if path.is_file())
     share = float(rng.uniform(0.05, 0.9))
     out.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={int(share * size) // 4096 * 4 + 8}k", "tmpfs", str(out)],
-                      capture_output=True, check=False).returncode:  # fmt: skip
+    small = f"size={int(share * size) // 4096 * 4 + 8}k"
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", small, "tmpfs", str(out)], check=False).returncode:
         largest = max(path.stat().st_size for path in whole.out.rglob("*") if path.is_file())
         ended = run(whole.command, out, most=int(share * largest))
         return _refused(ended) + half_written(whole, out, {}) + resumed(whole, out)
@@ -223,13 +224,35 @@ def read_only(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[s
 
 
 def clock_back(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
-    """Killed before a drawn event; then all files date from tomorrow, and the clock of the second run is a day back."""
+    """Killed before a drawn event; then files date from tomorrow, and the second run's clock is a day back."""
     ended = run(whole.command, out, fault={"at": int(rng.integers(whole.events // 2, whole.events))})
     if ended.code != -signal.SIGKILL:
         return None
     for path in out.rglob("*"):
         os.utime(path, (time.time() + 86400,) * 2)
     return half_written(whole, out, {}) + resumed(whole, out, fault={"clock_s": -86400.0})
+
+
+def recorded_clock_back(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
+    """The camera's or the force sensor's clock jumps back at a drawn row: refused in one line, or passed over."""
+    source = whole.command.source
+    if source is None or not (source / "frames.csv").exists():
+        return None
+    path = source / str(rng.choice(["frames.csv", "forces.csv"]))
+    text = path.read_text(encoding="utf-8")
+    head, *rows = text.splitlines()
+    column, at = head.split(",").index("time_s"), int(rng.integers(2, len(rows)))
+    for number in range(at, len(rows)):
+        cells = rows[number].split(",")
+        cells[column] = f"{float(cells[column]) - 3600:.4f}"
+        rows[number] = ",".join(cells)
+    try:
+        path.write_text("\n".join((head, *rows)) + "\n", encoding="utf-8")
+        ended = run(whole.command, out)
+    finally:
+        path.write_text(text, encoding="utf-8")
+    wrong = [] if ended.code == 0 else _refused(ended)
+    return wrong + traceback(ended) + resumed(whole, out)
 
 
 def input_changed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
@@ -257,12 +280,10 @@ def input_changed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
 
 
 def run_twice(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
-    """A second run on the same output while the first is at work: refused in one line, and the first is unharmed."""
+    """A second run on the same output while the first is at work: refused in one line, the first is unharmed."""
     with started(whole.command, out) as process:
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(float(rng.uniform(0.2, 0.5)) * whole.seconds)
-        except subprocess.TimeoutExpired:
-            pass
         if not (out / ".lock").exists():
             return None
         second = run(whole.command, out)
