@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
@@ -47,9 +48,10 @@ class _DeafPool(ProcessPoolExecutor):
     """Its processes are started deaf to Ctrl-C, which a terminal sends to every process of a command."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        if not hasattr(signal, "pthread_sigmask"):  # Windows
+        if sys.platform == "win32":
             return super().submit(fn, *args, **kwargs)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a new process inherits it
+        # both wait until a new process has read what it is to do: cut off there, it would end with a traceback
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})  # processes inherit it
         try:
             return super().submit(fn, *args, **kwargs)
         finally:
@@ -57,6 +59,8 @@ class _DeafPool(ProcessPoolExecutor):
 
 
 def _start(parent: Connection, start: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     if start is not None:
         start(*given)

@@ -6,7 +6,6 @@ Workers import this module, too, as the main module of their parent, so that the
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import sys
@@ -46,7 +45,7 @@ class Hook:
 def install() -> None:
     """Put the fault that the environment states into this process."""
     said = json.loads(os.environ.get(FAULT, "{}"))
-    is_worker = multiprocessing.parent_process() is not None
+    is_worker = __name__ != "__main__"
     if said.get("worker", False) == is_worker and "out" in said:
         sys.addaudithook(Hook(said["out"], said.get("at"), said.get("count")))
     if "clock_s" in said:

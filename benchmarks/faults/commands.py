@@ -19,6 +19,7 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 BEFORE = ROOT / "tests" / "data" / "before"
 FRAMES = 28  # of the small recording: more than are done before a second process starts
+PICTURES = "frames/*.png"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,23 +43,36 @@ class Command:
 
 
 def prepare(folder: Path) -> dict[str, Command]:
-    """Make the recordings below `folder`; the commands by name."""
-    frames, points = _small_recording(folder / "frames"), folder / "points"
-    _run(["simulate", str(points), "--frames", "points", "--presses", "1", "--no-faults"])
-    method, material = str(BEFORE / "methods" / "polynomial.npz"), str(BEFORE / "calibrated" / "calibration.json")
-    depth = ("depth", str(frames), "--method", method, "--pictures", "1", "--workers")
-    force = ("force", str(frames), "--method", method, "--pictures", "0", "--calibration", material, "--workers")
-    grid = ("--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.45", "--a-over-h", "0.2,0.3")
-    table = ("tabulate", *grid, "--edge-over-h", "0.1", "--processes", "1")
-    every = (
-        Command("depth tiff", (*depth, "2"), frames, changing="frames/*.png", workers=2),
-        Command("depth zarr", (*depth, "1", "--format", "zarr"), frames, changing="frames/*.png"),
-        Command("calibrate", ("calibrate", str(points)), points, changing="points.csv"),
-        Command("force", (*force, "1"), frames, changing="frames/*.png"),
-        Command("diagnose", ("diagnose", str(points)), points, changing="points.csv"),
-        Command("tabulate", table, target=()),
-    )
+    """Make the recordings below `folder`; all commands by name."""
+    every = (*frame_commands(folder / "frames"), *point_commands(folder / "points"))
     return {command.name: command for command in every}
+
+
+def frame_commands(frames: Path) -> tuple[Command, ...]:
+    """Height maps and forces of a small recording, which is made in the folder `frames`."""
+    _small_recording(frames)
+    method, material = str(BEFORE / "methods" / "polynomial.npz"), str(BEFORE / "calibrated" / "calibration.json")
+    read = (str(frames), "--method", method, "--pictures")
+    return (
+        Command("depth tiff", ("depth", *read, "0", "--workers", "2"), frames, changing=PICTURES, workers=2),
+        Command(
+            "depth zarr", ("depth", *read, "1", "--workers", "1", "--format", "zarr"), frames, changing=PICTURES
+        ),
+        Command(
+            "force", ("force", *read, "0", "--workers", "1", "--calibration", material), frames, changing=PICTURES
+        ),
+    )
+
+
+def point_commands(points: Path) -> tuple[Command, ...]:
+    """What is made of certified points, which are simulated in the folder `points`; and a table of four cases."""
+    _run(["simulate", str(points), "--frames", "points", "--presses", "1", "--no-faults"])
+    grid = ("--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.45", "--a-over-h", "0.2,0.3")
+    return (
+        Command("calibrate", ("calibrate", str(points)), points, changing="points.csv"),
+        Command("diagnose", ("diagnose", str(points)), points, changing="points.csv"),
+        Command("tabulate", ("tabulate", *grid, "--edge-over-h", "0.1", "--processes", "1"), target=()),
+    )
 
 
 def _small_recording(folder: Path) -> Path:

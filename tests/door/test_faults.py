@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.faults import trials
-from benchmarks.faults.commands import Command, prepare
+from benchmarks.faults.commands import Command, frame_commands, prepare
 from tactilevision.errors import TactilevisionError
 from tactilevision.workers import worker_pool
 
@@ -22,9 +22,10 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Command]:
 
 
 @pytest.fixture(scope="module")
-def depth(commands: dict[str, Command], tmp_path_factory: pytest.TempPathFactory) -> trials.Undisturbed:
+def depth(tmp_path_factory: pytest.TempPathFactory) -> trials.Undisturbed:
     """Height maps by two processes."""
-    return trials.undisturbed(commands["depth tiff"], tmp_path_factory.mktemp("depth"))
+    folder = tmp_path_factory.mktemp("depth")
+    return trials.undisturbed(frame_commands(folder / "frames")[0], folder)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
@@ -35,11 +36,13 @@ def test_a_run_with_workers_stops_at_a_word_and_goes_on_later(
     assert trials.stopped(depth, tmp_path / "out", np.random.default_rng(1), number=number) == []
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bytes(depth: trials.Undisturbed, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     assert trials.killed(depth, tmp_path / "out", rng, at_write=True, over=False) == []
 
 
+@pytest.mark.slow
 def test_a_second_run_on_the_same_output_is_refused(depth: trials.Undisturbed, tmp_path: Path) -> None:
     assert trials.run_twice(depth, tmp_path / "out", np.random.default_rng(3)) == []
 
