@@ -60,7 +60,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     target = Path(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=_unfinished(), suffix=target.suffix, dir=target.parent)
+        handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
         os.close(handle)
     except OSError as fault:
         raise _refused(target, fault) from fault
@@ -87,7 +87,7 @@ def staged(folder: Path | str) -> Iterator[Path]:
     try:
         target.mkdir(parents=True, exist_ok=True)
         clear_unfinished(target)
-        stage = Path(tempfile.mkdtemp(prefix=_unfinished(), dir=target))
+        stage = Path(tempfile.mkdtemp(prefix=unfinished(), dir=target))
     except OSError as fault:
         raise _refused(target, fault) from fault
     try:
@@ -137,7 +137,8 @@ def process_runs(process: int) -> bool:
     return True
 
 
-def _unfinished() -> str:
+def unfinished() -> str:
+    """How names of what this process has not finished begin."""
     return f"{_UNFINISHED}{os.getpid()}-"
 
 

@@ -119,16 +119,15 @@ def run_job(
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:
     """Of the recording's place and frames as they stand there, and of what else decides the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *_as_they_stand(recording), *map(repr, parts)]
+    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def _as_they_stand(recording: Recording) -> Iterator[str]:
-    """Size and time of every picture, or of the video: of a frame that was changed nothing is taken over."""
-    path = recording.frames_path
-    if path is None:
-        return
-    for file in (path / name for name in recording.frame_names) if path.is_dir() else (path,):
+def as_they_stand(recording: Recording) -> Iterator[str]:
+    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
+    path, names = recording.frames_path, recording.frame_names
+    pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
+    for file in (*pictures, *recording.flats):
         try:
             about = file.stat()
         except OSError:

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
+from tactilevision.batch.jobs import fingerprint_of
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
 from tactilevision.lock import output_lock
@@ -64,11 +65,13 @@ def reconstruct_tree(
     workers: int | None = None,
     progress: Progress | None = None,
     with_std: bool = False,
+    method: str = "",
 ) -> tuple[Branch, ...]:
     """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
-    `read` opens a source, `light` makes its reconstructor. A run that was cut off goes on where it was: sources
-    that are finished are known by their depth.csv. Raises InputError where no source is found.
+    `read` opens a source; `light` makes its reconstructor by `method`, of which the name alone is looked at here.
+    A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
+    InputError where no source is found.
     """
     with output_lock(out):
         return _reconstruct(
@@ -77,7 +80,7 @@ def reconstruct_tree(
             read=read,
             light=light,
             run=partial(reconstruct_folder, workers=workers, form=form, with_std=with_std),
-            way=f"{form} with std" if with_std else form,
+            way=" ".join((form, "with std" if with_std else "", method)),
             progress=progress,
         )
 
@@ -144,7 +147,7 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))
-    write_text(_finished(place), "\n".join((way, str(recording.path.resolve()), *recording.frame_names)))
+    write_text(_finished(place), fingerprint_of(recording, way))
     return Branch(name, rows)
 
 
@@ -155,12 +158,12 @@ def _finished(place: Path) -> Path:
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
-        said = _finished(place).read_text(encoding="utf-8").split("\n")
+        said = _finished(place).read_text(encoding="utf-8")
         with (place / TABLE).open(encoding="utf-8", newline="") as file:
             header, *rows = [tuple(row) for row in csv.reader(file)]
     except (OSError, ValueError):
         return None
-    if header != COLUMNS or said != [way, str(recording.path.resolve()), *recording.frame_names]:
+    if header != COLUMNS or said != fingerprint_of(recording, way):
         return None
     return tuple(FrameResult.of(row) for row in rows)
 

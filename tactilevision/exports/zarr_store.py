@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked
-from tactilevision.files import told_as_output
+from tactilevision.files import told_as_output, unfinished
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -29,7 +29,7 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
     if height.std_mm is not None:
         fields["std_mm"] = height.std_mm.astype(np.float32)
     path = Path(path)
-    scratch = path.with_name(f".{path.name}-unfinished")
+    scratch = path.with_name(f"{unfinished()}{path.name}")
     about = {"mm_per_px": list(height.mm_per_px), "name": height.name, "flags": list(height.flags)}
     with told_as_output(path):
         group = _new_group(scratch, about)
