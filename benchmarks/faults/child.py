@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate")  # as CPython audits them
-FAULT = "TACTILEVISION_FAULT"
+FAULT, MODULES = "TACTILEVISION_FAULT", "TACTILEVISION_MODULES"
 
 
 class Hook:
@@ -42,10 +42,8 @@ class Hook:
         return event != "open" or bool(given[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
 
 
-def install() -> None:
-    """Put the fault that the environment states into this process."""
-    said = json.loads(os.environ.get(FAULT, "{}"))
-    is_worker = __name__ != "__main__"
+def install(said: dict[str, Any], *, is_worker: bool) -> None:
+    """Put a fault into this process."""
     if said.get("worker", False) == is_worker and "out" in said:
         sys.addaudithook(Hook(said["out"], said.get("at"), said.get("count")))
     if "clock_s" in said:
@@ -53,10 +51,18 @@ def install() -> None:
         time.time = lambda: now() + said["clock_s"]
 
 
-install()
-
-if __name__ == "__main__":
+def run_command(words: list[str]) -> int:
+    """The command line in this process; also says which modules it took, where that is asked for."""
     from tactilevision.cli import main
 
-    sys.argv[0] = str(Path(sys.argv[0]).with_name("tactilevision"))
-    sys.exit(main())
+    sys.argv = ["tactilevision", *words]
+    code = main()
+    if MODULES in os.environ:
+        Path(os.environ[MODULES]).write_text("\n".join(sys.modules), encoding="utf-8")
+    return code
+
+
+if __name__ in ("__main__", "__mp_main__"):
+    install(json.loads(os.environ.get(FAULT, "{}")), is_worker=__name__ != "__main__")
+if __name__ == "__main__":
+    sys.exit(run_command(sys.argv[1:]))

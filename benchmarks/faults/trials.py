@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faults.child import FAULT
-from benchmarks.faults.commands import ROOT, Command, contents, nearly_same, visible
+from benchmarks.faults.commands import Command, contents, nearly_same, visible
+from benchmarks.faults.process import Ended, import_what_it_took, run, started
+from benchmarks.faults.process import ended as ended_of
 
-LIMIT_S = 180  # s: no run of these takes a tenth of it
 OLD = b"\n old"  # marks a file of an earlier run
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """How a run ended, and what it said on standard error."""
-
-    code: int
-    said: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,51 +32,18 @@ class Undisturbed:
 
 
 def undisturbed(command: Command, folder: Path) -> Undisturbed:
-    """Run it, counting the events that write."""
+    """Run it, counting the events that write; its length is that of a run like those that follow."""
     out, count = folder / "undisturbed", folder / "count"
+    first = run(command, out, fault={"count": str(count)}, fresh=True)
+    assert first.code == 0, first.said
+    if command.workers == 1:
+        import_what_it_took(out.with_name("undisturbed.said"))
     start = time.monotonic()
-    ended = run(command, out, fault={"count": str(count)})
-    assert ended.code == 0, ended.said
-    return Undisturbed(command, out, contents(out), time.monotonic() - start, count.stat().st_size)
-
-
-@contextmanager
-def started(
-    command: Command, out: Path, fault: Mapping[str, object] | None = None, most: int = 0
-) -> Iterator[subprocess.Popen[str]]:
-    """The command as a process group of its own; `most` limits the bytes of a file."""
-    words = [sys.executable, "-m", "benchmarks.faults.child", *command.line(out)]
-    said = json.dumps({"out": str(out), **(fault or {})})
-    environment = {**os.environ, FAULT: said, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
-
-    def limit() -> None:
-        if most:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
-
-    process = subprocess.Popen(
-        words, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        start_new_session=True, preexec_fn=limit,
-    )  # fmt: skip
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-
-
-def run(command: Command, out: Path, *, fault: Mapping[str, object] | None = None, most: int = 0) -> Ended:
-    """To its end."""
-    with started(command, out, fault, most) as process:
-        return _ended(process)
-
-
-def _ended(process: subprocess.Popen[str]) -> Ended:
-    try:
-        _, said = process.communicate(timeout=LIMIT_S)
-    except subprocess.TimeoutExpired:
-        return Ended(-999, "never ended")
-    return Ended(process.returncode, said)
+    assert run(command, folder / "again").code == 0
+    seconds, found, second = time.monotonic() - start, contents(out), contents(folder / "again")
+    for name in sorted(name for name in set(found) | set(second) if found.get(name) != second.get(name)):
+        print(f"{command.name}: {name} differs between two runs that nothing disturbs")
+    return Undisturbed(command, out, found, seconds, count.stat().st_size)
 
 
 def earlier_results(whole: Undisturbed, out: Path) -> dict[str, bytes]:
@@ -143,12 +98,10 @@ def killed(
     if at_write:
         ended = run(whole.command, out, fault={"at": int(rng.integers(whole.events))})
     else:
-        with started(whole.command, out) as process:
-            try:
-                process.wait(float(rng.uniform(0.1, 1.0)) * whole.seconds)
-            except subprocess.TimeoutExpired:
-                process.kill()
-            ended = _ended(process)
+        with started(whole.command, out) as running:
+            if running[0].wait(float(rng.uniform(0.05, 1.0)) * whole.seconds) is None:
+                os.kill(running[0].pid, signal.SIGKILL)
+            ended = ended_of(running)
     if ended.code != -signal.SIGKILL:
         return None
     return half_written(whole, out, before) + resumed(whole, out)
@@ -169,13 +122,11 @@ def stopped(
 ) -> list[str] | None:
     """Ctrl-C as a terminal sends it, to all processes; or SIGTERM to the first. Nothing half done stays."""
     before = earlier_results(whole, out)
-    with started(whole.command, out) as process:
-        try:
-            process.wait(float(rng.uniform(0.3, 1.0)) * whole.seconds)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    with started(whole.command, out, fresh=True) as running:
+        if running[0].wait(float(rng.uniform(0.5, 1.2)) * whole.seconds) is None:
+            (os.killpg if number == signal.SIGINT else os.kill)(running[0].pid, number)
         sent = time.monotonic()
-        ended = _ended(process)
+        ended = ended_of(running)
     if ended.code == 0:
         return None
     wrong = [] if ended.code == 128 + number else [f"ended with {ended.code}"]
@@ -263,12 +214,10 @@ def input_changed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
     path = rng.choice(sorted(str(path) for path in source.glob(whole.command.changing)))
     path, data, times = Path(path), Path(path).read_bytes(), Path(path).stat()
     try:
-        with started(whole.command, out) as process:
-            try:
-                process.wait(float(rng.uniform(0.0, 0.9)) * whole.seconds)
-            except subprocess.TimeoutExpired:
+        with started(whole.command, out) as running:
+            if running[0].wait(float(rng.uniform(0.0, 0.9)) * whole.seconds) is None:
                 path.write_bytes(data[: len(data) // 2]) if rng.random() < 0.5 else path.unlink()
-            ended = _ended(process)
+            ended = ended_of(running)
     finally:
         path.write_bytes(data)
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -281,13 +230,12 @@ def input_changed(whole: Undisturbed, out: Path, rng: np.random.Generator) -> li
 
 def run_twice(whole: Undisturbed, out: Path, rng: np.random.Generator) -> list[str] | None:
     """A second run on the same output while the first is at work: refused in one line, the first is unharmed."""
-    with started(whole.command, out) as process:
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(float(rng.uniform(0.2, 0.5)) * whole.seconds)
+    with started(whole.command, out) as running:
+        running[0].wait(float(rng.uniform(0.2, 0.5)) * whole.seconds)
         if not (out / ".lock").exists():
             return None
         second = run(whole.command, out)
-        first = _ended(process)
+        first = ended_of(running)
     wrong = _refused(second) if "is being written by process" in second.said else [f"let in: {second.said[-300:]}"]
     wrong += [] if first.code == 0 else [f"the first ended with {first.code}: {first.said[-300:]}"]
     return wrong + [f"{name} differs" for name, data in contents(out).items() if data != whole.found.get(name)]

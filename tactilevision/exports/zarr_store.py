@@ -73,9 +73,11 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 
 def end_frames(scratch: Path, path: Path) -> None:
-    """Put the finished store in its place."""
+    """Put the finished store in its place, without what writers that were killed have left in it."""
     _opened.cache_clear()
     with told_as_output(path):
+        for left in list(scratch.rglob("*.partial")):
+            left.unlink()
         _move(scratch, path)
 
 
