@@ -42,7 +42,8 @@ def main() -> int:
     try:
         every = prepare(folder)
         chosen = [command for name, command in every.items() if (asked.only or "") in name]
-        kills = [len(part) for part in np.array_split(np.arange(asked.kills), len(chosen))]
+        parts = np.cumsum([command.weight for command in chosen])
+        kills = np.diff(np.round(asked.kills * parts / parts[-1]), prepend=0).astype(int).tolist()
         done = [
             _all_of(command, folder / f"{k}", kills=count, others=asked.others, seed=asked.seed + k)
             for k, (command, count) in enumerate(zip(chosen, kills, strict=True))

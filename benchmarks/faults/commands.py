@@ -26,8 +26,8 @@ PICTURES = "frames/*.png"
 class Command:
     """`arguments` without the output; `source` is the recording it reads, `target` how the output is named.
 
-    `changing` are files of the recording that may change while it is read. `workers` say how many processes
-    write.
+    `changing` are files of the recording that may change while it is read. `workers` is how many processes
+    write. `weight` is the command's part of all kills; long ones have less.
     """
 
     name: str
@@ -36,6 +36,7 @@ class Command:
     target: tuple[str, ...] = ("--out",)
     changing: str = ""
     workers: int = 1
+    weight: int = 2
 
     def line(self, out: Path) -> list[str]:
         """The words after the program's name."""
@@ -70,8 +71,8 @@ def point_commands(points: Path) -> tuple[Command, ...]:
     grid = ("--law", "neo-hooke", "--friction", "inf", "--poisson-ratio", "0.3,0.45", "--a-over-h", "0.2,0.3")
     return (
         Command("calibrate", ("calibrate", str(points)), points, changing="points.csv"),
-        Command("diagnose", ("diagnose", str(points)), points, changing="points.csv"),
-        Command("tabulate", ("tabulate", *grid, "--edge-over-h", "0.1", "--processes", "1"), target=()),
+        Command("diagnose", ("diagnose", str(points)), points, changing="points.csv", weight=1),
+        Command("tabulate", ("tabulate", *grid, "--edge-over-h", "0.1", "--processes", "1"), target=(), weight=1),
     )
 
 
@@ -113,8 +114,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def visible(found: Mapping[str, bytes]) -> dict[str, bytes]:
-    """What a user takes for results: neither hidden nor in a hidden folder; a store's own hidden files count."""
-    return {name: data for name, data in found.items() if not name.startswith(".") and "/.unf" not in name}
+    """What a user takes for results: nothing hidden, but all of a store, whose own files may be hidden."""
+    return {name: data for name, data in found.items() if not _is_hidden(name.partition(".zarr/")[0])}
+
+
+def _is_hidden(name: str) -> bool:
+    return any(part.startswith(".") for part in name.split("/"))
 
 
 def nearly_same(one: Path, other: Path, name: str) -> bool:

@@ -123,7 +123,7 @@ def stopped(
     """Ctrl-C as a terminal sends it, to all processes; or SIGTERM to the first. Nothing half done stays."""
     before = earlier_results(whole, out)
     with started(whole.command, out, fresh=True) as running:
-        if running[0].wait(float(rng.uniform(0.5, 1.2)) * whole.seconds) is None:
+        if running[0].wait(float(rng.uniform(0.3, 1.0)) * whole.seconds) is None:
             (os.killpg if number == signal.SIGINT else os.kill)(running[0].pid, number)
         sent = time.monotonic()
         ended = ended_of(running)
