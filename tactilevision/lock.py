@@ -22,7 +22,7 @@ LOCK = ".lock"  # in a folder of results while a run writes there
 _ENDING_S = 10.0  # s: the workers of a killed run have ended long before
 _PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
 
-_held: dict[Path, int] = {}  # lock files of this process, and the thread that holds each
+_held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread here that hold each
 
 
 @contextmanager
@@ -37,14 +37,15 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
     target = Path(target)
     folder = target.parent if file else target
     path = folder.resolve() / (f".{target.name}{LOCK}" if file else LOCK)
-    if _held.get(path) == threading.get_ident():
+    here = os.getpid(), threading.get_ident()
+    if _held.get(path) == here:
         yield
         return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     make_folder(folder)
     with told_as_output(target):
         handle, left = _wait_for(path, target)
-    _held[path] = threading.get_ident()
+    _held[path] = here
     try:
         if left:
             clear_unfinished(folder, deep=not file)
@@ -79,8 +80,7 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         owner = _read_owner(handle)
         if _take(handle, fresh=fresh, owner=owner):
             if _is_at(handle, path):
-                os.ftruncate(handle, 0)
-                os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
+                _sign(handle, path)
                 if _flock(handle, shared=True) is not False:  # so that the workers may hold it, too
                     return handle, not fresh
             os.close(handle)  # its run has ended just now and taken it away, or another was quicker
@@ -89,6 +89,17 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         if _lives(owner) or time.monotonic() > until:
             raise _busy(target, owner)
         time.sleep(_PAUSE_S)
+
+
+def _sign(handle: int, path: Path) -> None:
+    """Say in the file who holds it."""
+    try:
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
+    except OSError:  # a full disk
+        path.unlink(missing_ok=True)
+        os.close(handle)
+        raise
 
 
 def _open(path: Path) -> tuple[int, bool]:
