@@ -24,6 +24,7 @@ def write_npz(path: Path | str, height: HeightMap) -> None:
         "mm_per_px": np.array(height.mm_per_px),
         "time_s": np.array(height.time_s),
         "name": np.array(height.name),
+        "positions": np.array(height.positions),
         "flags": np.array(height.flags, dtype=np.str_),
     }
     if height.std_mm is not None:

@@ -27,7 +27,13 @@ def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth in
     """
     import tifffile
 
-    about = {"quantity": quantity, "unit": "mm", "mm_per_px": list(height.mm_per_px), "flags": list(height.flags)}
+    about = {
+        "quantity": quantity,
+        "unit": "mm",
+        "mm_per_px": list(height.mm_per_px),
+        "positions": height.positions,
+        "flags": list(height.flags),
+    }
     with replacing(path) as temporary:
         tifffile.imwrite(
             temporary,
@@ -67,7 +73,8 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
     scale = mm_per_px or _scale(told)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told))
+    positions = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
 
 
 def _told(description: str) -> Any:

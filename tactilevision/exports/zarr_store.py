@@ -30,7 +30,12 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
         fields["std_mm"] = height.std_mm.astype(np.float32)
     path = Path(path)
     scratch = path.with_name(f"{unfinished()}{path.name}")
-    about = {"mm_per_px": list(height.mm_per_px), "name": height.name, "flags": list(height.flags)}
+    about = {
+        "mm_per_px": list(height.mm_per_px),
+        "name": height.name,
+        "positions": height.positions,
+        "flags": list(height.flags),
+    }
     with told_as_output(path):
         group = _new_group(scratch, about)
         for name, values in fields.items():

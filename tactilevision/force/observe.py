@@ -1,7 +1,8 @@
 """What a frame says about each cell: displacement, its standard deviation, and where nothing is known.
 
-A height map shows the depth at the place where the surface now is; the compliance speaks of material places X.
-Where the shear u(X) is known, the depth of the material is read at X + u(X).
+A camera's height map shows the depth at the place where the surface now is; the compliance speaks of material
+places X. Where the shear u(X) is known, the depth of the material is read at X + u(X). A map whose `positions` are
+"undeformed" speaks of X already.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def observe(
     if shear is not None and _share_known(shear, depth_px) < 0.5:
         flags += [*shear.flags, "shear not used: known over less than half of the view, or of its deep part"]
         shear = None
-    if shear is not None:
+    if shear is not None and height.positions == "deformed":
         depth_px, finite = material_depth(depth_px, finite, shear=shear)
     depth, known = cell_means(grid, depth_px, valid=finite)
     known &= inside

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.distance import distance_px
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 from tactilevision.records.contact_thresholds import slope_limit
 from tactilevision.robust import MAD_TO_STD, geman_mcclure_inverse
@@ -172,7 +173,7 @@ def _terms(untouched: Bools, shape: tuple[int, ...], mm_per_px: Pair, thickness_
     terms[:3] = plane_terms(shape, untouched.shape)
     if not untouched.all():
         block_mm = 0.5 * (shape[1] * mm_per_px[0] / columns + shape[0] * mm_per_px[1] / rows)
-        distance = cv2.distanceTransform(untouched.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+        distance = distance_px(untouched).ravel()
         distance *= np.float32(block_mm / (DECAY_PER_THICKNESS * (thickness_mm or USUAL_THICKNESS_MM)))
         np.exp(-distance, out=terms[3])
         np.multiply(distance, terms[3], out=terms[4])

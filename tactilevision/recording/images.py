@@ -11,11 +11,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.arrays import DamagedArrayError, read_array
+from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
 from tactilevision.door.opening import read_bytes
 from tactilevision.door.pictures import check_picture
@@ -120,10 +120,9 @@ def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
     )
     if cut:
         raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        picture = None
+    picture, damage = decode(data)
     if picture is None:
         raise TornImageError("the picture cannot be decoded", where=path, remedy=_REMEDY_TORN)
-    return np.asarray(picture)
+    if damage:
+        raise TornImageError("the picture is damaged", where=path, value=damage, remedy=_REMEDY_TORN)
+    return picture

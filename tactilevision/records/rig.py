@@ -9,12 +9,17 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.records.numbers import Pair
 
 
 @dataclass(frozen=True, slots=True)
 class Gel:
-    """The gel pad: thickness, outline and what is known of it beforehand. Bonded to a rigid base."""
+    """The gel pad: thickness, outline and what is known of it beforehand. Flat, bonded to a rigid base.
+
+    A disc has `radius_mm`, a rectangle `size_mm` (x, y). Raises InputError for an outline without its size, and
+    for another shape: a dome or a wedge is not solved, and would be taken for a flat layer in silence.
+    """
 
     thickness_mm: float
     thickness_std_mm: float = 0.0
@@ -25,6 +30,19 @@ class Gel:
     poisson_ratio_std: float | None = None
     youngs_modulus_MPa: float | None = None
     youngs_modulus_std_MPa: float | None = None
+
+    def __post_init__(self) -> None:
+        sizes = {"disc": ("radius_mm", self.radius_mm), "rectangle": ("size_mm", self.size_mm), "unbounded": None}
+        if self.shape not in sizes:
+            raise InputError(
+                "a gel of this shape is not solved",
+                where="gel",
+                value=self.shape,
+                remedy='Flat pads are: "disc", "rectangle" or "unbounded".',
+            )
+        asked = sizes[self.shape]
+        if asked is not None and asked[1] is None:
+            raise InputError(f"a gel of this shape needs {asked[0]}", where="gel", value=self.shape)
 
 
 @dataclass(frozen=True, slots=True)

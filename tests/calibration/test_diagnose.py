@@ -59,10 +59,10 @@ def noisy(data: Observations, force_N: Floats, seed: int) -> Observations:
     return data.with_force(force_N * (1 + gain[data.press]) + slope * zero[data.press] + noise)
 
 
-SLOW = [pytest.param(k, marks=pytest.mark.slow) for k in ("depth_zero", "thickness_wedge", "tilt", "ageing")]
+SLOW = [pytest.param(k, marks=pytest.mark.slow) for k in ("viscoelasticity", "thickness_wedge", "tilt", "ageing")]
 
 
-@pytest.mark.parametrize("key", ["viscoelasticity", *SLOW])
+@pytest.mark.parametrize("key", ["depth_zero", *SLOW])
 def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> None:
     effect = EFFECTS[key]
     data = data_for(effect).take(np.arange(RICH.count if key in ("ageing", "thickness_wedge") else 18))
@@ -104,7 +104,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
         pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         pytest.param("adopt", ConvergenceError("no minimum"), marks=pytest.mark.slow),
         pytest.param("_skill", ZeroDivisionError(), marks=pytest.mark.slow),
-        ("separation", ConvergenceError("no minimum")),
+        pytest.param("separation", ConvergenceError("no minimum"), marks=pytest.mark.slow),
     ],
 )
 def test_a_candidate_that_does_not_fit_is_passed_over(

@@ -46,6 +46,28 @@ def test_a_private_effect_that_fails_is_named_and_the_rest_goes_on(tmp_path: Pat
     assert "several days" in dict(compared.left_out)["ageing"]
 
 
+def test_a_private_effect_that_never_ends_is_named_and_one_that_prints_goes_to_stderr(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_MAX_EFFECT_SECONDS", "1")
+    file = tmp_path / "mine.py"
+    new_effect(file, "my_effect")
+    head, tail = file.read_text().split("        share =")
+    endless = "        if values[0] != 0:\n            while True:\n                pass\n        share ="
+    file.write_text(head + "        print('heard')\n" + endless + tail)
+    effect, data = load_effect(file), presses(8)
+    taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(1))
+    compared = compare(taken, [effect], rng=np.random.default_rng(0))
+    assert "MyEffect.apply" in dict(compared.left_out)["my_effect"]
+    assert "did not end within 1 s" in dict(compared.left_out)["my_effect"]
+    said = capsys.readouterr()
+    assert "heard" in said.err
+    assert "heard" not in said.out
+    file.write_text("while True:\n    pass\n")
+    with pytest.raises(InputError, match="did not end within 1 s"):
+        load_effect(file)
+
+
 @pytest.mark.parametrize("key", ["'tilt'", "7"])
 def test_a_private_effect_has_a_name_of_its_own(tmp_path: Path, key: str) -> None:
     file = tmp_path / "mine.py"

@@ -50,9 +50,9 @@ def test_the_estimate_itself_stays() -> None:
 
 
 def test_intervals_cover_a_shared_offset_of_one_sigma() -> None:
-    """Twelve draws, every touch seen one sigma late; what is covered is the stiffness without that error."""
+    """Five draws, every touch seen one sigma late; what is covered is the stiffness without that error."""
     covered = {True: 0, False: 0}
-    for seed in range(12):
+    for seed in range(5):
         clean = draw(Truth(), np.random.default_rng(100 + seed))
         near = calibrate(clean).c
         assert near.value is not None
@@ -60,7 +60,7 @@ def test_intervals_cover_a_shared_offset_of_one_sigma() -> None:
             interval = calibrate(shifted(clean, TOUCH_MM, states=states)).c.interval95
             assert interval is not None
             covered[states] += interval[0] <= near.value <= interval[1]
-    assert covered[True] >= 11
+    assert covered[True] == 5
     assert covered[True] >= covered[False]
 
 

@@ -37,7 +37,12 @@ def seen(picture: Floats, seed: int, data: Observations = GAUGE) -> Observations
     ("key", "picture", "candidates"),
     [
         pytest.param("photometric_gain", 1.02 * GAUGE.depth_mm, {"photometric_gain"}, marks=pytest.mark.slow),
-        ("bevel_rise", 0.98 * GAUGE.depth_mm, {"photometric_gain", "bevel_rise"}),
+        pytest.param(
+            "bevel_rise",
+            0.98 * GAUGE.depth_mm,
+            {"photometric_gain", "bevel_rise"},
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "photometric_drift",
             GAUGE.depth_mm * (1 + 0.02 * running_share(GAUGE)),

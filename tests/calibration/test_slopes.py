@@ -65,7 +65,7 @@ def _fall(depth: float, ring: tuple[float, float], ceiling: float) -> float:
     [
         pytest.param("photometric_gain", {"gain": 0.75}, -0.25, marks=pytest.mark.slow),
         pytest.param("photometric_drift", {"gain": 1 - 0.15 * np.arange(12) / 11}, -0.15, marks=pytest.mark.slow),
-        ("slope_saturation", {"ceiling": 0.35}, 1 / 0.35),
+        pytest.param("slope_saturation", {"ceiling": 0.35}, 1 / 0.35, marks=pytest.mark.slow),
     ],
 )
 def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[str, Any], truth: float) -> None:

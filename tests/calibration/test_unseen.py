@@ -60,6 +60,7 @@ def test_radii_that_exclude_a_wrong_thickness_leave_the_interval_as_it_is() -> N
     assert sum(u.chance for u in unseen) < 0.7
 
 
+@pytest.mark.slow
 def test_a_thickness_that_the_radii_hint_at_is_in_the_interval() -> None:
     one = fitted("thickness", 0.12)
     alone, wide, unseen = allowed(one)

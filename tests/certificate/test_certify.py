@@ -119,7 +119,9 @@ def test_evidence_of_a_bad_press_shows_contact_and_no_touch_that_was_not_seen(wh
             assert evidence.touch is not None
 
 
-@pytest.mark.parametrize("side", ["left", "top", "bottom"])
+@pytest.mark.parametrize(
+    "side", ["top", *(pytest.param(side, marks=pytest.mark.slow) for side in ("left", "bottom"))]
+)
 def test_any_side_and_a_bevel_whose_place_is_not_stated(side: str, tmp_path: Path) -> None:
     made = line_up([Made(h, side=side) for h in (0.2, 0.35, 0.5)])
     certificate = certify(*recording(tmp_path, made, seed=5, rate_Hz=20.0, state_place=False))
@@ -208,6 +210,7 @@ def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seeds", [(1,), pytest.param((1, 2, 3), marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_stops_that_scatter_about_the_touch_leave_the_force_open(seeds: tuple[int, ...], tmp_path: Path) -> None:
     stds: dict[float, list[float]] = {0.0: [], 0.006: []}
     for off_mm, seed in product(stds, seeds):

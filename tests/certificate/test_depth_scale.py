@@ -55,6 +55,7 @@ def certified(factor: float) -> Certificate:
 
 
 @pytest.mark.parametrize(("factor", "off"), [pytest.param(1.0, 0, marks=pytest.mark.slow), (1.1, -10)])
+@pytest.mark.slow
 def test_a_ball_stated_too_large_is_told_by_the_sample_s_presses(factor: float, off: int) -> None:
     """Certified depths are the bevel's: they stay within half a percent."""
     said = [line for line in certified(factor).warnings if "gentle faces" in line]

@@ -27,6 +27,11 @@ def measured(traction: Floats, *, std_mm: float = 0.005, seed: int = 0) -> tuple
     return seen(_forward()(traction), VIEW, std_mm=std_mm, rng=np.random.default_rng(seed))
 
 
+def displacement(traction: Floats) -> Floats:
+    """(3, H, W) mm, by a traction (3, H', W') on the linear layer, at positions of the untouched gel."""
+    return _forward()(traction)
+
+
 @cache
 def _forward() -> Forward:
     return Forward(VIEW, GEL, MATERIAL)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
-from planted_forces import GEL, MATERIAL, SCALE, VIEW, hertz, measured
+from planted_forces import GEL, MATERIAL, SCALE, VIEW, displacement, hertz, measured
 
 from tactilevision.errors import InputError
 from tactilevision.force.calibrated import material_sensitivity
@@ -14,6 +15,7 @@ from tactilevision.force.field import CUT, NO_CONTACT, NO_SHEAR, SMALL_GEL, Forc
 from tactilevision.force.inverse import solve_all, solve_normal
 from tactilevision.force.wrench import MeasuredForce
 from tactilevision.records import Gel, HeightMap, Material, ShearMap
+from tactilevision.records.maps import Positions
 
 LINEAR = ForceSettings(depth_correlation_px=1, large_depth=False)
 FORCE = (0.12, -0.08, 0.6)
@@ -39,6 +41,28 @@ def test_a_planted_force_and_its_moment_come_back_within_their_deviations(
     moment = (-0.3 * FORCE[2], -0.4 * FORCE[2], 0.4 * FORCE[1] + 0.3 * FORCE[0])
     assert found.moment_Nmm == pytest.approx(moment, abs=0.012)
     assert found.flags == ()
+
+
+def test_depth_at_positions_of_the_untouched_gel_is_not_moved_once_more(field: ForceField) -> None:
+    u = displacement(hertz(2.0, (0.4, -0.3), FORCE))
+    everywhere = np.ones(VIEW.shape, dtype=bool)
+    shear = ShearMap(u[0], u[1], everywhere, SCALE, std_mm=1e-4)
+    forces = {}
+    for positions in get_args(Positions):
+        height = HeightMap(u[2], everywhere, SCALE, np.full(VIEW.shape, 1e-4), positions=positions)
+        forces[positions] = field(height, shear).resultant_N[2]
+    assert forces["undeformed"] == pytest.approx(FORCE[2], rel=0.005)
+    assert abs(forces["deformed"] / FORCE[2] - 1) > 0.01
+    with pytest.raises(InputError, match="positions are"):
+        HeightMap(u[2], everywhere, SCALE, positions="elsewhere")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"), [("dome", "not solved"), ("disc", "radius_mm"), ("rectangle", "size_mm")]
+)
+def test_a_gel_that_is_not_solved_is_refused_and_not_taken_for_a_flat_layer(shape: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Gel(3.0, shape=shape)
 
 
 def test_two_contacts_keep_their_own_forces(field: ForceField) -> None:

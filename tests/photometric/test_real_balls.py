@@ -78,7 +78,10 @@ def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, lea
     assert least < found.direction_error_deg < most
 
 
-@pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
+@pytest.mark.parametrize(
+    "folder",
+    [pytest.param("gelslim3_mcubelab/markerless", marks=pytest.mark.slow), "gelslim3_mcubelab/markers"],
+)
 def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
     flat, shots = gelslim(folder)
     chosen = calibrate_from_balls(make_reference([flat]), shots, mm_per_px=SCALE, fit=AutoMethod())

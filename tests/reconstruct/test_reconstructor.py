@@ -224,3 +224,12 @@ def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
         np.testing.assert_allclose(depth_mm, alone[k], atol=1e-6)
     again = pickle.loads(pickle.dumps(reconstructor))  # noqa: S301 - a worker's copy
     np.testing.assert_allclose(again.rectified_map(pictures[0]).depth_mm, alone[0], atol=1e-6)
+
+
+def test_a_map_is_the_same_to_the_last_bit_wherever_in_memory_it_is_made() -> None:
+    frame, reader = read_frame(read_recording(SAMPLE), 73), sample_reconstructor()
+    rng, kept, seen = np.random.default_rng(0), [], set()
+    for _ in range(12):
+        kept.append((np.empty(rng.integers(1, 5_000), np.uint8), bytearray(int(rng.integers(1, 300_000)))))
+        seen.add(reader.height_map(frame).depth_mm.tobytes())
+    assert len(seen) == 1

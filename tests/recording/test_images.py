@@ -100,3 +100,19 @@ def test_the_white_of_a_camera_is_read_from_the_settings(tmp_path: Path) -> None
     recording = read_recording(folder)
     assert recording.warnings == ()
     np.testing.assert_array_equal(read_frame(recording, 0).rgb, picture(0))
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tiff"])
+def test_damage_is_named_and_the_decoder_says_nothing_of_its_own(
+    tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A flipped stretch in the middle: libjpeg and libtiff fill up what is lost, and only mutter."""
+    rgb = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (320, 427, 3)).astype(np.uint8), (0, 0), 3)
+    data = bytearray(cv2.imencode(suffix, rgb)[1].tobytes())
+    third = len(data) // 3
+    data[third : third + 40] = bytes(255 - value for value in data[third : third + 40])
+    path = tmp_path / f"torn{suffix}"
+    path.write_bytes(bytes(data))
+    with pytest.raises(RecordingError, match=r"damaged|cannot be decoded"):
+        read_image(path)
+    assert capfd.readouterr().err == ""

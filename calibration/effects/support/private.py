@@ -11,6 +11,7 @@ import keyword
 from pathlib import Path
 
 from calibration.effects import EFFECTS
+from calibration.effects.support.time_limit import limited, within_time
 from calibration.model.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files import write_text
@@ -31,7 +32,10 @@ def load_effect(path: Path | str) -> Effect:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        with within_time(str(file)):
+            spec.loader.exec_module(module)
+    except InputError:
+        raise
     except (Exception, SystemExit) as fault:  # anything may happen in somebody else's file
         raise InputError(f"the effect's file fails: {type(fault).__name__}: {fault}", where=file) from fault
     own = [
@@ -52,8 +56,11 @@ def load_effect(path: Path | str) -> Effect:
 def checked(kind: type[EffectBase], where: Path) -> Effect:
     """An instance, once its declarations are whole."""
     try:
-        effect = kind()
-        table = effect.parameters
+        with within_time(kind.__name__):
+            effect = limited(kind)()
+            table = effect.parameters
+    except InputError:
+        raise
     except Exception as fault:
         raise InputError(f"the effect cannot be made: {type(fault).__name__}: {fault}", where=where) from fault
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):

@@ -9,6 +9,7 @@ the deviation that the map states, stay as they are. Lengths in mm, times on the
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 
 from tactilevision.certificate.depth.depth_scale import DepthScale, find_depth_scale, scale_warning
 from tactilevision.contact.footprint import find_footprint
+from tactilevision.door.documents import read_text
 from tactilevision.errors import TactilevisionError
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
@@ -71,15 +73,14 @@ def read_certified(calibration: Path) -> tuple[Certified, ...]:
     if not path.is_file():
         return ()
     found = []
-    with path.open(encoding="utf-8", newline="") as table:
-        for row in csv.DictReader(table):
-            try:
-                time_s, depth_mm = float(row["time_s"]), float(row["depth_mm"])
-                good = row["accepted"].strip().lower() in ("1", "true")
-            except (KeyError, TypeError, ValueError, AttributeError):
-                continue
-            if good and np.isfinite(time_s) and depth_mm > 0:
-                found.append(Certified(str(row.get("press")), time_s, depth_mm))
+    for row in csv.DictReader(io.StringIO(read_text(path), newline="")):
+        try:
+            time_s, depth_mm = float(row["time_s"]), float(row["depth_mm"])
+            good = row["accepted"].strip().lower() in ("1", "true")
+        except (KeyError, TypeError, ValueError, AttributeError):
+            continue
+        if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
+            found.append(Certified(str(row.get("press")), time_s, depth_mm))
     return tuple(found)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.errors import OutputError
+from tactilevision.door.arrays import read_arrays
+from tactilevision.errors import InputError, OutputError
 from tactilevision.files import replacing
 
 VERSION = 1  # part of every hash: raise it when the numbers change
@@ -49,7 +49,7 @@ def kept(name: str, key: object, *, make: Callable[[], npt.NDArray[Any]]) -> npt
 
 def _read(path: Path, key: str) -> npt.NDArray[Any] | None:
     try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            return np.asarray(file["table"]) if str(file["key"]) == key else None
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        file = read_arrays(path)
+        return file["table"] if str(file["key"]) == key else None
+    except (OSError, KeyError, InputError):
         return None

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactilevision.door.arrays import read_arrays
 from tactilevision.files import replacing
 from tactilevision.records import Floats
 
@@ -96,7 +97,7 @@ def save_case(path: Path, solved: SolvedCase) -> None:
 
 def load_case(path: Path) -> SolvedCase:
     """Read what save_case wrote."""
-    with np.load(path, allow_pickle=False) as data:
-        return SolvedCase(
-            data["depth"], data["force"], data["u_r"], data["u_z"], float(data["sound"]), str(data["ended"])
-        )
+    data = read_arrays(path)
+    return SolvedCase(
+        data["depth"], data["force"], data["u_r"], data["u_z"], float(data["sound"]), str(data["ended"])
+    )

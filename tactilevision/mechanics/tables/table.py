@@ -10,7 +10,6 @@ solved is not known.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from tactilevision.door.arrays import read_arrays
+from tactilevision.door.documents import read_json
+from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
 from tactilevision.mechanics.tables.blocks import Block
@@ -93,15 +95,15 @@ def shipped_table() -> Table:
 
 def read_table(path: Path) -> Table:
     """Read PATH and the card beside it, and check one against the other."""
-    card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    if hashlib.sha256(path.read_bytes()).hexdigest() != card["sha256"]:
+    card = read_json(path.with_suffix(".json"))
+    if hashlib.sha256(read_bytes(path)).hexdigest() != card.get("sha256"):
         raise InputError(
             "the table is not the one that its card describes",
             where=path,
             remedy="Install the package again, or tabulate anew.",
         )
-    with np.load(path, allow_pickle=False) as data:
-        own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
+    data = read_arrays(path)
+    own = [_block(about, data, number) for number, about in enumerate(card["blocks"])]
     return Table(tuple(on_one_grid(own)), card)
 
 

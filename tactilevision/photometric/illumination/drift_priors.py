@@ -21,9 +21,9 @@ neighbours. Valid where errors hang together over no more than CORRELATED blocks
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
+from tactilevision.distance import distance_px
 from tactilevision.records import Bools, Floats
 from tactilevision.robust import MAD_TO_STD, median
 
@@ -65,7 +65,7 @@ def likely_slopes(change: Floats, answers: Floats, *, touched: Bools) -> Floats:
     slope_rms = np.sqrt(
         np.median(np.sum(change[:, under] ** 2, axis=0) / np.sum(answers[:, :, under] ** 2, axis=(0, 1)))
     )
-    distance = cv2.distanceTransform(np.asarray(~touched, np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).ravel()
+    distance = distance_px(~touched).ravel()
     fall = np.exp(distance * -np.sqrt(np.pi / np.count_nonzero(under)))
     return np.asarray(answers * ((SLOPE_SHARE if answers.shape[1] == 2 else GUESSED_SHARE) * slope_rms * fall))
 

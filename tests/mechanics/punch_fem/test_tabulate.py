@@ -45,6 +45,7 @@ def start(out: Path, *options: str) -> subprocess.Popen[bytes]:
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     run = start(tmp_path, "--processes", "1")
     until = time.monotonic() + 120

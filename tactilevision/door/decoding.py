@@ -1,0 +1,58 @@
+"""One picture from its bytes, and whether the decoder had to make up a part of it.
+
+libjpeg, libpng and libtiff report damage to stderr alone, and fill up what is lost. So what they say is listened
+to instead of shown. Descriptor 2 belongs to the whole program: one picture at a time is decoded.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+_STDERR = 2
+_MOST_HEARD = 4096  # bytes: one line is enough
+_HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
+_LOCK = Lock()
+
+
+def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
+    """The picture in OpenCV's order of colours, None where there is none; and what the decoder says of damage.
+
+    Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
+    """
+    with _LOCK, _listening() as words:
+        try:
+            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:
+            picture = None
+    damage = [line for line in b"".join(words).decode(errors="replace").splitlines() if not _HARMLESS.search(line)]
+    return None if picture is None else np.asarray(picture), damage[0] if damage else ""
+
+
+@contextmanager
+def _listening() -> Iterator[list[bytes]]:
+    """A list that holds, afterwards, what was written to stderr; it stays empty where there is no stderr."""
+    words: list[bytes] = []
+    try:
+        before = os.dup(_STDERR)
+    except OSError:
+        yield words
+        return
+    with tempfile.TemporaryFile() as heard:
+        os.dup2(heard.fileno(), _STDERR)
+        try:
+            yield words
+        finally:
+            os.dup2(before, _STDERR)
+            os.close(before)
+            heard.seek(0)
+            words.append(heard.read(_MOST_HEARD))
