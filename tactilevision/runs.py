@@ -25,6 +25,7 @@ if sys.platform != "win32":
 
 LOCK = ".lock"  # in a folder of results while a run writes there
 _ENDING_S = 10.0  # s: the workers of a killed run have ended long before
+_LINGERING_S = 1.0  # s that a process is still listed after the system has freed its locks
 _PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
 
 _held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread here that hold each
@@ -53,7 +54,7 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
     _held[path] = here
     try:
         if left:
-            clear_unfinished(folder, deep=not file)
+            clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
         yield
     finally:
         del _held[path]
