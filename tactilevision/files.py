@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tactilevision.errors import OutputError
 
-_UNFINISHED = ".unfinished-"  # of a folder of results: then the number of the process that writes it
+_UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
 _LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
@@ -60,7 +60,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     target = Path(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent)
+        handle, name = tempfile.mkstemp(prefix=unfinished(), suffix=target.suffix, dir=target.parent)
         os.close(handle)
     except OSError as fault:
         raise _refused(target, fault) from fault
@@ -86,38 +86,60 @@ def staged(folder: Path | str) -> Iterator[Path]:
     target = Path(folder)
     try:
         target.mkdir(parents=True, exist_ok=True)
-        _clear_unfinished(target)
-        stage = Path(tempfile.mkdtemp(prefix=f"{_UNFINISHED}{os.getpid()}-", dir=target))
+        clear_unfinished(target)
+        stage = Path(tempfile.mkdtemp(prefix=unfinished(), dir=target))
     except OSError as fault:
         raise _refused(target, fault) from fault
     try:
         yield stage
-        for path in sorted(p for p in stage.rglob("*") if p.is_file()):
-            place = target / path.relative_to(stage)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            path.replace(place)
+        try:
+            _move(stage, target)
+        except (KeyboardInterrupt, SystemExit):  # too late: all is made, and half of it must not stay alone
+            _move(stage, target)
+            raise
     except OSError as fault:
         raise _refused(target, fault) from fault
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
 
-def _clear_unfinished(folder: Path) -> None:
-    """Remove what runs that were killed have left there; of a run that still goes on, nothing."""
-    for path in folder.glob(f"{_UNFINISHED}*"):
+def _move(stage: Path, target: Path) -> None:
+    for path in sorted(p for p in stage.rglob("*") if p.is_file()):
+        place = target / path.relative_to(stage)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(place)
+
+
+def clear_unfinished(folder: Path, *, deep: bool = False) -> None:
+    """Remove what runs that were killed have left there; of a run that still goes on, nothing.
+
+    With `deep` also in the folders below.
+    """
+    for path in list((folder.rglob if deep else folder.glob)(f"{_UNFINISHED}*")):
         owner = path.name.removeprefix(_UNFINISHED).partition("-")[0]
-        if not (owner.isdigit() and _runs(int(owner))):
+        if owner.isdigit() and process_runs(int(owner)):
+            continue
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                path.unlink()
 
 
-def _runs(process: int) -> bool:
+def process_runs(process: int) -> bool:
+    """Whether there is a process of that number."""
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):
         return False
     except OSError:  # another user's
         return True
     return True
+
+
+def unfinished() -> str:
+    """How names of what this process has not finished begin."""
+    return f"{_UNFINISHED}{os.getpid()}-"
 
 
 def write_text(path: Path | str, text: str) -> None:

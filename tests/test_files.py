@@ -35,6 +35,23 @@ def test_an_interrupted_stage_leaves_the_old_results(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "sub"]
 
 
+def test_an_interruption_among_the_moves_does_not_part_the_results(tmp_path: Path) -> None:
+    """It comes after the first of three files is in its place: the others follow before it is heard."""
+    calls, replace = [0], Path.replace
+
+    def once(path: Path, target: Path) -> Path:
+        calls[0] += 1
+        if calls[0] == 2:
+            raise KeyboardInterrupt
+        return replace(path, target)
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt), staged(tmp_path) as stage:
+        for name in ("a", "b", "c"):
+            (stage / name).write_text(name)
+        patch.setattr(Path, "replace", once)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "c"]
+
+
 def test_json_has_no_nan_and_knows_numpy(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     write_json(path, {"a": np.float64("nan"), "b": np.arange(3), "c": (1.5, float("inf"))})

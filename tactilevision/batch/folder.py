@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -16,13 +17,14 @@ from typing import Literal, Self
 
 import numpy as np
 
-from tactilevision.batch.jobs import Journal, Row, clear_leftovers, fingerprint_of, run_job, way_of_reading
+from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
-from tactilevision.exports.zarr_store import begin_frames, end_frames, write_frame
+from tactilevision.exports.zarr_store import begin_frames, end_frames, settle, write_frame
 from tactilevision.files import make_folder, write_text
+from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
@@ -135,16 +137,33 @@ def reconstruct_folder(
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
     `anchor` holds the faces of certified presses (certificate/depth/face_depth.py).
     """
-    out, names = Path(out), recording.frame_names
-    kinds = (MAPS, STDS) if with_std else (MAPS,)
-    for folder in (out / kind for kind in kinds) if form == "tiff" else (out,):
-        make_folder(folder)
-        clear_leftovers(folder)
-    scratch = out / SCRATCH if form == "zarr" else None
-    seen = way_of_reading(recording, reconstructor.height_map)
-    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, anchor.depth_scale, with_std))
-    job = DepthJob(reconstructor, out, scratch, anchor, with_std, _apart(recording))
-    sensor = reconstructor.sensor
+    with output_lock(out):
+        return _reconstruct(
+            recording,
+            DepthJob(reconstructor, Path(out), Path(out) / SCRATCH if form == "zarr" else None, anchor, with_std),
+            workers=workers,
+            progress=progress,
+        )
+
+
+def _reconstruct(
+    recording: Recording,
+    job: DepthJob,
+    *,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[FrameResult, ...]:
+    out, scratch, sensor = job.out, job.scratch, job.reconstructor.sensor
+    kinds, names = (MAPS, STDS) if job.with_std else (MAPS,), recording.frame_names
+    job = replace(job, names=_apart(recording))
+    settle(out / STORE)
+    if scratch is None:
+        shutil.rmtree(out / SCRATCH, ignore_errors=True)  # of a killed run in the other form
+        for kind in kinds:
+            make_folder(out / kind)
+    seen = way_of_reading(recording, job.reconstructor.height_map)
+    form = "tiff" if scratch is None else "zarr"
+    journal = Journal(out / JOURNAL, fingerprint_of(recording, form, seen, job.anchor.depth_scale, job.with_std))
 
     def begin() -> None:
         if scratch is not None:

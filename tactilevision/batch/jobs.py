@@ -11,24 +11,24 @@ import csv
 import hashlib
 import io
 import json
-import multiprocessing
 import os
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing.connection import wait as wait_for_end
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files import append_text, write_text
+from tactilevision.lock import join_lock
 from tactilevision.recording import BadFrame, Recording, iter_frames
 from tactilevision.records import Frame, HeightMap
+from tactilevision.workers import worker_pool
 
 Row = tuple[str, ...]
 Progress = Callable[[int, int], None]
@@ -67,8 +67,8 @@ class Journal:
     def read(self, job: Job) -> dict[str, Row]:
         """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
         try:
-            lines = self.path.read_text(encoding="utf-8").split("\n")
-        except (OSError, UnicodeDecodeError):
+            lines = read_text(self.path).split("\n")
+        except (OSError, InputError):
             return {}
         if lines[0] != self.fingerprint:
             return {}
@@ -103,8 +103,10 @@ def run_job(
     then after each frame, so that a rate taken from it is this run's own.
     """
     done = journal.read(job)
-    if not done and begin is not None:
-        begin()
+    if not done:
+        journal.end()  # its rows are of another run: they must not outlive that run's scratch
+        if begin is not None:
+            begin()
     journal.begin(done)
     names = recording.frame_names
     left = [number for number, name in enumerate(names) if name not in done]
@@ -117,9 +119,22 @@ def run_job(
 
 
 def fingerprint_of(recording: Recording, *parts: object) -> str:
-    """Of the recording's place and frames, and of what else decides the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *map(repr, parts)]
+    """Of the recording's place and frames as they stand there, and of what else decides the result."""
+    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+
+def as_they_stand(recording: Recording) -> Iterator[str]:
+    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
+    path, names = recording.frames_path, recording.frame_names
+    pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
+    for file in (*pictures, *recording.flats):
+        try:
+            about = file.stat()
+        except OSError:
+            yield "gone"
+        else:
+            yield f"{about.st_size} {about.st_mtime_ns}"
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
@@ -147,25 +162,23 @@ _at_work: tuple[Recording, Job, Journal] | None = None  # one a process: sent on
 
 def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
     global _at_work
+    if not join_lock(journal.path.parent):
+        os._exit(1)  # the parent has ended, and another run may hold its place
+    _on_one_thread()
+    _at_work = recording, job, journal
+
+
+def _on_one_thread() -> None:
     import cv2
 
     cv2.setNumThreads(1)
-    _at_work = recording, job, journal
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: Any) -> None:
-    """A killed parent cannot end its workers: each watches for itself."""
-    wait_for_end([sentinel])
-    os._exit(1)
 
 
 def _read_and_do(numbers: list[int]) -> list[Row]:
     assert _at_work is not None
-    frames = _frames(_at_work[0], numbers)
-    return [_do(number, frame) for number, frame in zip(numbers, frames, strict=True)]
+    recording, job, journal = _at_work
+    frames = _frames(recording, numbers)
+    return [_do(number, frame, job, journal) for number, frame in zip(numbers, frames, strict=True)]
 
 
 def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | BadFrame]:
@@ -181,9 +194,7 @@ def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | Ba
             yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
 
 
-def _do(number: int, frame: Frame | BadFrame) -> Row:
-    assert _at_work is not None
-    _, job, journal = _at_work
+def _do(number: int, frame: Frame | BadFrame, job: Job, journal: Journal) -> Row:
     row = job(frame, number)
     journal.add(row)
     return row
@@ -193,28 +204,25 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
     if not left:
         return
     if workers == 1 or len(left) <= FEW:
-        _start_worker(recording, *what)
-        yield from (_do(number, frame) for number, frame in zip(left, _frames(recording, left), strict=True))
+        _on_one_thread()
+        for number, frame in zip(left, _frames(recording, left), strict=True):
+            yield _do(number, frame, *what)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(recording, *what)) as pool:
+    with worker_pool(workers, _start_worker, recording, *what) as pool:
         pending: set[Future[list[Row]]] = set()
-        try:
-            for future in _tasks(pool, recording, left):
-                pending.add(future)
-                if len(pending) >= 3 * workers:
-                    ready, pending = wait(pending, return_when=FIRST_COMPLETED)
-                    for one in ready:
-                        yield from one.result()
-            while pending:
+        for future in _tasks(pool, recording, left):
+            pending.add(future)
+            if len(pending) >= 3 * workers:
                 ready, pending = wait(pending, return_when=FIRST_COMPLETED)
                 for one in ready:
                     yield from one.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        while pending:
+            ready, pending = wait(pending, return_when=FIRST_COMPLETED)
+            for one in ready:
+                yield from one.result()
 
 
-def _tasks(pool: ProcessPoolExecutor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:
+def _tasks(pool: Executor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:
     """Pictures are read by the workers themselves; a video can be read by one process only."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
@@ -226,7 +234,9 @@ def _tasks(pool: ProcessPoolExecutor, recording: Recording, left: list[int]) -> 
 
 
 def _do_all(number: int, frame: Frame | BadFrame) -> list[Row]:
-    return [_do(number, frame)]
+    assert _at_work is not None
+    _, job, journal = _at_work
+    return [_do(number, frame, job, journal)]
 
 
 def _part(recording: Recording, numbers: list[int]) -> Recording:
@@ -238,10 +248,3 @@ def _bare(recording: Recording) -> Recording:
     """Without what no frame needs: it travels to every worker."""
     return replace(recording, indenters={}, presses=(), forces=None, stage=None, curves=(), points=(), extra={},
                    settings={}, warnings=())  # fmt: skip
-
-
-def clear_leftovers(folder: Path) -> None:
-    """Remove the temporary files of writers that were killed (`.NAME-xxxxxxxx.tiff`)."""
-    for path in folder.glob(".*-????????.*"):
-        with suppress(OSError):
-            path.unlink()

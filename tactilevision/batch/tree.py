@@ -14,8 +14,11 @@ from functools import partial
 from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
+from tactilevision.batch.jobs import fingerprint_of
+from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
+from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
 from tactilevision.recording.pictures import find_frames
@@ -23,7 +26,7 @@ from tactilevision.recording.pictures import find_frames
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]
 Light = Callable[[Recording], Reconstructor]
-Run = Callable[[Recording, Reconstructor, Path], tuple[FrameResult, ...]]
+Run = Callable[..., tuple[FrameResult, ...]]  # reconstruct_folder with its options
 Progress = Callable[[int, int, str], None]
 
 
@@ -63,13 +66,29 @@ def reconstruct_tree(
     workers: int | None = None,
     progress: Progress | None = None,
     with_std: bool = False,
+    method: str = "",
 ) -> tuple[Branch, ...]:
     """Height maps of every source below `root` into OUT/its path there; OUT/depth.csv lists all frames.
 
-    `read` opens a source, `light` makes its reconstructor. A run that was cut off goes on where it was: sources
-    that are finished are known by their depth.csv. Raises InputError where no source is found.
+    `read` opens a source; `light` makes its reconstructor by `method`, of which the name alone is looked at here.
+    A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
+    InputError where no source is found.
     """
-    root, out, way = Path(root), Path(out), f"{form} with std" if with_std else form
+    with output_lock(out):
+        return _reconstruct(
+            Path(root),
+            Path(out),
+            read=read,
+            light=light,
+            run=partial(reconstruct_folder, workers=workers, form=form, with_std=with_std),
+            way=" ".join((form, "with std" if with_std else "", method)),
+            progress=progress,
+        )
+
+
+def _reconstruct(
+    root: Path, out: Path, *, read: Open, light: Light, run: Run, way: str, progress: Progress | None
+) -> tuple[Branch, ...]:
     found, refused = _opened(root, out, read)
     total = sum(len(recording.frame_names) for recording in found.values())
     told = {name: _rows_of_finished(out / name, recording, way) for name, recording in found.items()}
@@ -86,8 +105,7 @@ def reconstruct_tree(
             if progress is not None:
                 progress(before + done, total, name)
 
-        run = partial(reconstruct_folder, workers=workers, progress=report, form=form, with_std=with_std)
-        branches.append(_branch(name, recording, out, light=light, run=run, way=way))
+        branches.append(_branch(name, recording, out, light=light, run=partial(run, progress=report), way=way))
         before += len(recording.frame_names)
     every = _checked(root, sorted((*branches, *refused), key=lambda branch: branch.name))
     write_text(out / TABLE, _table(every))
@@ -130,7 +148,7 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))
-    write_text(_finished(place), "\n".join((way, str(recording.path.resolve()), *recording.frame_names)))
+    write_text(_finished(place), fingerprint_of(recording, way))
     return Branch(name, rows)
 
 
@@ -141,12 +159,11 @@ def _finished(place: Path) -> Path:
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
-        said = _finished(place).read_text(encoding="utf-8").split("\n")
-        with (place / TABLE).open(encoding="utf-8", newline="") as file:
-            header, *rows = [tuple(row) for row in csv.reader(file)]
-    except (OSError, ValueError):
+        said = read_text(_finished(place))
+        header, *rows = [tuple(row) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))]
+    except (OSError, ValueError, InputError):
         return None
-    if header != COLUMNS or said != [way, str(recording.path.resolve()), *recording.frame_names]:
+    if header != COLUMNS or said != fingerprint_of(recording, way):
         return None
     return tuple(FrameResult.of(row) for row in rows)
 

@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
+from types import FrameType
+from typing import NoReturn
 
 
 def main() -> int:
     """Run the command line; returns the exit code.
 
-    0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted.
+    0 done · 2 bad input (also a wrong option) · 3 nothing could be certified · 130 interrupted · 143 terminated.
     """
     for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(library, "1")  # matrices are small here: threads would only wait for each other
+    heard = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _terminate) if heard else None
+    try:
+        code = _run()
+    except KeyboardInterrupt:  # while this was being imported
+        code = 130
+        sys.stderr.write("interrupted before anything was done.\n")
+    if code in (130, 143):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C adds nothing but noise
+        exec("")  # noqa: S102 -- with -m, CPython else ends by the signal itself if Ctrl-C came within an exec
+    elif heard:
+        signal.signal(signal.SIGTERM, before)
+    return code
+
+
+def _run() -> int:
     from tactilevision.cli.app import app
     from tactilevision.cli.console import INTERRUPTED, report_failure
 
@@ -20,10 +40,16 @@ def main() -> int:
         if app(standalone_mode=False) == INTERRUPTED:  # typer makes a number of what Ctrl-C raised
             return report_failure(KeyboardInterrupt())
     except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else 1
+        return report_failure(stop)
     except BaseException as fault:
         return report_failure(fault)
     return 0
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    """SIGTERM unwinds as Ctrl-C does: workers end, and what is unfinished is taken away."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
+from tactilevision.lock import output_lock
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",
@@ -16,19 +19,32 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("calibrate")(calibrate.calibrate)
-app.command("depth")(depth.depth)
-app.command("view")(view.view)
-app.command("diagnose")(diagnose.diagnose)
-app.command("compare")(diagnose.compare)
-app.command("steps")(diagnose.steps)
+
+
+def alone(command: Callable[..., None], *, into: str = "out", file: bool = False) -> Callable[..., None]:
+    """The command, with its folder of results (or its file) held against other runs from first to last."""
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        with output_lock(given[into], file=file):
+            command(**given)
+
+    return run
+
+
+app.command("calibrate")(alone(calibrate.calibrate))
+app.command("depth")(alone(depth.depth))
+app.command("view")(alone(view.view))
+app.command("diagnose")(alone(diagnose.diagnose))
+app.command("compare")(alone(diagnose.compare))
+app.command("steps")(alone(diagnose.steps, into="folder"))
 app.command("new-effect")(diagnose.new_effect)
-app.command("force")(force.force)
+app.command("force")(alone(force.force))
 app.command("plan")(plan.plan)
-app.command("validate")(validate.validate)
-app.command("tabulate")(tabulate.tabulate)
-app.command("train")(train.train)
-app.command("simulate")(simulate.simulate)
+app.command("validate")(alone(validate.validate))
+app.command("tabulate")(alone(tabulate.tabulate))
+app.command("train")(alone(train.train, file=True))
+app.command("simulate")(alone(simulate.simulate))
 
 
 def show_version(wanted: bool) -> None:

@@ -32,7 +32,8 @@ FormatOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
-INTERRUPTED = 130  # exit code: 128 and the number of the signal
+INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
+TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
 
 
@@ -98,6 +99,10 @@ def report_failure(fault: BaseException) -> int:
     if isinstance(fault, typer.Abort | KeyboardInterrupt):
         typer.echo("interrupted: results written earlier are as they were.", err=True)
         return INTERRUPTED
+    if isinstance(fault, SystemExit):
+        if fault.code == TERMINATED:
+            typer.echo("terminated: results written earlier are as they were.", err=True)
+        return fault.code if isinstance(fault.code, int) else 1
     if isinstance(fault, BrokenPipeError):
         return 0
     show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser

@@ -66,7 +66,9 @@ def depth(
             )
         read = partial(source.open_branch, sensor=sensor, reference=reference)
         with console.progress_bar("frames") as progress:
-            branches = reconstruct_tree(path, out, read=read, light=light, progress=progress, **how)
+            branches = reconstruct_tree(
+                path, out, read=read, light=light, progress=progress, method=method or "", **how
+            )
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"

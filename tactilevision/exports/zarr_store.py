@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked
-from tactilevision.files import told_as_output
+from tactilevision.files import told_as_output, unfinished
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]
@@ -29,7 +29,7 @@ def write_zarr(path: Path | str, height: HeightMap) -> None:
     if height.std_mm is not None:
         fields["std_mm"] = height.std_mm.astype(np.float32)
     path = Path(path)
-    scratch = path.with_name(f".{path.name}-unfinished")
+    scratch = path.with_name(f"{unfinished()}{path.name}")
     about = {
         "mm_per_px": list(height.mm_per_px),
         "name": height.name,
@@ -78,9 +78,11 @@ def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) ->
 
 
 def end_frames(scratch: Path, path: Path) -> None:
-    """Put the finished store in its place."""
+    """Put the finished store in its place, without what writers that were killed have left in it."""
     _opened.cache_clear()
     with told_as_output(path):
+        for left in list(scratch.rglob("*.partial")):
+            left.unlink()
         _move(scratch, path)
 
 
@@ -90,6 +92,7 @@ def _opened(path: str) -> Any:
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
+    _opened.cache_clear()
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.parent.mkdir(parents=True, exist_ok=True)
     group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)
@@ -97,13 +100,25 @@ def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
     return group
 
 
+def settle(path: Path) -> None:
+    """Put right what a run that was killed between the two renames of `_move` has left."""
+    old = _old(path)
+    with told_as_output(path):
+        if old.exists() and not path.exists():
+            os.replace(old, path)
+    shutil.rmtree(old, ignore_errors=True)
+
+
 def _move(scratch: Path, path: Path) -> None:
-    old = path.with_name(f".{path.name}-old")
-    shutil.rmtree(old, ignore_errors=True)
+    settle(path)
     if path.exists():
-        os.replace(path, old)
+        os.replace(path, _old(path))
     os.replace(scratch, path)
-    shutil.rmtree(old, ignore_errors=True)
+    shutil.rmtree(_old(path), ignore_errors=True)
+
+
+def _old(path: Path) -> Path:
+    return path.with_name(f".{path.name}-old")
 
 
 def _zarr() -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.jobs import Journal, clear_leftovers, fingerprint_of, run_job, way_of_reading
+from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_reading
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.force.field import ForceField, ForceSettings
@@ -21,6 +21,7 @@ from tactilevision.force.frame import ForceJob, FrameForce
 from tactilevision.force.readings import Readings
 from tactilevision.force.store import Form, TractionStore
 from tactilevision.force.wrench import triple
+from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_image
 from tactilevision.records import Bytes, Material
@@ -46,15 +47,25 @@ def force_folder(
     `job` is what `force_job` gives. `clock_offset_s` (F/T minus camera) stands in where the recording does not
     state it. A frame that cannot be read is listed with the reason. An unfinished run of the same job goes on.
     """
+    with output_lock(job.store.out):
+        return _solve(recording, job, Readings(recording, clock_offset_s), workers=workers, progress=progress)
+
+
+def _solve(
+    recording: Recording,
+    job: ForceJob,
+    readings: Readings,
+    *,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[FrameForce, ...]:
     store, names = job.store, recording.frame_names
-    store.out.mkdir(parents=True, exist_ok=True)
-    clear_leftovers(store.out)
+    store.settle()
     seen = way_of_reading(recording, job.reconstructor.height_map)
     journal = Journal(store.out / JOURNAL, fingerprint_of(recording, store, seen, *_what_decides(job)))
     done = run_job(
         recording, job, journal=journal, workers=workers, progress=progress, begin=lambda: store.begin(names)
     )
-    readings = Readings(recording, clock_offset_s)
     rows = tuple(beside(FrameForce.of(row), readings) for row in done)
     store.end(names, [number for number, row in enumerate(rows) if row.read])
     write_text(store.out / TABLE, table(rows))

@@ -7,16 +7,18 @@ tractions.zarr    of all frames, NaN where a frame gave none: the same fields; s
 
 from __future__ import annotations
 
+import os
+import shutil
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from tactilevision.exports.zarr_store import Singles, begin_frames, end_frames, write_frame
-from tactilevision.files import replacing
+from tactilevision.exports.zarr_store import Singles, begin_frames, end_frames, settle, write_frame
+from tactilevision.files import replacing, told_as_output
 from tactilevision.force.nodes import NodeGrid
 
 FIELDS = ("t_x", "t_y", "t_z")
@@ -41,6 +43,14 @@ class TractionStore:
         """The store that is being filled."""
         return self.out / f".tractions.{self.form}-unfinished"
 
+    def settle(self) -> None:
+        """Put right what killed runs have left, those in the other form, too."""
+        if self.form == "zarr":
+            settle(self.path)
+            replace(self, form="npz").scratch.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(replace(self, form="zarr").scratch, ignore_errors=True)
+
     def begin(self, frames: Sequence[str]) -> None:
         """Make the scratch, empty."""
         if self.form == "zarr":
@@ -48,7 +58,11 @@ class TractionStore:
             begin_frames(self.scratch, frames, fields=units, shape=self.grid.shape, about=self._about())
             return
         shape = (len(frames), len(FIELDS), *self.grid.shape)
-        np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
+        with told_as_output(self.scratch):
+            np.lib.format.open_memmap(self.scratch, mode="w+", dtype=np.float32, shape=shape).flush()
+            if hasattr(os, "posix_fallocate"):  # a full disk is told now, not by a signal that ends a worker
+                with self.scratch.open("r+b") as file:
+                    os.posix_fallocate(file.fileno(), 0, self.scratch.stat().st_size)
 
     def write(self, number: int, fields: dict[str, Singles]) -> None:
         """One frame's fields, (rows, columns) each."""

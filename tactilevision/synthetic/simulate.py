@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.errors import OutputError
+from tactilevision.lock import LOCK, output_lock
 from tactilevision.recording import Recording, layout, write_recording
 from tactilevision.records import Floats
 from tactilevision.synthetic import writing
@@ -37,18 +38,19 @@ def simulate(
     options = options or SimulationOptions()
     folder = Path(out)
     scenario = draw_scenario(options, seed)
-    _clear(folder)
-    writing.write_toml(folder / TRUTH, truth_of(scenario))
-    record = writing.recording_of(folder, scenario)
-    if record.forces is not None:
-        record = _pictured(record, scenario, progress or (lambda done, of: None))
-    write_recording(record)
+    with output_lock(folder):
+        _clear(folder)
+        writing.write_toml(folder / TRUTH, truth_of(scenario))
+        record = writing.recording_of(folder, scenario)
+        if record.forces is not None:
+            record = _pictured(record, scenario, progress or (lambda done, of: None))
+        write_recording(record)
     return folder
 
 
 def _clear(folder: Path) -> None:
     """Make room where an earlier simulation stands (it has a truth.toml); nothing else is ever replaced."""
-    if not folder.is_dir() or not any(folder.iterdir()):
+    if not any(path.name != LOCK for path in folder.iterdir()):
         return
     if not (folder / TRUTH).is_file():
         raise OutputError(

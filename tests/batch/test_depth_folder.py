@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import os
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,8 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.batch.folder import COLUMNS, measure, reconstruct_folder, std_at
+from tactilevision.batch.folder import COLUMNS, Form, measure, reconstruct_folder, std_at
+from tactilevision.batch.jobs import Journal
 from tactilevision.exports.tiff import read_tiff, write_tiff
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.reconstruct import Reconstructor
@@ -82,13 +84,7 @@ def test_a_torn_frame_is_listed_and_passed_over(tmp_path: Path) -> None:
 def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
     """Cut off after three frames with a row half-written: the three are not done again, none is lost."""
     source, out = recording(tmp_path / "in"), tmp_path / "out"
-
-    def stop_at_three(done: int, total: int) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1, progress=stop_at_three)
+    cut_off(source, out)
     with (out / ".depth-journal.csv").open("a") as journal:
         journal.write("003.png,ok,0.1")
     stamps = {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir()}
@@ -101,6 +97,63 @@ def test_a_run_cut_off_goes_on_where_it_was(tmp_path: Path) -> None:
     assert [row.status for row in rows] == ["ok"] * 5
     assert {p.name: p.stat().st_mtime_ns for p in (out / "depth").iterdir() if p.name in stamps} == stamps
     assert not (out / ".depth-journal.csv").exists()
+
+
+def cut_off(source: Recording, out: Path, form: Form = "tiff") -> None:
+    """A run that ends after three frames."""
+
+    def stop_at_three(done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct_folder(
+            source, Reconstructor(SENSOR, method()), out, workers=1, form=form, progress=stop_at_three
+        )
+
+
+def test_of_a_frame_that_changed_after_a_run_was_cut_off_nothing_is_taken_over(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "in"), tmp_path / "out"
+    cut_off(source, out)
+    rgb = np.full((48, 64, 3), 100, np.uint8)
+    cv2.imwrite(str(tmp_path / "in" / "frames" / "000.png"), rgb)
+    os.utime(tmp_path / "in" / "frames" / "000.png", (1, 1))  # by a clock that went back
+    reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1)
+    assert np.abs(read_tiff(out / "depth" / "000.tiff").depth_mm).max() < 1e-6
+
+
+def test_a_run_in_another_form_leaves_nothing_of_the_one_cut_off(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "in"), tmp_path / "out"
+    cut_off(source, out, "zarr")
+    assert [path.name for path in out.iterdir() if "zarr" in path.name] == [".depth.zarr-unfinished"]
+    reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1)
+    assert sorted(path.name for path in out.iterdir()) == ["depth", "depth.csv"]
+
+
+def test_a_store_comes_back_where_a_run_was_killed_between_its_two_renames(tmp_path: Path) -> None:
+    source, out = recording(tmp_path / "in"), tmp_path / "out"
+    reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1, form="zarr")
+    (out / "depth.zarr").rename(out / ".depth.zarr-old")
+    cut_off(source, out)
+    assert (out / "depth.zarr" / "depth_mm").is_dir()
+    assert not (out / ".depth.zarr-old").exists()
+
+
+def test_rows_of_a_run_never_outlive_its_store(tmp_path: Path) -> None:
+    """A run by another method that dies as soon as it has a store of its own: the first one starts anew."""
+    source, out = recording(tmp_path / "in"), tmp_path / "out"
+    cut_off(source, out, "zarr")
+
+    def die(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Journal, "begin", die)
+        with pytest.raises(KeyboardInterrupt):
+            reconstruct_folder(source, Unsure(SENSOR, method()), out, workers=1, form="zarr", with_std=True)
+    rows = reconstruct_folder(source, Reconstructor(SENSOR, method()), out, workers=1, form="zarr")
+    store = zarr.open_group(str(out / "depth.zarr"), mode="r")
+    assert np.isfinite(np.asarray(store["depth_mm"])).any(axis=(1, 2)).tolist() == [True] * len(rows)
 
 
 def test_many_processes_give_the_same_maps(tmp_path: Path) -> None:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import Executor, as_completed
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import wait
 from pathlib import Path
 from time import monotonic
 
 from tactilevision.errors import InputError
+from tactilevision.lock import output_lock
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case
 from tactilevision.mechanics.tables.solve import solve_case
+from tactilevision.workers import worker_pool
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,22 +42,19 @@ def tabulate(
     `workers` (see `processes`, `cluster`) the cases are solved one by one, here.
     """
     place, every = Path(folder), list(cases)
-    missing = [case for case in every if not case_path(place, case).exists()]
-    clock = _Clock(len(every), missing)
-    for case, solved in _solved(missing, workers):
-        save_case(case_path(place, case), solved)
-        if report is not None:
-            report(clock.tick(case, float(solved.depth[-1]) if solved.depth.size else 0.0))
+    with output_lock(place):
+        missing = [case for case in every if not case_path(place, case).exists()]
+        clock = _Clock(len(every), missing)
+        for case, solved in _solved(missing, workers):
+            save_case(case_path(place, case), solved)
+            if report is not None:
+                report(clock.tick(case, float(solved.depth[-1]) if solved.depth.size else 0.0))
     return len(missing)
 
 
-@contextmanager
-def processes(count: int | None = None) -> Iterator[Executor]:
+def processes(count: int | None = None) -> AbstractContextManager[Executor]:
     """So many processes on this machine, all its cores where none is said; they end with their parent."""
-    many = count or len(os.sched_getaffinity(0))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(many, context, initializer=_watch_parent) as pool:
-        yield pool
+    return worker_pool(count or len(os.sched_getaffinity(0)))
 
 
 @contextmanager
@@ -120,15 +116,3 @@ def effort(case: Case) -> float:
     """About how long a case takes beside one of some friction at an edge radius of h/60."""
     sliding = 3.0 if case.friction == 0 else 1.0
     return float(sliding * (1 / (60 * case.edge_over_h)) ** 0.7)
-
-
-def _watch_parent() -> None:
-    """A killed parent cannot end its workers: each watches for itself."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    wait([sentinel])
-    os._exit(1)

@@ -1,0 +1,145 @@
+"""One run at a time in a folder of results: a lock that the system frees when its run ends, however it ends."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tactilevision.errors import OutputError
+from tactilevision.files import clear_unfinished, make_folder, process_runs, told_as_output
+
+if sys.platform != "win32":
+    import fcntl
+
+LOCK = ".lock"  # in a folder of results while a run writes there
+_ENDING_S = 10.0  # s: the workers of a killed run have ended long before
+_PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
+
+_held: dict[Path, int] = {}  # lock files of this process, and the thread that holds each
+
+
+@contextmanager
+def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
+    """Hold a folder for results (or, with `file`, one file) against every other run, until all is written.
+
+    A folder that is missing is made, and taken away again where nothing was written. What a killed run left
+    unfinished is removed. The lock is a file that names the process, held by flock, which the system frees; on a
+    disk without flock the file of a process that has ended counts for nothing. The thread that holds a folder
+    may ask again. Raises OutputError where another process or thread writes there.
+    """
+    target = Path(target)
+    folder = target.parent if file else target
+    path = folder.resolve() / (f".{target.name}{LOCK}" if file else LOCK)
+    if _held.get(path) == threading.get_ident():
+        yield
+        return
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    make_folder(folder)
+    with told_as_output(target):
+        handle, left = _wait_for(path, target)
+    _held[path] = threading.get_ident()
+    try:
+        if left:
+            clear_unfinished(folder, deep=not file)
+        yield
+    finally:
+        del _held[path]
+        with contextlib.suppress(OSError):
+            path.unlink()
+        os.close(handle)
+        with contextlib.suppress(OSError):  # not empty
+            for one in made:
+                one.rmdir()
+
+
+def join_lock(folder: Path) -> bool:
+    """Hold the lock together with the parent process until this one ends; False where the parent has lost it.
+
+    So a folder is free only when the workers of a killed run have ended, too.
+    """
+    try:
+        handle = os.open(folder.resolve() / LOCK, os.O_RDWR)
+    except FileNotFoundError:
+        return False
+    return _flock(handle, shared=True) is not False and _read_owner(handle)[:1] == [str(os.getppid())]
+
+
+def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
+    """The lock's open file, and whether a killed run had left it."""
+    until = time.monotonic() + _ENDING_S
+    while True:
+        handle, fresh = _open(path)
+        owner = _read_owner(handle)
+        if _take(handle, fresh=fresh, owner=owner):
+            if _is_at(handle, path):
+                os.ftruncate(handle, 0)
+                os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
+                if _flock(handle, shared=True) is not False:  # so that the workers may hold it, too
+                    return handle, not fresh
+            os.close(handle)  # its run has ended just now and taken it away, or another was quicker
+            continue
+        os.close(handle)
+        if _lives(owner) or time.monotonic() > until:
+            raise _busy(target, owner)
+        time.sleep(_PAUSE_S)
+
+
+def _open(path: Path) -> tuple[int, bool]:
+    with contextlib.suppress(FileExistsError):
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), True
+    return os.open(path, os.O_RDWR | os.O_CREAT, 0o666), False
+
+
+def _take(handle: int, *, fresh: bool, owner: list[str]) -> bool:
+    taken = _flock(handle, shared=False)
+    return taken if taken is not None else fresh or not _lives(owner)
+
+
+def _flock(handle: int, *, shared: bool) -> bool | None:
+    """Whether the system gave the lock; None where the disk or the system has none."""
+    if sys.platform == "win32":
+        return None
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _read_owner(handle: int) -> list[str]:
+    """Process, machine and time (s) of the run that holds it; nothing while it is being written."""
+    said = os.pread(handle, 200, 0).decode(errors="replace").split()
+    return said if len(said) == 3 and said[0].isdecimal() and said[2].isdecimal() else []
+
+
+def _lives(owner: list[str]) -> bool:
+    """Whether the process is there; one on another machine counts as living."""
+    if not owner:
+        return False
+    if owner[1] != socket.gethostname():
+        return True
+    return process_runs(int(owner[0]))
+
+
+def _busy(target: Path, owner: list[str]) -> OutputError:
+    what = "is being written by another run"
+    if owner:
+        since = time.strftime("%H:%M", time.localtime(int(owner[2])))
+        what = f"is being written by process {owner[0]} since {since}"
+    return OutputError(what, where=target, remedy="Wait for it, or give another --out.")

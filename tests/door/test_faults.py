@@ -1,0 +1,68 @@
+"""Runs with worker processes that are interrupted, killed or starved; benchmarks/faults draws many more."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.faults import trials
+from benchmarks.faults.commands import Command, frame_commands, prepare
+from tactilevision.errors import TactilevisionError
+from tactilevision.workers import worker_pool
+
+KILLS = 4  # of each command
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Command]:
+    return prepare(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.fixture(scope="module")
+def depth(tmp_path_factory: pytest.TempPathFactory) -> trials.Undisturbed:
+    """Height maps by two processes."""
+    folder = tmp_path_factory.mktemp("depth")
+    return trials.undisturbed(frame_commands(folder / "frames")[0], folder)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_run_with_workers_stops_at_a_word_and_goes_on_later(
+    number: signal.Signals, depth: trials.Undisturbed, tmp_path: Path
+) -> None:
+    """Ctrl-C: 130; SIGTERM: 143; no traceback, nothing unfinished, and the next run ends with the same bytes."""
+    assert trials.stopped(depth, tmp_path / "out", np.random.default_rng(1), number=number) == []
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_to_the_same_bytes(depth: trials.Undisturbed, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    assert trials.killed(depth, tmp_path / "out", rng, at_write=True, over=False) == []
+
+
+@pytest.mark.slow
+def test_a_second_run_on_the_same_output_is_refused(depth: trials.Undisturbed, tmp_path: Path) -> None:
+    assert trials.run_twice(depth, tmp_path / "out", np.random.default_rng(3)) == []
+
+
+def test_a_killed_worker_is_one_clear_error() -> None:
+    with pytest.raises(TactilevisionError, match="a worker process was ended"), worker_pool(1) as pool:
+        pool.submit(signal.raise_signal, signal.SIGKILL).result()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["depth tiff", "depth zarr", "calibrate", "force", "diagnose", "tabulate"])
+def test_nothing_is_lost_or_doubled_by_kills(name: str, commands: dict[str, Command], tmp_path: Path) -> None:
+    whole, rng = trials.undisturbed(commands[name], tmp_path), np.random.default_rng(4)
+    for number in range(KILLS):
+        out = tmp_path / str(number)
+        wrong = trials.killed(whole, out, rng, at_write=bool(number % 2), over=number > 1)
+        assert not wrong, (number, wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [trials.disk_full, trials.clock_back, trials.recorded_clock_back])
+def test_other_faults_leave_nothing_behind(fault: trials.Trial, depth: trials.Undisturbed, tmp_path: Path) -> None:
+    assert not fault(depth, tmp_path / "out", np.random.default_rng(5))
