@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 from tactilevision.errors import OutputError
 
 _UNFINISHED = ".unfinished-"  # what is being written: then the number of the process that writes it
+_PAUSE_S = 0.05  # s between two looks at a process that is ending
 _LONGEST = 60  # letters: a name of 255 bytes is the most that usual disks hold
 
 
@@ -110,30 +112,42 @@ def _move(stage: Path, target: Path) -> None:
         path.replace(place)
 
 
-def clear_unfinished(folder: Path, *, deep: bool = False) -> None:
+def clear_unfinished(folder: Path, *, deep: bool = False, wait_s: float = 0.0) -> None:
     """Remove what runs that were killed have left there; of a run that still goes on, nothing.
 
-    With `deep` also in the folders below.
+    With `deep` also in the folders below. Processes that are just ending are waited for, `wait_s` at most.
     """
-    for path in list((folder.rglob if deep else folder.glob)(f"{_UNFINISHED}*")):
-        owner = path.name.removeprefix(_UNFINISHED).partition("-")[0]
-        if owner.isdigit() and process_runs(int(owner)):
-            continue
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            with suppress(OSError):
-                path.unlink()
+    until = time.monotonic() + wait_s
+    while True:
+        found = list((folder.rglob if deep else folder.glob)(f"{_UNFINISHED}*"))
+        left = [path for path in found if not _cleared(path)]
+        if not left or time.monotonic() >= until:
+            return
+        time.sleep(_PAUSE_S)
+
+
+def _cleared(path: Path) -> bool:
+    owner = path.name.removeprefix(_UNFINISHED).partition("-")[0]
+    if owner.isdecimal() and process_runs(int(owner)):
+        return False
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
+    return True
 
 
 def process_runs(process: int) -> bool:
-    """Whether there is a process of that number."""
+    """Whether there is a process of that number, which has not ended (a zombie has)."""
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:  # another user's
         return True
+    with suppress(OSError, IndexError):  # Linux alone has it
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     return True
 
 

@@ -24,11 +24,11 @@ from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
 from tactilevision.exports.zarr_store import begin_frames, end_frames, settle, write_frame
 from tactilevision.files import make_folder, write_text
-from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
 from tactilevision.records.flags import BORDER, add
+from tactilevision.runs import output_lock
 from tactilevision.uncertainty.depth import DepthError
 
 TABLE = "depth.csv"

@@ -25,10 +25,9 @@ import numpy as np
 from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files import append_text, write_text
-from tactilevision.lock import join_lock
 from tactilevision.recording import BadFrame, Recording, iter_frames
 from tactilevision.records import Frame, HeightMap
-from tactilevision.workers import worker_pool
+from tactilevision.runs import join_lock, worker_pool
 
 Row = tuple[str, ...]
 Progress = Callable[[int, int], None]

@@ -18,10 +18,10 @@ from tactilevision.batch.jobs import fingerprint_of
 from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
-from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
 from tactilevision.recording.pictures import find_frames
+from tactilevision.runs import output_lock
 
 REFERENCE = layout.FLATS.split("/")[0]  # folder of the untouched gel's pictures and the balls
 Open = Callable[[Path], Recording]

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
-from tactilevision.lock import output_lock
+from tactilevision.runs import output_lock
 
 app = typer.Typer(
     help="Mechanics you can trust from vision-based tactile sensors.",

@@ -65,10 +65,9 @@ def depth(
                 remedy="Name the recording, or leave --calibration out.",
             )
         read = partial(source.open_branch, sensor=sensor, reference=reference)
+        run = partial(reconstruct_tree, path, out, read=read, light=light, method=method or "", **how)
         with console.progress_bar("frames") as progress:
-            branches = reconstruct_tree(
-                path, out, read=read, light=light, progress=progress, method=method or "", **how
-            )
+            branches = run(progress=progress)
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"

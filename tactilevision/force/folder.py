@@ -21,10 +21,10 @@ from tactilevision.force.frame import ForceJob, FrameForce
 from tactilevision.force.readings import Readings
 from tactilevision.force.store import Form, TractionStore
 from tactilevision.force.wrench import triple
-from tactilevision.lock import output_lock
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_image
 from tactilevision.records import Bytes, Material
+from tactilevision.runs import output_lock
 from tactilevision.sensors import rectify
 from tactilevision.shear.measure import Untouched, read_untouched
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.errors import OutputError
-from tactilevision.lock import LOCK, output_lock
 from tactilevision.recording import Recording, layout, write_recording
 from tactilevision.records import Floats
+from tactilevision.runs import LOCK, output_lock
 from tactilevision.synthetic import writing
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.gel import Flat

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.faults import trials
 from benchmarks.faults.commands import Command, frame_commands, prepare
 from tactilevision.errors import TactilevisionError
-from tactilevision.workers import worker_pool
+from tactilevision.runs import worker_pool
 
 KILLS = 4  # of each command
 

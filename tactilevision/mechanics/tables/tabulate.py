@@ -11,10 +11,9 @@ from pathlib import Path
 from time import monotonic
 
 from tactilevision.errors import InputError
-from tactilevision.lock import output_lock
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case
 from tactilevision.mechanics.tables.solve import solve_case
-from tactilevision.workers import worker_pool
+from tactilevision.runs import output_lock, worker_pool
 
 
 @dataclass(frozen=True, slots=True)

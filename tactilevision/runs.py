@@ -1,18 +1,23 @@
-"""One run at a time in a folder of results: a lock that the system frees when its run ends, however it ends."""
+"""A run: one at a time in a folder of results, by a lock that the system frees; its workers end when it does."""
 
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
+import signal
 import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import Any
 
-from tactilevision.errors import OutputError
+from tactilevision.errors import OutputError, TactilevisionError
 from tactilevision.files import clear_unfinished, make_folder, process_runs, told_as_output
 
 if sys.platform != "win32":
@@ -20,9 +25,10 @@ if sys.platform != "win32":
 
 LOCK = ".lock"  # in a folder of results while a run writes there
 _ENDING_S = 10.0  # s: the workers of a killed run have ended long before
+_LINGERING_S = 1.0  # s that a process is still listed after the system has freed its locks
 _PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
 
-_held: dict[Path, int] = {}  # lock files of this process, and the thread that holds each
+_held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread here that hold each
 
 
 @contextmanager
@@ -37,17 +43,18 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
     target = Path(target)
     folder = target.parent if file else target
     path = folder.resolve() / (f".{target.name}{LOCK}" if file else LOCK)
-    if _held.get(path) == threading.get_ident():
+    here = os.getpid(), threading.get_ident()
+    if _held.get(path) == here:
         yield
         return
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     make_folder(folder)
     with told_as_output(target):
         handle, left = _wait_for(path, target)
-    _held[path] = threading.get_ident()
+    _held[path] = here
     try:
         if left:
-            clear_unfinished(folder, deep=not file)
+            clear_unfinished(folder, deep=not file, wait_s=_LINGERING_S)
         yield
     finally:
         del _held[path]
@@ -79,8 +86,7 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         owner = _read_owner(handle)
         if _take(handle, fresh=fresh, owner=owner):
             if _is_at(handle, path):
-                os.ftruncate(handle, 0)
-                os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
+                _sign(handle, path)
                 if _flock(handle, shared=True) is not False:  # so that the workers may hold it, too
                     return handle, not fresh
             os.close(handle)  # its run has ended just now and taken it away, or another was quicker
@@ -89,6 +95,17 @@ def _wait_for(path: Path, target: Path) -> tuple[int, bool]:
         if _lives(owner) or time.monotonic() > until:
             raise _busy(target, owner)
         time.sleep(_PAUSE_S)
+
+
+def _sign(handle: int, path: Path) -> None:
+    """Say in the file who holds it."""
+    try:
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"{os.getpid()} {socket.gethostname()} {time.time():.0f}".encode(), 0)
+    except OSError:  # a full disk
+        path.unlink(missing_ok=True)
+        os.close(handle)
+        raise
 
 
 def _open(path: Path) -> tuple[int, bool]:
@@ -143,3 +160,59 @@ def _busy(target: Path, owner: list[str]) -> OutputError:
         since = time.strftime("%H:%M", time.localtime(int(owner[2])))
         what = f"is being written by process {owner[0]} since {since}"
     return OutputError(what, where=target, remedy="Wait for it, or give another --out.")
+
+
+@contextmanager
+def worker_pool(count: int, start: Callable[..., None] | None = None, *given: Any) -> Iterator[Executor]:
+    """So many processes on this machine; `start(*given)` is called once in each.
+
+    They hear no Ctrl-C: the parent does, and its workers end with it, in the midst of what they were at. What
+    they write must therefore be whole at every moment.
+    """
+    context = multiprocessing.get_context("spawn")
+    reader, writer = context.Pipe(duplex=False)
+    pool = _DeafPool(count, context, initializer=_start, initargs=(reader, start, given))
+    try:
+        with pool:
+            try:
+                yield pool
+            except BaseException:
+                writer.close()
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    except BrokenExecutor as fault:
+        raise TactilevisionError(
+            "a worker process was ended from outside, or ran out of memory. What is done is kept: run the same "
+            "command again, perhaps with fewer workers."
+        ) from fault
+    finally:
+        writer.close()
+        reader.close()
+
+
+class _DeafPool(ProcessPoolExecutor):
+    """Its processes are started deaf to Ctrl-C, which a terminal sends to every process of a command."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if sys.platform == "win32":
+            return super().submit(fn, *args, **kwargs)
+        # both wait until a new process has read what it is to do: cut off there, it would end with a traceback
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})  # processes inherit it
+        try:
+            return super().submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start(parent: Connection, start: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    if start is not None:
+        start(*given)
+
+
+def _end_with(parent: Connection) -> None:
+    """The pipe closes where the parent ends, even killed: each worker watches for itself."""
+    wait([parent])
+    os._exit(1)
