@@ -39,10 +39,14 @@ class RenderedCamera:
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, without noise."""
-        lamps = self._lamps(surface) * (self._scale * self._gains(time_s)).astype(np.float32)
-        light = lamps @ np.array([lamp.colour for lamp in self.rig.lamps], np.float32)
+        light = self.coloured(self._lamps(surface) * self._gains(time_s).astype(np.float32))
         light *= (self._carried_ink(surface) * self._vignette)[..., None]
         return np.asarray(cv2.GaussianBlur(light, (0, 0), self.rig.blur_px), dtype=np.float32)
+
+    def coloured(self, lamps: Singles) -> Singles:
+        """Light (H, W, 3) of the three channels from that of each lamp (H, W, 3) as it is rendered; 1 is white."""
+        colours = np.array([lamp.colour for lamp in self.rig.lamps], np.float32)
+        return np.asarray((lamps * self._scale.astype(np.float32)) @ colours, dtype=np.float32)
 
     def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
         """A frame (H, W, 3) of the given light; `averaged` frames make one of less noise; no rng, no noise."""
@@ -86,7 +90,7 @@ class RenderedCamera:
     def _scale(self) -> Floats:
         """Factor of each lamp (3,) that exposes the brightest places of the free gel as drawn."""
         free = self._rendered(Flat())
-        levels = np.array([lamp.level for lamp in self.rig.lamps])
+        levels = np.array([lamp.brightness for lamp in self.rig.lamps])
         scale = levels / np.percentile(free, 99.5, axis=(0, 1))
         colours = np.array([lamp.colour for lamp in self.rig.lamps])
         white = np.percentile(((free * scale) @ colours).max(axis=-1), 99.5)

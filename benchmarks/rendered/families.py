@@ -13,25 +13,11 @@ from typing import Literal
 import numpy as np
 
 from tactilevision.records import Pair
-from tactilevision.synthetic.lights import Triple
+from tactilevision.synthetic.strips import Strip
 
 Family = Literal["train", "bench"]
 _TEETH = 16
 _STREAM = {"train": 71001, "bench": 90533}
-
-
-@dataclass(frozen=True, slots=True)
-class Lamp:
-    """A strip that shines from its front: `centre_mm` and the point `aim_mm` that its front faces, both from the
-    pad's centre with z towards the camera; `level` its brightness beside the others', `colour` what it gives the
-    channels."""
-
-    centre_mm: Triple
-    aim_mm: Triple
-    length_mm: float
-    width_mm: float
-    level: float
-    colour: Triple
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +47,7 @@ class Rig:
 
     family: Family
     seed: int
-    lamps: tuple[Lamp, Lamp, Lamp]
+    lamps: tuple[Strip, Strip, Strip]
     ink: Ink
     response: Response
     texture: float
@@ -107,7 +93,7 @@ def draw_rig(family: Family, seed: int) -> Rig:
     )
 
 
-def _lamp(comb: _Comb, azimuth: float, main: int) -> Lamp:
+def _lamp(comb: _Comb, azimuth: float, main: int) -> Strip:
     out, elevation = comb.draw(18.0, 28.0), np.deg2rad(comb.draw(15.0, 35.0))
     direction = np.array([np.cos(azimuth), np.sin(azimuth)])
     x, y = direction * out
@@ -116,12 +102,12 @@ def _lamp(comb: _Comb, azimuth: float, main: int) -> Lamp:
     if main == 1:
         colour[2] = comb.draw(0.2, 0.7)
     colour[main] = 1.0
-    return Lamp(
+    return Strip(
         (float(x), float(y), float(out * np.tan(elevation))),
         (float(aim[0]), float(aim[1]), comb.draw(0.0, 6.0)),
         length_mm=comb.draw(10.0, 30.0),
         width_mm=comb.draw(1.0, 3.5),
-        level=comb.draw(0.75, 1.3),
+        brightness=comb.draw(0.75, 1.3),
         colour=(colour[0], colour[1], colour[2]),
     )
 

@@ -15,10 +15,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks.rendered.families import Ink, Lamp, Rig
+from benchmarks.rendered.families import Ink, Rig
 from benchmarks.rendered.mesh import HeightField, height_field
 from tactilevision.files import replacing
 from tactilevision.synthetic.gel import Grid, Singles, Surface
+from tactilevision.synthetic.strips import Strip
 
 Transport = Literal["path", "direct", "unshadowed"]
 _BOUNCES = 4  # longest path: lamp, gel, gel, gel, camera
@@ -148,7 +149,7 @@ def _reflectance(ink: Ink) -> dict[str, Any]:
     return {"type": "diffuse", "reflectance": grey}
 
 
-def _strip(lamp: Lamp) -> dict[str, Any]:
+def _strip(lamp: Strip) -> dict[str, Any]:
     transform = mitsuba().ScalarTransform4f
     (x, y, z), (to_x, to_y, to_z) = lamp.centre_mm, lamp.aim_mm
     place = transform().look_at(origin=[x, -y, z], target=[to_x, -to_y, to_z], up=[0, 0, 1])

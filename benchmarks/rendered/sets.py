@@ -46,7 +46,13 @@ def draw_gel(rig: Rig) -> GelOptions:
 
 
 def write_set(
-    folder: Path, camera: RenderedCamera, *, balls: int, steps: int, flats: int = 3, progress: Progress = print
+    folder: Path,
+    camera: RenderedCamera,
+    *,
+    balls: int = 24,
+    steps: int = 8,
+    flats: int = 3,
+    progress: Progress = print,
 ) -> None:
     """A recording without forces: `flats` and `balls` as its reference, `steps` as its frames, truth beside it."""
     rig, gel = camera.rig, draw_gel(camera.rig)
