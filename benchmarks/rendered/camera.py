@@ -20,7 +20,8 @@ from tactilevision.records import Bytes, Floats
 from tactilevision.synthetic.gel import Flat, Grid, Singles, Surface
 from tactilevision.synthetic.punch import PunchPress
 
-_BEFORE = 9  # depths up to the bevel's touch
+_INTERVAL_MM = 0.075  # at most, from one depth to the next up to the bevel's touch
+_MIN_BEFORE = 3
 _AFTER_MM = (0.004, 0.012, 0.03, 0.07)  # beyond it
 _STEPS = 16383
 _DRIFT = 0.003  # largest swing of a lamp during a recording, relative
@@ -140,7 +141,12 @@ def build_camera(rig: Rig, cache: Path, *, transport: Transport = "path", sample
 def _depths_of(still: PunchPress) -> Floats:
     assert still.bevel is not None
     touch = still.bevel.touch_depth_mm(still.profile, still.tilt)
-    return np.concatenate([np.linspace(0.0, touch, _BEFORE + 1), touch + np.asarray(_AFTER_MM)])
+    return np.concatenate(
+        [
+            np.linspace(0.0, touch, max(_MIN_BEFORE, int(np.ceil(touch / _INTERVAL_MM))) + 1),
+            touch + np.asarray(_AFTER_MM),
+        ]
+    )
 
 
 def _depths_mm(press: PunchPress) -> Floats:

@@ -1,6 +1,6 @@
 """A camera over the gel: surface -> frame, with everything that a real frame suffers on its way.
 
-surface -> slopes -> light of three lamps (lights.py; strips.py where they cast shadows) -> ink texture and markers,
+surface -> slopes -> light of three lamps (lights.py; strips.py where shadows are cast) -> ink texture and markers,
 carried along with the gel -> vignetting -> lens distortion -> blur -> shot and read noise -> response -> 8 bits.
 Steep parts of the surface are drawn on a grid three times finer and averaged over each pixel.
 """

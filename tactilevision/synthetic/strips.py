@@ -10,8 +10,8 @@ over N points L_k along its length; f is the direction that the front faces. How
     V_k = (t⁺ - h)/(t⁺ - t⁻), held between 0 and 1        h = max_s (z(P + s u) - z(P))/s
 
 with t± the tangents of the elevations at which the strip's two long edges stand over P, u the direction towards
-L_k in the plane of the pad, and h the tangent of the horizon that the gel makes there. So a penumbra grows with the
-distance from the edge that casts it. The share of the whole strip is Σ V_k w_k d_kz / Σ w_k d_kz.
+L_k in the plane of the pad, and h the tangent of the horizon that the gel makes there. So a penumbra grows with
+the distance from the edge that casts it. The share of the whole strip is Σ V_k w_k d_kz / Σ w_k d_kz.
 
 Assumptions: the horizon is level over the strip's width, and the light falls on a surface that leans little. A
 lamp's distance is measured from the untouched gel, so that raised places are not nearer to it. Light that the gel
