@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.rendered.camera import build_camera
-from benchmarks.rendered.compare import report
+from benchmarks.rendered.compare import keep, report
 from benchmarks.rendered.families import draw_rig
 from benchmarks.rendered.path_tracer import Transport
 from benchmarks.rendered.record import write_rendered_recording
@@ -22,6 +22,9 @@ CACHE = Path(tempfile.gettempdir()) / "tactilevision-rendered"
 def main(arguments: Sequence[str] = ()) -> None:
     """Render what is asked for."""
     options = _options().parse_args(list(arguments))
+    if options.keep is not None:
+        keep(options.keep, options.seed, options.cache)
+        return
     if options.compare:
         report(range(options.seed, options.seed + 3), options.cache)
         return
@@ -38,9 +41,17 @@ def main(arguments: Sequence[str] = ()) -> None:
         print(f"{time.perf_counter() - start:7.1f} s  {what} {of}", flush=True)
 
     if "recording" in kinds:
-        write_rendered_recording(options.out, camera, presses=options.presses, progress=progress)
+        write_rendered_recording(
+            options.out, camera, presses=options.presses, balls=options.balls, progress=progress
+        )
     else:
-        write_set(options.out, camera, steps=options.steps if "steps" in kinds else 0, progress=progress)
+        write_set(
+            options.out,
+            camera,
+            balls=options.balls,
+            steps=options.steps if "steps" in kinds else 0,
+            progress=progress,
+        )
 
 
 def _options() -> argparse.ArgumentParser:
@@ -54,6 +65,8 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--steps", type=int, default=8, help="frames of flat punches")
     parser.add_argument("--presses", type=int, default=3, help="good presses of each indenter in a recording")
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
+    parser.add_argument("--keep", type=Path, help="npz for one rig and step of that comparison, for the tests")
+    parser.add_argument("--balls", type=int, default=24, help="reference pictures of balls")
     parser.add_argument("--cache", type=Path, default=CACHE, help="keeps what was rendered")
     return parser
 

@@ -40,14 +40,9 @@ class RenderedCamera:
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, without noise."""
-        light = self.coloured(self._lamps(surface) * self._gains(time_s).astype(np.float32))
+        light = mix(self._lamps(surface), self.rig, self.scale * self._gains(time_s))
         light *= (self._carried_ink(surface) * self._vignette)[..., None]
         return np.asarray(cv2.GaussianBlur(light, (0, 0), self.rig.blur_px), dtype=np.float32)
-
-    def coloured(self, lamps: Singles) -> Singles:
-        """Light (H, W, 3) of the three channels from that of each lamp (H, W, 3) as it is rendered; 1 is white."""
-        colours = np.array([lamp.colour for lamp in self.rig.lamps], np.float32)
-        return np.asarray((lamps * self._scale.astype(np.float32)) @ colours, dtype=np.float32)
 
     def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
         """A frame (H, W, 3) of the given light; `averaged` frames make one of less noise; no rng, no noise."""
@@ -88,7 +83,7 @@ class RenderedCamera:
         return {}
 
     @cached_property
-    def _scale(self) -> Floats:
+    def scale(self) -> Floats:
         """Factor of each lamp (3,) that exposes the brightest places of the free gel as drawn."""
         free = self._rendered(Flat())
         levels = np.array([lamp.brightness for lamp in self.rig.lamps])
@@ -130,10 +125,16 @@ class RenderedCamera:
         return np.asarray(1 - self.rig.vignette * ((x / half_x) ** 2 + (y / half_y) ** 2) / 2, dtype=np.float32)
 
 
+def mix(lamps: Singles, rig: Rig, scale: Floats) -> Singles:
+    """Light (H, W, 3) of the channels, 1 is white, from that of each lamp (H, W, 3) times `scale` (3,)."""
+    colours = np.array([lamp.colour for lamp in rig.lamps], np.float32)
+    return np.asarray((lamps * scale.astype(np.float32)) @ colours, dtype=np.float32)
+
+
 def build_camera(rig: Rig, cache: Path, *, transport: Transport = "path", samples: int = 16) -> RenderedCamera:
     """The camera of a rig; the rectified frame's middle is the pad's."""
-    x = (np.arange(rig.width_px) - (rig.width_px - 1) / 2) * rig.mm_per_px
-    y = (np.arange(rig.height_px) - (rig.height_px - 1) / 2) * rig.mm_per_px
+    x = (np.arange(rig.width_px, dtype=np.float64) - (rig.width_px - 1) / 2) * rig.mm_per_px
+    y = (np.arange(rig.height_px, dtype=np.float64) - (rig.height_px - 1) / 2) * rig.mm_per_px
     return RenderedCamera(rig, PathTracer(rig, Grid(x, y), cache, transport, samples))
 
 

@@ -12,18 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rendered.camera import RenderedCamera, build_camera
+from benchmarks.rendered.camera import build_camera, mix
 from benchmarks.rendered.families import Rig, draw_rig
 from benchmarks.rendered.sets import draw_gel, plan_steps
 from tactilevision.records import Bools, Bytes, Floats
 from tactilevision.synthetic.ball import BallPress
 from tactilevision.synthetic.camera import Camera
-from tactilevision.synthetic.gel import Flat, Grid, Singles, Surface
+from tactilevision.synthetic.gel import Area, Flat, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Triple
+from tactilevision.synthetic.punch import PunchPress
 from tactilevision.synthetic.strips import Strip
 
 DARKER = 5  # grey levels by which a shadow must darken a value for it to count
 _SAMPLES = 64
+_KEPT_MM = 5.5  # half the side of the square that is kept for the test
 _ONE_EACH: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -60,23 +62,55 @@ def simulated_lamps(lamps: tuple[Strip, ...], grid: Grid, surface: Surface, *, s
     return camera.ideal(surface)
 
 
-def compare(family: str, seed: int, cache: Path) -> Iterator[Agreement]:
+def compare(rig: Rig, cache: Path) -> Iterator[Agreement]:
     """Steps and a ball under one rig."""
-    drawn = draw_rig(family, seed)  # type: ignore[arg-type]
-    rig = replace(drawn, ink=replace(drawn.ink, kind="diffuse"))
+    for name, pair in _pairs(rig, cache):
+        simulated, plain = (pair.simulated(rig, shadows=shadows) for shadows in (True, False))
+        dark = darkened(pair.shadowed, pair.lit)
+        yield Agreement(
+            name,
+            int(dark.sum()),
+            rms(simulated, pair.shadowed, dark),
+            rms(plain, pair.shadowed, dark),
+            rms(simulated, pair.shadowed, np.ones_like(dark)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pictured:
+    """Mitsuba's pictures (H, W, 3) of a surface with shadows and without; `scale` (3,) is the simulator's."""
+
+    surface: Surface
+    shadowed: Bytes
+    lit: Bytes
+    scale: Floats
+
+    def simulated(self, rig: Rig, *, shadows: bool) -> Bytes:
+        """The simulator's picture (H, W, 3)."""
+        camera = build_camera(rig, Path())
+        lamps = simulated_lamps(rig.lamps, camera.grid, self.surface, shadows=shadows)
+        return camera.expose(mix(lamps, rig, self.scale), None)
+
+
+def diffuse_rig(seed: int) -> Rig:
+    """A rig of the family `train` with diffuse ink."""
+    rig = draw_rig("train", seed)
+    return replace(rig, ink=replace(rig.ink, kind="diffuse"))
+
+
+def _pairs(rig: Rig, cache: Path) -> Iterator[tuple[str, Pictured]]:
     traced, unshadowed = (
         build_camera(rig, cache, transport=transport, samples=_SAMPLES) for transport in ("direct", "unshadowed")
     )
-    scale = _scale(traced)
+    # what makes the simulator's lamps as bright as the tracer's, from the free gel
+    bare = simulated_lamps(rig.lamps, traced.grid, Flat(), shadows=False)
+    scale = traced.scale * np.median(traced.tracer.lamps(Flat()) / bare, axis=(0, 1))
     for name, surface in _surfaces(rig):
-        shown, lit = (_greys(camera, camera.tracer.lamps(surface)) for camera in (traced, unshadowed))
-        simulated, plain = (
-            _greys(traced, scale * simulated_lamps(rig.lamps, traced.grid, surface, shadows=shadows))
-            for shadows in (True, False)
+        shadowed, lit = (
+            traced.expose(mix(camera.tracer.lamps(surface), rig, traced.scale), None)
+            for camera in (traced, unshadowed)
         )
-        dark = darkened(shown, lit)
-        yield Agreement(name, int(dark.sum()), _rms(simulated, shown, dark), _rms(plain, shown, dark),
-                        _rms(simulated, shown, np.ones_like(dark)))  # fmt: skip
+        yield name, Pictured(surface, shadowed, lit, scale)
 
 
 def darkened(shadowed: Bytes, lit: Bytes) -> Bools:
@@ -88,9 +122,33 @@ def report(seeds: range, cache: Path) -> None:
     """Print a line for each surface of each rig of the family `train`."""
     print("rig        surface          values   rms there   without shadows   whole picture")
     for seed in seeds:
-        for one in compare("train", seed, cache):
-            print(f"train {seed:3d}  {one.name:14s} {one.count:8d} {one.rms:10.2f} {one.rms_without:14.1f} "
-                  f"{one.rms_all:15.2f}", flush=True)  # fmt: skip
+        for one in compare(diffuse_rig(seed), cache):
+            figures = f"{one.count:8d} {one.rms:10.2f} {one.rms_without:14.1f} {one.rms_all:15.2f}"
+            print(f"train {seed:3d}  {one.name:14s} {figures}", flush=True)
+
+
+def keep(path: Path, seed: int, cache: Path) -> None:
+    """Write Mitsuba's pictures around the deepest step, and that step, for a test that has no Mitsuba."""
+    rig = diffuse_rig(seed)
+    name, pair = max(_pairs(rig, cache), key=lambda named: named[0])
+    step = pair.surface
+    if not isinstance(step, PunchPress):
+        raise SystemExit(f"no step to keep, but {name}")
+    part = build_camera(rig, cache).grid.part(Area(step.centre_mm, (_KEPT_MM, _KEPT_MM)))
+    places, depths = step.profile.seen(step.face_mm)
+    np.savez_compressed(
+        path,
+        seed=seed,
+        rows=(part[0].start, part[0].stop),
+        columns=(part[1].start, part[1].stop),
+        shadowed=pair.shadowed[part],
+        lit=pair.lit[part],
+        scale=pair.scale,
+        centre_mm=step.centre_mm,
+        rounding_mm=step.rounding_mm,
+        places_mm=places.astype(np.float32),
+        depths_mm=depths.astype(np.float32),
+    )
 
 
 def _surfaces(rig: Rig) -> Iterator[tuple[str, Surface]]:
@@ -100,15 +158,6 @@ def _surfaces(rig: Rig) -> Iterator[tuple[str, Surface]]:
     yield "ball 4 mm", BallPress(4.0, 2.2, gel.thickness_mm, gel.poisson_ratio, (1.5, -2.0))
 
 
-def _scale(camera: RenderedCamera) -> Floats:
-    """What makes the simulator's lamps (3,) as bright as the tracer's, from the free gel."""
-    simulated = simulated_lamps(camera.rig.lamps, camera.grid, Flat(), shadows=False)
-    return np.asarray(np.median(camera.tracer.lamps(Flat()) / simulated, axis=(0, 1)))
-
-
-def _greys(camera: RenderedCamera, lamps: Singles | Floats) -> Bytes:
-    return camera.expose(camera.coloured(np.asarray(lamps, dtype=np.float32)), None)
-
-
-def _rms(one: Bytes, other: Bytes, where: Bools) -> float:
+def rms(one: Bytes, other: Bytes, where: Bools) -> float:
+    """Root mean square difference in grey levels over some values."""
     return float(np.sqrt(np.mean(np.square(one.astype(float) - other)[where]))) if where.any() else 0.0

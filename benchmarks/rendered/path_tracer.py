@@ -50,12 +50,12 @@ class PathTracer:
 
     def _key(self, field: HeightField) -> str:
         rig = self.rig
-        text = repr(
-            (2, rig.lamps, rig.ink, rig.width_px, rig.height_px, rig.mm_per_px, self.transport, self.samples)
-        )
+        lamps = [(lamp.centre_mm, lamp.aim_mm, lamp.length_mm, lamp.width_mm) for lamp in rig.lamps]
+        picture = rig.width_px, rig.height_px, rig.mm_per_px
+        text = repr((lamps, rig.ink, picture, self.transport, _BOUNCES, self.samples))
         digest = hashlib.sha256(text.encode())
         for values in (field.x_mm, field.y_mm, field.depth_mm):
-            digest.update(np.ascontiguousarray(np.round(values, 6) + 0.0).tobytes())
+            digest.update(np.ascontiguousarray(np.round(values, 6)).tobytes())
         return digest.hexdigest()[:32]
 
     def _render(self, field: HeightField) -> Singles:
@@ -91,7 +91,7 @@ def mitsuba() -> Any:
         raise SystemExit("rendering needs Mitsuba 3: pip install 'tactilevision[render]'") from fault
     try:
         mi.set_variant("llvm_ad_rgb")
-        mi.Float(1.0) + mi.Float(1.0)  # raises where the library is missing
+        mi.Float(1.0).numpy()  # raises where the library is missing
     except (ImportError, RuntimeError):
         mi.set_variant("scalar_rgb")
     else:

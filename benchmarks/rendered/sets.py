@@ -30,7 +30,7 @@ _RADII_MM = (2.5, 4.0)
 _BALL_RADII_MM = (2.0, 4.0)
 _RATE_HZ = 10.0
 
-Progress = Callable[[str], None]
+Progress = Callable[[object], None]
 
 
 def draw_gel(rig: Rig) -> GelOptions:
@@ -67,12 +67,17 @@ def write_set(
         progress(str(path))
     for i, ball in enumerate(presses):
         write_truth(folder / TRUTH / f"ball_{i:02d}.npz", ball.depth_mm(camera.grid))
-    shown: list[Surface] = [Flat(), *plan_steps(rig, gel, steps)] if steps else []
+    punches = plan_steps(rig, gel, steps)
+    shown: list[Surface] = [Flat(), *punches] if punches else []
     for i, surface in enumerate(shown):
         writing.write_picture(folder / layout.FRAMES / f"{i:05d}.png", camera.picture(surface, noise))
         write_truth(folder / TRUTH / f"frame_{i:05d}.npz", surface.depth_mm(camera.grid))
         progress(f"{folder / layout.FRAMES}/{i:05d}.png")
-    writing.write_toml(folder / "truth.toml", {**truth_of(camera), "step": [_told(one) for one in shown[1:]]})
+    truth = {
+        "ball": [_ball(one) for one in presses],
+        "step": [_step(one) for one in punches],
+    }
+    writing.write_toml(folder / "truth.toml", {**truth_of(camera), **truth})
     write_recording(
         Recording(
             path=folder,
@@ -128,14 +133,10 @@ def write_truth(path: Path, depth_mm: Singles) -> None:
         np.savez_compressed(file, depth_mm=(np.round(4e3 * depth_mm) / 4e3).astype(np.float16))
 
 
-def _told(step: PunchPress) -> dict[str, Any]:
+def _ball(ball: BallPress) -> dict[str, Any]:
+    place = list(ball.centre_mm)
+    return {"radius_mm": ball.radius_mm, "contact_radius_mm": ball.contact_radius_mm, "centre_mm": place}
+
+
+def _step(step: PunchPress) -> dict[str, Any]:
     return {"radius_mm": step.profile.punch_radius_mm, "face_mm": step.face_mm, "centre_mm": list(step.centre_mm)}
-
-
-def ball_truth(ball: BallPress) -> dict[str, Any]:
-    """A ball's place and size."""
-    return {
-        "radius_mm": ball.radius_mm,
-        "contact_radius_mm": ball.contact_radius_mm,
-        "centre_mm": list(ball.centre_mm),
-    }
