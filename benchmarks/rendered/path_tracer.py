@@ -1,7 +1,8 @@
 """Radiance of a gel surface under each lamp by itself, by Mitsuba 3, kept on disk.
 
-The camera is orthographic and looks straight down; each pixel is the mean over its square. `shadows` False draws
-direct light alone, and every lamp reaches every place: the same integrator without the shadow ray.
+The camera is orthographic and looks straight down; each pixel is the mean over its square. The transport `path` is
+light by up to three reflections, `direct` by one; `unshadowed` is direct light without the shadow ray, so that
+every lamp reaches every place that faces it.
 Source: Jakob et al., Mitsuba 3 (2022), https://mitsuba-renderer.org.
 """
 
@@ -13,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 
 from benchmarks.rendered.families import Ink, Rig
@@ -23,6 +25,7 @@ from tactilevision.synthetic.strips import Strip
 
 Transport = Literal["path", "direct", "unshadowed"]
 _BOUNCES = 4  # longest path: lamp, gel, gel, gel, camera
+_INDIRECT_BLUR_PX = 2.0  # of light between gel and gel alone: few paths carry it, and it is smooth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +55,7 @@ class PathTracer:
         rig = self.rig
         lamps = [(lamp.centre_mm, lamp.aim_mm, lamp.length_mm, lamp.width_mm) for lamp in rig.lamps]
         picture = rig.width_px, rig.height_px, rig.mm_per_px
-        text = repr((lamps, rig.ink, picture, self.transport, _BOUNCES, self.samples))
+        text = repr((lamps, rig.ink, picture, self.transport, _BOUNCES, _INDIRECT_BLUR_PX, self.samples))
         digest = hashlib.sha256(text.encode())
         for values in (field.x_mm, field.y_mm, field.depth_mm):
             digest.update(np.ascontiguousarray(np.round(values, 6)).tobytes())
@@ -68,7 +71,6 @@ class PathTracer:
                 **{f"lamp{i}": _strip(lamp) for i, lamp in enumerate(self.rig.lamps)},
             }
         )
-        integrator = mi.load_dict(_integrator(self.transport))
         settings = mi.traverse(scene)
         light = []
         for lit in range(3):
@@ -76,10 +78,27 @@ class PathTracer:
                 settings[f"lamp{i}.emitter.radiance.value"] = 100.0 if i == lit else 0.0
                 settings[f"lamp{i}.emitter.sampling_weight"] = 1.0 if i == lit else 0.0
             settings.update()
-            # the same seed for every surface: what noise there is cancels where the surface is the same
-            drawn = np.array(mi.render(scene, integrator=integrator, spp=self.samples, seed=lit))
-            light.append(drawn.reshape(drawn.shape[:2]))
+            light.append(self._lamp(scene, seed=lit))
         return np.stack(light, axis=-1).astype(np.float32)
+
+    def _lamp(self, scene: Any, *, seed: int) -> Singles:
+        """Light (H, W) of the lamp that is lit.
+
+        Every surface has the same seed, so that noise cancels between two pictures where the surface is the same.
+        Light that came by way of other gel is the same paths' light less what came straight.
+        """
+        if self.transport == "unshadowed":
+            return self._drawn(scene, {"type": "unshadowed"}, seed)
+        direct = self._drawn(scene, {"type": "path", "max_depth": 2}, seed)
+        if self.transport == "direct":
+            return direct
+        indirect = self._drawn(scene, {"type": "path", "max_depth": _BOUNCES}, seed) - direct
+        return direct + np.asarray(cv2.GaussianBlur(indirect, (0, 0), _INDIRECT_BLUR_PX), dtype=np.float32)
+
+    def _drawn(self, scene: Any, integrator: dict[str, Any], seed: int) -> Singles:
+        mi = mitsuba()
+        drawn = np.array(mi.render(scene, integrator=mi.load_dict(integrator), spp=self.samples, seed=seed))
+        return drawn.reshape(drawn.shape[:2])
 
 
 @lru_cache(maxsize=1)
@@ -111,14 +130,6 @@ def _unshadowed(mi: Any) -> Any:
             return back * weight, active, []
 
     return Unshadowed
-
-
-def _integrator(transport: Transport) -> dict[str, Any]:
-    if transport == "path":
-        return {"type": "path", "max_depth": _BOUNCES}
-    if transport == "direct":
-        return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
-    return {"type": "unshadowed"}
 
 
 def _gel(field: HeightField, ink: Ink) -> Any:

@@ -85,19 +85,19 @@ def visibility(strips: Sequence[Strip], surface: Surface, grid: Grid) -> tuple[S
     One number per pixel, of the grid's places; heights are read from a grid three times finer.
     """
     fine = grid.finer((slice(None), slice(None)), _FINER)
-    heights = surface.depth_mm(fine)
-    return tuple(_share(strip, heights, fine=fine, grid=grid) for strip in strips)
+    relief = _Relief.of(surface.depth_mm(fine), fine)
+    return tuple(_share(strip, relief, grid) for strip in strips)
 
 
-def _share(strip: Strip, heights: Singles, *, fine: Grid, grid: Grid) -> Singles:
+def _share(strip: Strip, relief: _Relief, grid: Grid) -> Singles:
     share = np.ones((grid.y_mm.size, grid.x_mm.size), np.float32)
     points, upper = strip.points()
-    part = _reached(heights, fine, _lowest(points, upper, grid))
+    part = relief.reached(_lowest(points, upper, grid))
     if part is None:
         return share
     window = Grid(grid.x_mm[part[1]], grid.y_mm[part[0]])
     lit, whole = np.zeros((2, window.y_mm.size, window.x_mm.size), np.float32)
-    place = _Place.at(window, fine, heights)
+    place = _Place.at(window, relief)
     for point in points:
         weight = point[2] * _strength(point, strip.front, window)[0]
         lit += weight * place.seen(point, upper)
@@ -107,26 +107,55 @@ def _share(strip: Strip, heights: Singles, *, fine: Grid, grid: Grid) -> Singles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Relief:
+    """Heights (H, W) mm on the `fine` grid, the slope (H - 1, W - 1) there, and their range in mm."""
+
+    fine: Grid
+    heights: Singles
+    slope: Singles
+    lowest_mm: float
+    highest_mm: float
+
+    @classmethod
+    def of(cls, heights: Singles, fine: Grid) -> _Relief:
+        step_x, step_y = (np.float32(step) for step in fine.spacing_mm)
+        p = np.abs(np.diff(heights, axis=1))[:-1] / step_x
+        q = np.abs(np.diff(heights, axis=0))[:, :-1] / step_y
+        slope = np.asarray(np.maximum(p, q), dtype=np.float32)
+        return cls(fine, heights, slope, float(heights.min()), float(heights.max()))
+
+    def reached(self, tangent: float) -> tuple[slice, slice] | None:
+        """Rows and columns of the coarse grid that a shadow can reach; None where no slope is steep enough."""
+        steep = self.slope > _STEEP * tangent / np.sqrt(2)
+        rows, columns = np.flatnonzero(steep.any(axis=1)), np.flatnonzero(steep.any(axis=0))
+        if not rows.size:
+            return None
+        reach = int(np.ceil((self.highest_mm - self.lowest_mm) / tangent / min(self.fine.spacing_mm))) + _FINER
+        spans = []
+        for places, count in zip((rows, columns), self.heights.shape, strict=True):
+            first, last = max(int(places[0]) - reach, 0), min(int(places[-1]) + reach, count)
+            spans.append(slice(first // _FINER, -(-last // _FINER)))
+        return spans[0], spans[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    """Pixels (H, W) whose light is asked for: places in mm, heights, and where they are in the fine map."""
+    """Pixels (H, W) whose light is asked for: places and heights in mm, and where they are in the fine relief."""
 
     x_mm: Singles
     y_mm: Singles
     z_mm: Singles
     column: Singles
     row: Singles
-    fine_mm: float
-    heights: Singles
-    highest_mm: float
+    relief: _Relief
 
     @classmethod
-    def at(cls, window: Grid, fine: Grid, heights: Singles) -> _Place:
+    def at(cls, window: Grid, relief: _Relief) -> _Place:
         x, y = window.places()
-        step_x, step_y = fine.spacing_mm
-        column = (x - np.float32(fine.x_mm[0])) / np.float32(step_x)
-        row = (y - np.float32(fine.y_mm[0])) / np.float32(step_y)
-        z = cv2.remap(heights, column, row, cv2.INTER_LINEAR)
-        return cls(x, y, z, column, row, step_x, heights, float(heights.max()))
+        step_x, step_y = relief.fine.spacing_mm
+        column = (x - np.float32(relief.fine.x_mm[0])) / np.float32(step_x)
+        row = (y - np.float32(relief.fine.y_mm[0])) / np.float32(step_y)
+        return cls(x, y, cv2.remap(relief.heights, column, row, cv2.INTER_LINEAR), column, row, relief)
 
     def seen(self, point: Floats, upper: Floats) -> Singles:
         """Share (H, W) of the strip's width that is seen at one point of its length."""
@@ -144,17 +173,19 @@ class _Place:
     def _horizon(self, along_x: Singles, along_y: Singles, lowest: float) -> Singles:
         """Largest rise over run (H, W) on the way to the lamp."""
         horizon = np.zeros_like(self.z_mm)
-        reach_mm = (self.highest_mm - float(self.z_mm.min())) / lowest
-        for step in range(1, int(reach_mm / (_STEP * self.fine_mm)) + 2):
+        fine_mm, fine_y_mm = self.relief.fine.spacing_mm
+        aspect = np.float32(fine_mm / fine_y_mm)
+        reach_mm = (self.relief.highest_mm - self.relief.lowest_mm) / lowest
+        for step in range(1, int(reach_mm / (_STEP * fine_mm)) + 2):
             run = np.float32(_STEP * step)
             ahead = cv2.remap(
-                self.heights,
+                self.relief.heights,
                 self.column + run * along_x,
-                self.row + run * along_y,
+                self.row + run * aspect * along_y,
                 cv2.INTER_LINEAR,
                 borderMode=cv2.BORDER_REPLICATE,
             )
-            np.maximum(horizon, (ahead - self.z_mm) * np.float32(1 / (run * self.fine_mm)), out=horizon)
+            np.maximum(horizon, (ahead - self.z_mm) * np.float32(1 / (run * fine_mm)), out=horizon)
         return horizon
 
 
@@ -185,20 +216,3 @@ def _lowest(points: Floats, upper: Floats, grid: Grid) -> float:
     lower = points - upper
     far = np.linalg.norm(lower[:, None, :2] - corners, axis=-1).max(axis=1)
     return float((lower[:, 2] / far).min())
-
-
-def _reached(heights: Singles, fine: Grid, lowest: float) -> tuple[slice, slice] | None:
-    """Rows and columns of the coarse grid that a shadow can reach; None where no slope is steep enough."""
-    step_x, step_y = fine.spacing_mm
-    steep_x = np.abs(np.diff(heights, axis=1))[:-1] > _STEEP * lowest * step_x / np.sqrt(2)
-    steep_y = np.abs(np.diff(heights, axis=0))[:, :-1] > _STEEP * lowest * step_y / np.sqrt(2)
-    steep = steep_x | steep_y
-    rows, columns = np.flatnonzero(steep.any(axis=1)), np.flatnonzero(steep.any(axis=0))
-    if not rows.size:
-        return None
-    reach = int(np.ceil(float(np.ptp(heights)) / lowest / min(step_x, step_y))) + _FINER
-    spans = []
-    for places, count in ((rows, heights.shape[0]), (columns, heights.shape[1])):
-        first, last = max(int(places[0]) - reach, 0), min(int(places[-1]) + reach, count)
-        spans.append(slice(first // _FINER, -(-last // _FINER)))
-    return spans[0], spans[1]
