@@ -23,6 +23,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "calibration.effects.bevel_rise.supposed",
     "tactilevision.cli.pictures.keep",
     "tactilevision.cli.source.open_anchor",
+    "tactilevision.streaming.clear_leftovers",
     "tactilevision.photometric.method.Evaluator",
     "tactilevision.photometric.response.response_in",
     "tactilevision.plots.diagnosis.draw_relief",

@@ -22,6 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files import append_text, write_text
 from tactilevision.recording import BadFrame, Recording, iter_frames
@@ -65,8 +66,8 @@ class Journal:
     def read(self, job: Job) -> dict[str, Row]:
         """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
         try:
-            lines = self.path.read_text(encoding="utf-8").split("\n")
-        except (OSError, UnicodeDecodeError):
+            lines = read_text(self.path).split("\n")
+        except (OSError, InputError):
             return {}
         if lines[0] != self.fingerprint:
             return {}

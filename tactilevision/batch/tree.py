@@ -15,6 +15,7 @@ from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
 from tactilevision.batch.jobs import fingerprint_of
+from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, OutputError, RecordingError
 from tactilevision.files import write_text
 from tactilevision.reconstruct import Reconstructor
@@ -158,10 +159,9 @@ def _finished(place: Path) -> Path:
 
 def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[FrameResult, ...] | None:
     try:
-        said = _finished(place).read_text(encoding="utf-8")
-        with (place / TABLE).open(encoding="utf-8", newline="") as file:
-            header, *rows = [tuple(row) for row in csv.reader(file)]
-    except (OSError, ValueError):
+        said = read_text(_finished(place))
+        header, *rows = [tuple(row) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))]
+    except (OSError, ValueError, InputError):
         return None
     if header != COLUMNS or said != fingerprint_of(recording, way):
         return None

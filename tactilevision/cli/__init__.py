@@ -26,6 +26,7 @@ def main() -> int:
         sys.stderr.write("interrupted before anything was done.\n")
     if code in (130, 143):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C adds nothing but noise
+        exec("")  # noqa: S102 -- with -m, CPython else ends by the signal itself if Ctrl-C came within an exec
     elif heard:
         signal.signal(signal.SIGTERM, before)
     return code

@@ -32,10 +32,12 @@ def simulate(
     poisson_ratio: Annotated[float | None, typer.Option(help="True Poisson's ratio.")] = None,
     faults: Annotated[bool, typer.Option(help="Add one bad press of every kind.")] = True,
     markers: Annotated[bool, typer.Option(help="Print markers on the gel.")] = False,
+    shadows: Annotated[bool, typer.Option(help="Let the lamps, strips of 12 by 2 mm, cast shadows.")] = False,
 ) -> None:
     """Simulate a recording: gel, camera, rig and their faults; truth.toml says what was put in."""
     from tactilevision.synthetic import SimulationOptions
     from tactilevision.synthetic import simulate as run
+    from tactilevision.synthetic.strips import SHADOW_STRIP_MM
 
     options = SimulationOptions(frames=frames.value)
     gel = options.gel
@@ -44,6 +46,8 @@ def simulate(
     if poisson_ratio is not None:
         gel = replace(gel, poisson_ratio=poisson_ratio)
     options = replace(options, gel=gel, camera=replace(options.camera, markers=markers))
+    if shadows:
+        options = replace(options, camera=replace(options.camera, shadow_strip_mm=SHADOW_STRIP_MM))
     if presses is not None:
         options = replace(options, presses=presses)
     if not faults:

@@ -18,14 +18,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-_STDERR = 2
+_STDERR = 2  # the descriptor
 _MOST_HEARD = 4096  # bytes: one line is enough
 _HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
 _LOCK = Lock()
 
 
 def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
-    """The picture in OpenCV's order of colours, None where there is none; and what the decoder says of damage.
+    """The picture (H, W) or (H, W, 3 or 4), grey levels in OpenCV's order, or None; and what is said of damage.
 
     Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
     """

@@ -26,6 +26,7 @@ from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.methods.weights import find_model
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
@@ -36,7 +37,6 @@ from tactilevision.uncertainty.ball_validation import held_out_depth, seen_gain_
 from tactilevision.uncertainty.depth import contributions_mm
 from tactilevision.uncertainty.leakage import leakage_share
 from tactilevision.uncertainty.untouched_gel import untouched_std_mm
-from tactilevision.weights import find_model
 
 if TYPE_CHECKING:
     from tactilevision.recording import Recording

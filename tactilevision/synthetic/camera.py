@@ -1,7 +1,7 @@
 """A camera over the gel: surface -> frame, with everything that a real frame suffers on its way.
 
-surface -> slopes -> light of three lamps (lights.py) -> ink texture and markers, carried along with the gel ->
-vignetting -> lens distortion -> blur -> shot and read noise -> response -> 8 bits.
+surface -> slopes -> light of three lamps (lights.py; strips.py where shadows are cast) -> ink texture and markers,
+carried along with the gel -> vignetting -> lens distortion -> blur -> shot and read noise -> response -> 8 bits.
 Steep parts of the surface are drawn on a grid three times finer and averaged over each pixel.
 """
 
@@ -9,17 +9,41 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
 
-from tactilevision.records import Bytes, Floats
+from tactilevision.records import Bytes, Floats, Pair
 from tactilevision.synthetic.gel import Area, Grid, Singles, Surface
 from tactilevision.synthetic.lights import Finish, Light, Shine, reflect, shine
 from tactilevision.synthetic.slope_response import SOUND, SlopeResponse
+from tactilevision.synthetic.strips import Strip, strip_of, strip_shine, visibility
 
+Shares = tuple[Singles, ...] | None
 _FINER = 3  # grid points for each pixel at steep places
 _STEPS = 16383  # levels of the response's table: 14 bits, finer than any grey level
+
+
+class Imaging(Protocol):
+    """Whatever takes pictures of surfaces over the pad's `grid`."""
+
+    @property
+    def grid(self) -> Grid:
+        """The rectified pixels' places."""
+        ...
+
+    def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
+        """Linear light (H, W, 3), 1 is white, without noise."""
+        ...
+
+    def expose(self, light: Singles, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
+        """A frame (H, W, 3) of the given light, the mean of `averaged`."""
+        ...
+
+    def picture(self, surface: Surface, rng: np.random.Generator, *, time_s: float = 0.0) -> Bytes:
+        """One frame (H, W, 3) of a surface."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +53,12 @@ class Camera:
     `ink` (H, W) is the ink's brightness on the resting gel; `stray` (H, W, 3) light that reaches the chip
     without the gel; `vignette` (H, W); `to_raw` (x, y): where in the rectified frame each raw pixel looks, or
     None where the lens is straight. `full_well` counts electrons at white, `read_noise` is in grey levels;
-    `slope_response` is how steep the gel looks to the light.
+    `slope_response` is how steep the gel looks to the light. `shadow_strip_mm`: lamps cast shadows, and where one
+    is a point it is taken as a strip of this length and width; None: no shadow is cast.
     """
 
     grid: Grid
-    lights: tuple[Light, ...]
+    lights: tuple[Light | Strip, ...]
     finish: Finish
     ink: Singles
     stray: Singles
@@ -45,12 +70,14 @@ class Camera:
     read_noise: float
     drift: tuple[Floats, float]
     slope_response: SlopeResponse = SOUND
+    shadow_strip_mm: Pair | None = None
 
     def ideal(self, surface: Surface, time_s: float = 0.0) -> Singles:
         """Linear light (H, W, 3), 1 is white, in the camera's raw geometry, without noise."""
-        light = self._reflected(surface, self.grid, time_s)
+        shares = self._shares(surface)
+        light = self._reflected(surface, self.grid, time_s, shares)
         for area in surface.steep:
-            self._draw_finely(light, surface, area, time_s)
+            self._draw_finely(light, surface, area, time_s=time_s, shares=shares)
         light *= (_carried(self.ink, surface, self.grid) * self.vignette)[..., None]
         light += self.stray
         if self.to_raw is not None:
@@ -80,18 +107,28 @@ class Camera:
         phases = np.arange(amplitudes.size) * 2.1
         return np.asarray(1 + amplitudes * (np.sin(2 * np.pi * time_s / period_s + phases) - np.sin(phases)))
 
-    def _reflected(self, surface: Surface, grid: Grid, time_s: float) -> Singles:
-        slopes = self.slope_response.shown(_slopes(surface, grid), time_s)
-        return reflect(
-            _shines(self.lights, grid, self.grid), self._gains(time_s), slopes=slopes, finish=self.finish
-        )
+    def _shares(self, surface: Surface) -> tuple[Singles, ...] | None:
+        """How much of each lamp (H, W) each pixel sees; None where no shadow is cast."""
+        size = self.shadow_strip_mm
+        if size is None:
+            return None
+        strips = [light if isinstance(light, Strip) else strip_of(light, size) for light in self.lights]
+        return visibility(strips, surface, self.grid)
 
-    def _draw_finely(self, light: Singles, surface: Surface, area: Area, time_s: float) -> None:
+    def _reflected(self, surface: Surface, grid: Grid, time_s: float, shares: Shares) -> Singles:
+        slopes = self.slope_response.shown(_slopes(surface, grid), time_s)
+        shines = _shines(self.lights, grid, self.grid)
+        return reflect(shines, self._gains(time_s), slopes=slopes, finish=self.finish, shares=shares)
+
+    def _draw_finely(self, light: Singles, surface: Surface, area: Area, *, time_s: float, shares: Shares) -> None:
         part, fine = _window(self.grid, area)
         inner = light[part]
         if min(inner.shape[:2]) < 5:
             return
-        drawn = self._reflected(surface, fine, time_s)
+        if shares is not None:
+            size = fine.x_mm.size, fine.y_mm.size
+            shares = tuple(cv2.resize(share[part], size, interpolation=cv2.INTER_LINEAR) for share in shares)
+        drawn = self._reflected(surface, fine, time_s, shares)
         small = cv2.resize(drawn, (inner.shape[1], inner.shape[0]), interpolation=cv2.INTER_AREA)
         inner[2:-2, 2:-2] = small[2:-2, 2:-2]  # the window's rim keeps the coarse slopes
 
@@ -104,8 +141,10 @@ def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
 
 
 @lru_cache(maxsize=8)
-def _shines(lights: tuple[Light, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
-    return tuple(shine(light, grid, reference=reference) for light in lights)
+def _shines(lights: tuple[Light | Strip, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
+    return tuple(
+        (strip_shine if isinstance(light, Strip) else shine)(light, grid, reference=reference) for light in lights
+    )
 
 
 @lru_cache(maxsize=8)

@@ -64,6 +64,15 @@ def shine(light: Light, grid: Grid, *, reference: Grid) -> Shine:
     return Shine(vector, strength, (_single(x / norm), _single(y / norm), _single((z + 1) / norm)), light.colour)
 
 
+def shine_of(vector: tuple[Singles, Singles, Singles], scale: np.float32, *, colour: Triple) -> Shine:
+    """A light given by its vector (x, y, z), (H, W) each in a unit of its own, times `scale`, 1."""
+    strength = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    x, y, z = (axis / strength for axis in vector)
+    norm = np.sqrt(x * x + y * y + (z + 1) ** 2)
+    scaled = _single(vector[0] * scale), _single(vector[1] * scale), _single(vector[2] * scale)
+    return Shine(scaled, _single(strength * scale), (x / norm, y / norm, (z + 1) / norm), colour)
+
+
 def _single(values: npt.NDArray[Any]) -> Singles:
     return np.asarray(values, dtype=np.float32)
 
@@ -80,13 +89,21 @@ def _rays(light: Light, grid: Grid) -> tuple[Singles, Singles, Singles, Singles]
 
 
 def reflect(
-    shines: tuple[Shine, ...], gains: Floats, *, slopes: tuple[Singles, Singles], finish: Finish
+    shines: tuple[Shine, ...],
+    gains: Floats,
+    *,
+    slopes: tuple[Singles, Singles],
+    finish: Finish,
+    shares: tuple[Singles, ...] | None = None,
 ) -> Singles:
-    """Linear light (H, W, 3) that reaches the camera from slopes dz/dx, dz/dy, each lamp times its gain."""
+    """Linear light (H, W, 3) that reaches the camera from slopes dz/dx, dz/dy, each lamp times its gain.
+
+    `shares` is how much of each lamp (H, W) each place sees; None: all of every lamp.
+    """
     p, q = slopes
     up = 1 / np.sqrt(1 + p * p + q * q)
     light = np.zeros((*p.shape, 3), np.float32)
-    for lamp, gain in zip(shines, gains, strict=True):
+    for i, (lamp, gain) in enumerate(zip(shines, gains, strict=True)):
         ex, ey, ez = lamp.vector
         v = (ez - p * ex - q * ey) * up
         soft = np.float32(2 * finish.soft_edge) * lamp.strength
@@ -97,6 +114,8 @@ def reflect(
             for _ in range(4):
                 shiny = shiny * shiny
             back = back + np.float32(finish.gloss) * lamp.strength * shiny
+        if shares is not None:
+            back = back * shares[i]
         for channel, share in enumerate(lamp.colour):
             if share > 0:
                 light[..., channel] += np.float32(share * gain) * back

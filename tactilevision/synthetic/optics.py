@@ -20,7 +20,7 @@ class CameraOptions:
     `light_seed` None: the lights of GelSlim 3.0; a number: three lights drawn from it. `texture` is the ink's
     relative contrast, `distortion_px` the lens' largest displacement (0: frames are rectified already),
     `drift` the lamps' relative swing during a recording. Noise: `full_well` electrons at white,
-    `read_noise` in grey levels.
+    `read_noise` in grey levels. `shadow_strip_mm`: the lamps cast shadows, as strips of this length and width do.
     """
 
     width_px: int = 427
@@ -36,6 +36,7 @@ class CameraOptions:
     read_noise: float = 0.6
     drift: float = 0.003
     gloss: float = 0.03
+    shadow_strip_mm: Pair | None = None
 
 
 def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
@@ -59,6 +60,7 @@ def build_camera(options: CameraOptions, rng: np.random.Generator) -> Camera:
         full_well=options.full_well,
         read_noise=options.read_noise,
         drift=(options.drift * rng.uniform(0.3, 1.0, 3) * rng.choice([-1.0, 1.0], 3), rng.uniform(300.0, 900.0)),
+        shadow_strip_mm=options.shadow_strip_mm,
     )
 
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from tactilevision.records import Bytes, Pair
 from tactilevision.synthetic.ball import BallPress
-from tactilevision.synthetic.camera import Camera
+from tactilevision.synthetic.camera import Imaging
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.options import GelOptions
 
 _AVERAGED = 16  # frames in one reference picture: the gel stands still, so one averages
 
 
-def picture_still(camera: Camera, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
+def picture_still(camera: Imaging, surface: BallPress | Flat, *, rng: np.random.Generator) -> Bytes:
     """A reference picture: the mean of several frames, raw geometry, (H, W, 3) uint8."""
     return camera.expose(camera.ideal(surface), rng, averaged=_AVERAGED)
 

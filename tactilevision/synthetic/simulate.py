@@ -15,6 +15,7 @@ from tactilevision.records import Floats
 from tactilevision.runs import LOCK, output_lock
 from tactilevision.synthetic import writing
 from tactilevision.synthetic.ball import BallPress
+from tactilevision.synthetic.camera import Imaging
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.optics import build_camera
 from tactilevision.synthetic.options import SimulationOptions
@@ -35,15 +36,24 @@ def simulate(
     The same seed and options give the same bytes on the same machine and versions. `progress(done, of)` is
     called after each picture. Raises InputError for impossible options, OutputError where `out` is refused.
     """
-    options = options or SimulationOptions()
+    return write_scenario(out, draw_scenario(options or SimulationOptions(), seed), progress=progress)
+
+
+def write_scenario(
+    out: Path | str, scenario: Scenario, *, camera: Imaging | None = None, progress: Progress | None = None
+) -> Path:
+    """Write a scenario's recording and its truth.toml into `out`, and return that path.
+
+    `camera` takes every picture; None: the options' own. Raises OutputError where `out` is refused.
+    """
     folder = Path(out)
-    scenario = draw_scenario(options, seed)
     with output_lock(folder):
         _clear(folder)
         writing.write_toml(folder / TRUTH, truth_of(scenario))
         record = writing.recording_of(folder, scenario)
         if record.forces is not None:
-            record = _pictured(record, scenario, progress or (lambda done, of: None))
+            cameras = _cameras(scenario) if camera is None else (camera, camera)
+            record = _pictured(record, scenario, cameras, progress or (lambda done, of: None))
         write_recording(record)
     return folder
 
@@ -109,16 +119,18 @@ def _telling(press: PlannedPress, times: Floats, count: int) -> Floats:
     return np.unique(np.clip(np.searchsorted(times, wanted), 0, times.size - 1))
 
 
-def _pictured(record: Recording, scenario: Scenario, progress: Progress) -> Recording:
+def _cameras(scenario: Scenario) -> tuple[Imaging, Imaging]:
+    """The camera as it took the reference pictures and as it takes the frames."""
+    camera = build_camera(scenario.options.camera, stream(scenario.seed, 3))
+    end_s = scenario.presses[-1].end_s if scenario.presses else 1.0
+    return camera, replace(camera, slope_response=replace(scenario.options.slope_response, end_s=end_s))
+
+
+def _pictured(
+    record: Recording, scenario: Scenario, cameras: tuple[Imaging, Imaging], progress: Progress
+) -> Recording:
     """Write the pictures and give the record that lists them."""
-    options, folder = scenario.options, record.path
-    camera = build_camera(options.camera, stream(scenario.seed, 3))
-    worn = replace(
-        camera,
-        slope_response=replace(
-            options.slope_response, end_s=scenario.presses[-1].end_s if scenario.presses else 1.0
-        ),
-    )
+    options, folder, (camera, worn) = scenario.options, record.path, cameras
     rng = stream(scenario.seed, 4)
     plan, balls = frame_times(scenario), _balls(scenario)
     total, done = sum(times.size for _, times in plan) + len(balls) + options.flats, 0

@@ -17,6 +17,7 @@ from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import change_of_light, light_of, other_light
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.weights import find_model
 from tactilevision.photometric.reference import Reference
 from tactilevision.quality.reference_match import ReferenceMatch
 from tactilevision.reconstruct import build_reconstructor
@@ -24,7 +25,6 @@ from tactilevision.recording import Recording
 from tactilevision.records import Bytes
 from tactilevision.records.flags import LIGHT
 from tactilevision.sensors import get_sensor
-from tactilevision.weights import find_model
 
 RNG = np.random.default_rng(4)
 OWN = flat(RNG)

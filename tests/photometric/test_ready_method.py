@@ -15,11 +15,11 @@ from lamp_room import flat
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, load_network, make_reference
 from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.methods.weights import find_model
 from tactilevision.photometric.training.random_samples import draw_samples
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording
 from tactilevision.sensors import get_sensor
-from tactilevision.weights import find_model
 
 
 def recording(folder: Path, kind: str, *, flats: int = 1) -> Recording:

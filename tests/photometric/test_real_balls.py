@@ -28,10 +28,10 @@ from tactilevision.photometric.ball.samples import ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
+from tactilevision.photometric.methods.weights import find_model
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.records import Bytes, Floats, Frame
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
-from tactilevision.weights import find_model
 
 REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")

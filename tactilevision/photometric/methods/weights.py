@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tactilevision.errors import InputError
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[2]  # the package
 
 
 def models_folder() -> Path:
