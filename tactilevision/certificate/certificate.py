@@ -56,3 +56,4 @@ class Certificate:
     bevel_distance_mm: float | None = None
     depth_scale: DepthScale | None = None
     warnings: tuple[str, ...] = field(default=())
+    flags: tuple[str, ...] = ()

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
+from tactilevision.certificate.depth.cast_shadow import FLAG, NU_STD, fall_growth, shows_shadow
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
 from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
@@ -29,7 +30,10 @@ from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.surface_view import SurfaceView
+from tactilevision.photometric.illumination.cast_shadow import lit
+from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
 
@@ -42,6 +46,7 @@ SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_f
 CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
 GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
+MOST_NU = 0.4999  # of a gel
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
 
 Picture = npt.NDArray[np.float32]
@@ -57,10 +62,11 @@ class _Slopes:
     depth_mm: float
 
 
-def fit_nu(recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate) -> SurfaceFit | None:
+def fit_nu(
+    recording: Recording, reconstructor: Reconstructor, *, views: Sequence[SurfaceView]
+) -> SurfaceFit | None:
     """Poisson's ratio from the gel beside the accepted presses; None where none shows it or the gel is unknown."""
     gel = recording.sensor.gel
-    views = surfaces_beside_punch(recording, reconstructor, certificate=certificate) if gel is not None else []
     if gel is None or not views:
         return None
     settings = SurfaceFitSettings(
@@ -79,10 +85,25 @@ def fit_nu(recording: Recording, reconstructor: Reconstructor, *, certificate: C
 def with_nu(
     recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
 ) -> tuple[Certificate, Estimate | None]:
-    """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel."""
-    found, gel = fit_nu(recording, reconstructor, certificate=certificate), recording.sensor.gel
+    """fit_nu, and the certificate with depths that follow it where nothing better is stated of the gel.
+
+    Where the gel beside the punch shows cast shadows it is read from the places that all lamps reach, and the
+    certificate is flagged.
+    """
+    gel = recording.sensor.gel
+    views = surfaces_beside_punch(recording, reconstructor, certificate=certificate) if gel is not None else []
+    found = fit_nu(recording, reconstructor, views=views)
     if found is None or gel is None:
         return certificate, None
+    growth = fall_growth(views)
+    if shows_shadow(*growth):
+        found, said = _out_of_shadow(found, recording, reconstructor, certificate=certificate)
+        seen = (
+            f"The fall of the gel beside the punch over depth grows by {growth[0]:.0%}: lamps cast shadows there."
+        )
+        certificate = replace(
+            certificate, warnings=(*certificate.warnings, f"{seen} {said}"), flags=(*certificate.flags, FLAG)
+        )
     if found.left_out:
         left_out = f"The gel beside presses {', '.join(found.left_out)} lies beyond the profiles: not used for nu."
         certificate = replace(certificate, warnings=(*certificate.warnings, left_out))
@@ -90,6 +111,25 @@ def with_nu(
     if (found.poisson_ratio.std or math.inf) > stated:
         return certificate, found.poisson_ratio
     return with_pile_up(certificate, recording, poisson_ratio=found.poisson_ratio), found.poisson_ratio
+
+
+def _out_of_shadow(
+    plain: SurfaceFit, recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
+) -> tuple[SurfaceFit, str]:
+    """The fit to what all lamps reach, else the plain one with what shadows may do to it; and which, in words."""
+    lamps = find_lamps(recording, reconstructor)
+    if lamps is not None:
+        views = surfaces_beside_punch(recording, reconstructor, certificate=certificate, lamps=lamps)
+        found = fit_nu(recording, reconstructor, views=views)
+        if found is not None:
+            return found, "nu is read from the places that all three lamps reach."
+    nu = plain.poisson_ratio
+    if nu.value is not None and nu.std is not None and nu.interval95 is not None:
+        low, high = nu.interval95
+        nu = replace(nu, std=math.hypot(nu.std, NU_STD), interval95=(low, min(high + 2 * NU_STD, MOST_NU)))
+    return replace(plain, poisson_ratio=nu), (
+        f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high."
+    )
 
 
 def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:
@@ -129,12 +169,12 @@ def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_rati
 
 
 def surfaces_beside_punch(
-    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate
+    recording: Recording, reconstructor: Reconstructor, *, certificate: Certificate, lamps: Lamps | None = None
 ) -> list[SurfaceView]:
     """One view for each accepted press of a flat cylinder that left a curve and a footprint.
 
     Reads FRAMES frames of each; a press whose frames cannot be read again is left out. Depth is in the scale of
-    the map's slopes, its level open.
+    the map's slopes, its level open. With `lamps`, places that one of them does not reach are left out.
     """
     curves = {curve.press: curve for curve in certificate.curves}
     views = []
@@ -147,6 +187,10 @@ def surfaces_beside_punch(
         rows = _frames(recording, curves[point.press], point)
         slopes = _mean_slopes(recording, reconstructor, rows)
         if slopes is not None:
+            if lamps is not None and evidence.height_map is not None:
+                reached = lit(lamps, evidence.height_map.depth_mm, recording.sensor.mm_per_px)
+                share = _shrink(reached.astype(np.float32), recording.sensor.mm_per_px)
+                slopes = replace(slopes, share=slopes.share * (share > SOUND))
             distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
             placed = replace(indenter, bevel_distance_mm=distance)
             views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))

@@ -90,6 +90,8 @@ def _calibrate_one(taken: Taken, law: str) -> Outcome:
         if isinstance(fault, InputError) and not looked_at and all(point.accepted for point in taken.points):
             raise
         return Outcome(taken, _unfixed(taken, law, str(fault)), fault=fault)
+    if taken.certificate is not None and taken.certificate.flags:
+        result = replace(result, flags=(*result.flags, *taken.certificate.flags))
     return Outcome(taken, result.as_json(), result)
 
 

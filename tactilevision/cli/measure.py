@@ -57,6 +57,7 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
         return taken, None
     with console.progress_bar("reading the gel beside the punch"):
         certificate, found = with_nu(taken.recording, taken.reconstructor, certificate=taken.certificate)
+    console.warn(certificate.warnings[len(taken.certificate.warnings) :])
     return replace(taken, certificate=certificate), found
 
 
