@@ -143,7 +143,10 @@ def _window(grid: Grid, area: Area) -> tuple[tuple[slice, slice], Grid]:
 @lru_cache(maxsize=8)
 def _shines(lights: tuple[Light | Strip, ...], grid: Grid, reference: Grid) -> tuple[Shine, ...]:
     return tuple(
-        (strip_shine if isinstance(light, Strip) else shine)(light, grid, reference=reference) for light in lights
+        strip_shine(light, grid, reference=reference)
+        if isinstance(light, Strip)
+        else shine(light, grid, reference=reference)
+        for light in lights
     )
 
 

@@ -11,6 +11,7 @@ import pytest
 from benchmarks.rendered.compare import Pictured, darkened, diffuse_rig, rms
 from tactilevision.records import Floats, Pair
 from tactilevision.synthetic.gel import Area, Flat, Grid, Prescribed, Singles, lookup
+from tactilevision.synthetic.optics import CameraOptions, build_camera
 from tactilevision.synthetic.strips import Strip, visibility
 
 KEPT = Path(__file__).parents[1] / "data" / "rendered" / "direct_light.npz"
@@ -60,6 +61,20 @@ def test_nothing_gentler_than_the_lamp_stands_high_casts_a_shadow() -> None:
     for surface in (Flat(), slope):
         (share,) = visibility([lamp(20.0)], surface, GRID)
         assert share.min() == 1.0
+
+
+def test_a_camera_s_lamps_cast_shadows_only_where_asked_and_only_darken() -> None:
+    plain, shaded = (
+        build_camera(CameraOptions(distortion_px=0.0, blur_px=0.0, shadow_strip_mm=size), np.random.default_rng(1))
+        for size in (None, (12.0, 2.0))
+    )
+    x, y = plain.grid.places()
+    plateau = Prescribed(np.asarray(0.25 - 0.25 * np.tanh((np.hypot(x, y) - 2.5) / 0.05), np.float64), plain.grid)
+    np.testing.assert_array_equal(plain.ideal(Flat()), shaded.ideal(Flat()))
+    change = shaded.ideal(plateau) - plain.ideal(plateau)
+    assert change.max() <= 1e-6
+    assert change[np.hypot(x, y) > 6.0].min() > -1e-6
+    assert change.min() < -0.1
 
 
 @dataclass(frozen=True)
