@@ -16,6 +16,7 @@ from tactilevision.errors import InputError
 from tactilevision.files import replacing
 from tactilevision.records import HeightMap, Pair
 from tactilevision.records.flags import add
+from tactilevision.records.maps import Positions
 
 
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
@@ -73,8 +74,9 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
     scale = mm_per_px or _scale(told)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    positions = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
-    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
+    elsewhere = isinstance(told, dict) and told.get("positions") == "undeformed"
+    where: Positions = "undeformed" if elsewhere else "deformed"
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=where)
 
 
 def _told(description: str) -> Any:

@@ -22,7 +22,8 @@ from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.records import Floats
 
 FLAG = "cast_shadow"
-NEAR_MM, FAR_MM = (0.5, 0.9), (1.3, 1.8)  # mm beyond the edge, between which the gel falls
+NEAR_MM = (0.5, 0.9)  # mm beyond the edge, where walls and their blur end
+FAR_MM = (1.3, 1.8)  # mm beyond the edge, where shadows of gentle presses end
 MIN_GROWTH = 0.25  # of f from the gentlest press to the deepest: twice what depth itself does to it
 MIN_SIGMA = 4.0  # deviations of the growth, by the scatter of the presses
 MIN_PRESSES = 4  # fewer tell no scatter

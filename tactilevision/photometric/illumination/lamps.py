@@ -46,9 +46,12 @@ PRIORS = {  # of ln distance, ln tangent of elevation, ln length, aim; lengths i
     "length": (np.log(1.35), 0.5),
     "aim": (0.3, 0.3),
 }
-PRIOR_CROSS = (-1.5, 3.0)  # ln of what a lamp gives to another channel, over what to its own
-PRIOR_POWER = (2.0, 0.3)
-MOST_POWER = 3.0
+PRIOR_CROSS = (
+    -1.5,
+    3.0,
+)  # mean and deviation of the ln of what a lamp gives to another channel, over what to its own
+PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
+MOST_POWER = 3.0  # of a camera, beyond all that are in use
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,66 @@
+"""The fall of the gel beside the punch over depth: one number without shadows, and what is done where it grows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+from press_scenes import Made, line_up, recording
+from test_poisson_from_rise import Slopes, certified
+
+from tactilevision.certificate import poisson_from_rise
+from tactilevision.certificate.depth.cast_shadow import FLAG, NU_STD, fall_growth, shows_shadow
+from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu
+from tactilevision.mechanics.surface_view import SurfaceView
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Frame, SlopeMap
+
+HEIGHTS = (0.2, 0.3, 0.4, 0.5)
+
+
+class Shadowed(Slopes):
+    """Slopes beside the punch too steep by what a low lamp leaves out: the more, the deeper it stands."""
+
+    def slope_map(self, frame: Frame) -> SlopeMap:
+        slopes = super().slope_map(frame)
+        press = next(m for m in self.made if m.start_s <= frame.time_s <= m.end_s)
+        depth = float(press.depth(np.array([frame.time_s]))[0])
+        return replace(slopes, dz_dx=slopes.dz_dx * (1 + 1.5 * depth), dz_dy=slopes.dz_dy * (1 + 1.5 * depth))
+
+
+def views_of(tmp_path: Path, kind: type[Slopes]) -> list[SurfaceView]:
+    made = line_up([Made(height) for height in HEIGHTS])
+    record = recording(tmp_path, made)[0]
+    return surfaces_beside_punch(record, cast(Reconstructor, kind(made)), certificate=certified(made, record))
+
+
+def test_without_shadows_the_fall_over_depth_hardly_grows(tmp_path: Path) -> None:
+    views = views_of(tmp_path, Slopes)
+    growth, std = fall_growth(views)
+    assert abs(growth) < 0.15
+    assert not shows_shadow(growth, std)
+    assert not shows_shadow(*fall_growth(views[:3]))
+
+
+def test_shadows_show_in_it(tmp_path: Path) -> None:
+    growth, std = fall_growth(views_of(tmp_path, Shadowed))
+    assert growth > 0.25
+    assert shows_shadow(growth, std)
+
+
+def test_where_lamps_are_not_known_nu_says_what_shadows_may_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = line_up([Made(height) for height in HEIGHTS])
+    record = recording(tmp_path, made)[0]
+    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: None)
+    certificate, nu = with_nu(record, cast(Reconstructor, Shadowed(made)), certificate=certified(made, record))
+    assert nu is not None
+    assert nu.std is not None
+    assert nu.std >= NU_STD
+    assert certificate.flags == (FLAG,)
+    assert "lamps cast shadows" in certificate.warnings[0]
+    assert "5 to 20 % too high" in certificate.warnings[0]
