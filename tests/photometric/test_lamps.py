@@ -61,7 +61,7 @@ def ring(step: dict[str, Any], reach: tuple[float, float], shape: tuple[int, ...
 
 
 def test_slopes_beside_deep_punches_are_right_where_all_lamps_reach_and_only_there() -> None:
-    """Lamps and heights from the pictures alone; the outward slope over its true one, .5 to 1.5 mm from the edge."""
+    """Lamps and heights from the pictures alone; outward slopes over the true ones, .5 to 1.5 mm from the edge."""
     recording, reader = read_recording(SAMPLE), rendered_reconstructor()
     totals = np.zeros((2, 2))  # lit, dark: read, true
     for number, step in enumerate(TRUTH["step"], start=1):

@@ -49,7 +49,7 @@ PRIORS = {  # of ln distance, ln tangent of elevation, ln length, aim; lengths i
 PRIOR_CROSS = (
     -1.5,
     3.0,
-)  # mean and deviation of the ln of what a lamp gives to another channel, over what to its own
+)  # ln of a lamp's light to another channel over its own, and deviation
 PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
 MOST_POWER = 3.0  # of a camera, beyond all that are in use
 
