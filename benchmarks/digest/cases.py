@@ -167,7 +167,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "calibrate hidden_material": Case(_calibrate(SAMPLES / "hidden_material")),
     "calibrate hidden_unknown": Case(_calibrate(SAMPLES / "hidden_unknown")),
     "calibrate hidden_rig": Case(_calibrate(RIG)),
-    "depth of three frames": Case(_few_depths, quick=True),
+    "depth of three frames": Case(_few_depths),
     "depth held to the faces": Case(_anchored_depths),
     "force of one frame": Case(_one_force, quick=True),
     "force between sides": Case(_forces_between_sides),

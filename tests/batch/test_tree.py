@@ -240,6 +240,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("form", [pytest.param("tiff", marks=pytest.mark.slow), "zarr"])
+@pytest.mark.slow
 def test_killed_outright_it_goes_on_and_loses_nothing(tmp_path: Path, form: str) -> None:
     """kill -9 in mid-run, twice: workers end by themselves, no frame is lost, done twice or half-written."""
     frames, out = pictures(tmp_path / "in", 60), tmp_path / "out"

@@ -63,6 +63,7 @@ SLOW = [pytest.param(k, marks=pytest.mark.slow) for k in ("viscoelasticity", "th
 
 
 @pytest.mark.parametrize("key", ["depth_zero", *SLOW])
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_and_E_comes_back(key: str, tmp_path: Path) -> None:
     effect = EFFECTS[key]
     data = data_for(effect).take(np.arange(RICH.count if key in ("ageing", "thickness_wedge") else 18))

@@ -70,6 +70,7 @@ def drawn_surface(seed: int, tilt: float = 0.0) -> Surface:
     return Surface(height, (0.0, 0.0), 2.5, 0.4, "right")
 
 
+@pytest.mark.slow
 def test_the_exact_surface_leaves_nothing_and_a_tilt_shows_in_the_azimuth() -> None:
     clean = residual_map([drawn_surface(k) for k in range(6)], GEL)
     tilted = residual_map([drawn_surface(k, tilt=0.002) for k in range(6)], GEL)

@@ -45,6 +45,7 @@ def named(force_N: Floats, keys: Sequence[str], seed: int = 3) -> Searched:
     return Searched(base, base, (), tuple(steps), NOTHING)
 
 
+@pytest.mark.slow
 def test_a_creep_since_the_touch_stands_for_a_relaxation_beside_an_adhesion() -> None:
     found = alternative_explanation(named(planted(SinceTouch(), CREEP), ("viscoelasticity", "adhesion")))
     assert found is not None

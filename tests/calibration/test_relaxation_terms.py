@@ -31,6 +31,7 @@ def held(count: int = 12) -> Observations:
     return replace(data, presses=replace(data.presses, speed_mm_s=np.resize([0.1, 1.0], count)))
 
 
+@pytest.mark.slow
 def test_more_terms_come_before_a_second_effect() -> None:
     data = held()
     values = np.array([*TRUTH, 0.06, 0.15, 0.06, 1.5, 0.06, 15.0])

@@ -49,6 +49,7 @@ def test_the_estimate_itself_stays() -> None:
     assert stated == pytest.approx(silent, rel=0.005)
 
 
+@pytest.mark.slow
 def test_intervals_cover_a_shared_offset_of_one_sigma() -> None:
     """Five draws, every touch seen one sigma late; what is covered is the stiffness without that error."""
     covered = {True: 0, False: 0}

@@ -74,6 +74,7 @@ def test_what_is_wrong_with_the_picture_is_named(key: str, picture: Floats, cand
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
+@pytest.mark.slow
 def test_a_right_picture_is_left_alone(seed: int) -> None:
     found = diagnose(seen(GAUGE.depth_mm, seed), np.random.default_rng(0))
     assert found.verdict == "ADEQUATE", found.tried

@@ -22,8 +22,9 @@ SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
 
 @lru_cache
 def sample() -> tuple[Recording, Reconstructor]:
+    """Every other press of the sample: heights of all five are among them."""
     recording = read_recording(SAMPLE)
-    return recording, sample_reconstructor()
+    return dataclasses.replace(recording, presses=recording.presses[::2]), sample_reconstructor()
 
 
 @lru_cache
@@ -34,7 +35,7 @@ def steps() -> tuple[list[Known], str]:
 def test_the_steps_are_as_high_as_the_simulation_made_them() -> None:
     found, why = steps()
     truth = tomllib.loads((SAMPLE / "truth.toml").read_text())
-    true = sorted(press["depth_mm"] for press in truth["press"] if not press["reason"])
+    true = sorted(press["depth_mm"] for press in truth["press"][::2] if not press["reason"])
     assert why == ""
     assert len(found) == len(true)
     assert sorted(step.true_mm for step in found) == pytest.approx(true, rel=0.02)

@@ -115,6 +115,7 @@ def test_the_package_runs_as_a_module(module: str) -> None:
     assert done.stdout.startswith("tactilevision ")
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_the_old_results(tmp_path: Path) -> None:
     """Interrupted at whatever moment, a run leaves the earlier files byte for byte, and nothing half-written."""
     command = [sys.executable, "-m", "tactilevision.cli", "calibrate", str(PAPER), "--out", str(tmp_path)]

@@ -75,6 +75,7 @@ def test_sides_are_reciprocal_soften_and_fade() -> None:
     assert own[9:].max() < 1e-2 * own[:3].max()
 
 
+@pytest.mark.slow
 def test_the_derivative_by_poissons_ratio_holds_near_a_side(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
