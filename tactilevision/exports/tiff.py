@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.limits import check
+from tactilevision.door.numbers import check_numbers, number
 from tactilevision.door.opening import check_regular
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
@@ -70,7 +71,8 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             value=f"{depth.shape} {depth.dtype}",
         )
     told = _told(about)
-    scale = mm_per_px or _scale(told)
+    check_numbers(depth[np.isfinite(depth)], what="a depth in mm", where=path)
+    scale = mm_per_px or _scale(told, path)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
     positions = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
@@ -80,7 +82,7 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
 def _told(description: str) -> Any:
     try:
         return json.loads(description)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
 
 
@@ -89,12 +91,12 @@ def _flags(about: Any) -> tuple[str, ...]:
     return add((), map(str, flags)) if isinstance(flags, list) else ()
 
 
-def _scale(about: Any) -> Pair | None:
+def _scale(about: Any, path: Path) -> Pair | None:
     try:
-        x, y = about["mm_per_px"]
-        return float(x), float(y)
+        x, y = (number(side, what="mm_per_px", where=path) for side in about["mm_per_px"])
     except (ValueError, TypeError, KeyError):
         return None
+    return None if x is None or y is None else (x, y)
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:
