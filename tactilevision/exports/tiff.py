@@ -75,7 +75,7 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
     scale = mm_per_px or _scale(told, path)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    positions = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
+    positions: Any = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
     return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
 
 
