@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check lint types bench blind slow faults digest docs clean
+.PHONY: demo test check lint types bench blind slow faults fuzz digest docs clean
 
 .venv/.ok: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -40,6 +40,10 @@ blind: .venv/.ok
 # Kills, full disks, changing files and more under five commands: `make faults KILLS=200 OTHERS=3 SEED=1`.
 faults: .venv/.ok
 	$(BIN)/python -m benchmarks.faults --kills $(or $(KILLS),60) --others $(or $(OTHERS),1) --seed $(or $(SEED),0)
+
+# Mutants of input files under their readers: `make fuzz READER=png MINUTES=10` (all readers, a minute each).
+fuzz: .venv/.ok
+	$(BIN)/python -m benchmarks.fuzz --reader $(or $(READER),all) --minutes $(or $(MINUTES),1)
 
 # What the commands give, compared with tests/digest.json; `make digest WRITE=1` records it anew.
 digest: .venv/.ok

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactilevision.door.documents import read_json
+from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
 from tactilevision.files import write_json
 
@@ -101,13 +102,16 @@ def load_history(path: Path | str) -> History:
 
 
 def _step(row: dict[str, Any]) -> Step:
-    def number(name: str) -> float:
-        return nan if row.get(name) is None else float(row[name])
+    def error(name: str) -> float:
+        found = number(row.get(name), what=name, where="history.json")
+        if found is None and row.get(name) is not None:
+            raise TypeError(f"{name} is no number")
+        return nan if found is None else found
 
     key = _text(row["key"])
     if not _KEY.fullmatch(key):
         raise ValueError(f"{key!r} is no effect's key")
-    return Step(key, _text(row["path"]), *(number(name) for name in ERRORS))
+    return Step(key, _text(row["path"]), *(error(name) for name in ERRORS))
 
 
 def _text(value: object) -> str:

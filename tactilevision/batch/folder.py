@@ -20,6 +20,7 @@ import numpy as np
 from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.contact.region import at_border, find_contact
+from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError
 from tactilevision.exports.tiff import masked, write_tiff
 from tactilevision.exports.zarr_store import begin_frames, end_frames, settle, write_frame
@@ -53,8 +54,8 @@ class FrameResult:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text."""
-        peak_mm, area_mm2, ms, std_mm = (float(cell or "nan") for cell in row[2:-1])
+        """From its row of text. Raises InputError where a cell is no number."""
+        peak_mm, area_mm2, ms, std_mm = read_cells(row[2:-1], where=row[0])
         return cls(row[0], row[1], peak_mm, area_mm2, ms, std_mm, tuple(row[-1].split()))
 
     def as_row(self) -> Row:
@@ -98,6 +99,7 @@ class DepthJob:
 
     def kept(self, row: Row) -> bool:
         """Whether the map is there. A store that is being filled is there as a whole."""
+        FrameResult.of(row)
         if row[1] != "ok":
             return True
         if self.scratch is not None:

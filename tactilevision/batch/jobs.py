@@ -52,7 +52,7 @@ class Job(Protocol):
         ...
 
     def kept(self, row: Row) -> bool:
-        """Whether what the row promises is still on disk."""
+        """Whether what the row promises is still on disk. Raises InputError for a row that no call returned."""
         ...
 
 
@@ -67,12 +67,12 @@ class Journal:
         """Rows of an earlier run of this fingerprint, by frame; a row that was cut off in writing is left out."""
         try:
             lines = read_text(self.path).split("\n")
-        except (OSError, InputError):
+            rows = [tuple(row) for row in csv.reader(lines[1:-1])]
+        except (OSError, InputError, csv.Error):
             return {}
         if lines[0] != self.fingerprint:
             return {}
-        rows = (tuple(row) for row in csv.reader(lines[1:-1]))
-        return {row[0]: row for row in rows if len(row) == job.columns and job.kept(row)}
+        return {row[0]: row for row in rows if len(row) == job.columns and _holds(job, row)}
 
     def begin(self, done: dict[str, Row]) -> None:
         """Write the journal anew with the rows that hold."""
@@ -85,6 +85,13 @@ class Journal:
     def end(self) -> None:
         """The run is over and its results are in place."""
         self.path.unlink(missing_ok=True)
+
+
+def _holds(job: Job, row: Row) -> bool:
+    try:
+        return job.kept(row)
+    except (OSError, InputError):  # damaged: a name too long, or text for a number
+        return False
 
 
 def run_job(

@@ -161,11 +161,11 @@ def _rows_of_finished(place: Path, recording: Recording, way: str) -> tuple[Fram
     try:
         said = read_text(_finished(place))
         header, *rows = [tuple(row) for row in csv.reader(io.StringIO(read_text(place / TABLE), newline=""))]
-    except (OSError, ValueError, InputError):
+        if header != COLUMNS or said != fingerprint_of(recording, way):
+            return None
+        return tuple(FrameResult.of(row) for row in rows)
+    except (OSError, ValueError, InputError, csv.Error):
         return None
-    if header != COLUMNS or said != fingerprint_of(recording, way):
-        return None
-    return tuple(FrameResult.of(row) for row in rows)
 
 
 def _walk(folder: Path, leave: set[Path]) -> Iterator[Path]:

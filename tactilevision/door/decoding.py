@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-_STDERR = 2  # the descriptor of errors, POSIX
+_STDERR = 2  # the descriptor of the standard error stream
 _MOST_HEARD = 4096  # bytes: one line is enough
 _HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
 _LOCK = Lock()

@@ -16,6 +16,7 @@ MAX_TEXT_MB = 64  # of one TOML or JSON file; calibrations have less than one
 MAX_COLUMNS = 2_000  # of a table; recordings have some tens
 MAX_DEPTH = 64  # of brackets within brackets, and of the dotted parts of a key; files have less than ten
 MAX_DIGITS = 300  # of one number: 1e308 is the largest that there is
+MAX_NUMBER = 1_000_000_000_000  # of any number in mm, N, s, MPa or px; a time in s since 1970 has ten digits
 MAX_EFFECT_SECONDS = 10  # of one call of a private effect; those of the catalogue take milliseconds
 _NAMES = frozenset(name for name in globals() if name.startswith("MAX_"))
 

@@ -42,6 +42,19 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def is_cut(data: bytes) -> bool:
+    """Whether a PNG or a JPEG lacks its end: decoders fill up what is lost, or reserve what a chunk states."""
+    if data.startswith(_JPEG):  # its data hold no such marks: the end follows the last start of a scan
+        return data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
+    place, kind = len(_PNG), b""
+    while data.startswith(_PNG) and kind != b"IEND":
+        kind = data[place + 4 : place + 8]
+        place += 12 + int.from_bytes(data[place : place + 4], "big")
+        if place > len(data):
+            return True
+    return False
+
+
 def _jpeg(data: bytes) -> tuple[int, int] | None:
     place = 2
     while place + 9 < len(data):

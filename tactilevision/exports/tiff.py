@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.limits import check
+from tactilevision.door.numbers import check_numbers, number
 from tactilevision.door.opening import check_regular
 from tactilevision.errors import InputError
 from tactilevision.files import replacing
 from tactilevision.records import HeightMap, Pair
 from tactilevision.records.flags import add
-from tactilevision.records.maps import Positions
 
 
 def write_tiff(path: Path | str, height: HeightMap, *, quantity: str = "depth into the gel") -> None:
@@ -71,18 +71,18 @@ def read_tiff(path: Path | str, *, mm_per_px: Pair | None = None) -> HeightMap:
             value=f"{depth.shape} {depth.dtype}",
         )
     told = _told(about)
-    scale = mm_per_px or _scale(told)
+    check_numbers(depth[np.isfinite(depth)], what="a depth in mm", where=path)
+    scale = mm_per_px or _scale(told, path)
     if scale is None:
         raise InputError("does not say its scale", where=path, remedy="Give it with --mm-per-px.")
-    elsewhere = isinstance(told, dict) and told.get("positions") == "undeformed"
-    where: Positions = "undeformed" if elsewhere else "deformed"
-    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=where)
+    positions: Any = told.get("positions", "deformed") if isinstance(told, dict) else "deformed"
+    return HeightMap(depth, np.isfinite(depth), scale, name=path.stem, flags=_flags(told), positions=positions)
 
 
 def _told(description: str) -> Any:
     try:
         return json.loads(description)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
 
 
@@ -91,12 +91,12 @@ def _flags(about: Any) -> tuple[str, ...]:
     return add((), map(str, flags)) if isinstance(flags, list) else ()
 
 
-def _scale(about: Any) -> Pair | None:
+def _scale(about: Any, path: Path) -> Pair | None:
     try:
-        x, y = about["mm_per_px"]
-        return float(x), float(y)
+        x, y = (number(side, what="mm_per_px", where=path) for side in about["mm_per_px"])
     except (ValueError, TypeError, KeyError):
         return None
+    return None if x is None or y is None else (x, y)
 
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactilevision.door.documents import read_json
+from tactilevision.door.numbers import check_numbers, number
 from tactilevision.errors import InputError
 from tactilevision.force.field import ForceField
 from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, TractionMap
@@ -109,14 +110,18 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
 
 def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, float]:
     entry = content.get(key)
-    if isinstance(entry, int | float):
-        return float(entry), 0.0
+    alone = number(entry, what=key, where=path)
+    if alone is not None:
+        return alone, 0.0
     if isinstance(entry, dict):
-        if isinstance(entry.get("value"), int | float):
-            return float(entry["value"]), float(entry.get("std") or 0.0)
+        value = number(entry.get("value"), what=key, where=path)
+        if value is not None:
+            return value, number(entry.get("std"), what=f"the std of {key}", where=path) or 0.0
         interval = entry.get("interval95")
-        if isinstance(interval, list) and len(interval) == 2 and all(isinstance(v, int | float) for v in interval):
-            return (interval[0] + interval[1]) / 2, (interval[1] - interval[0]) / 3.92
+        if isinstance(interval, list) and len(interval) == 2:
+            low, high = (number(end, what=f"the interval of {key}", where=path) for end in interval)
+            if low is not None and high is not None:
+                return (low + high) / 2, (high - low) / 3.92
         if entry.get("why"):
             raise InputError(f"{key} is not fixed: {entry['why']}", where=path, remedy="Calibrate again.")
     raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
@@ -140,7 +145,7 @@ def _covariance(content: dict[str, Any], path: Path) -> Floats | None:
     names = ["youngs_modulus_MPa", "poisson_ratio"]
     if isinstance(entry, dict):
         of, entry = entry.get("of"), entry.get("matrix")
-        if not isinstance(of, list) or not set(names) <= set(of):
+        if not isinstance(of, list) or not all(name in of for name in names):
             return None
         places = [of.index(name) for name in names]
     else:
@@ -151,6 +156,7 @@ def _covariance(content: dict[str, Any], path: Path) -> Floats | None:
         return None
     if not np.isfinite(matrix).all():
         return None
+    check_numbers(matrix, what="the covariance of E and nu", where=path)
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
         raise InputError(
             "the covariance of E and nu is none: no deviations have it",
@@ -165,7 +171,8 @@ def check_gel(path: Path | str, gel: Gel) -> None:
     """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
     made_on = _content(path).get("gel")
     thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
-    if isinstance(thickness, int | float) and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
+    thickness = number(thickness, what="the thickness of the gel", where=path)
+    if thickness is not None and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
             "is the calibration of another gel",
             where=path,
@@ -178,4 +185,4 @@ def read_clock_offset(path: Path | str) -> float | None:
     """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
     stated = _content(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
-    return float(value) if isinstance(value, int | float) else None
+    return number(value, what="clock_offset_s", where=path)

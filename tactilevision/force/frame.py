@@ -9,6 +9,7 @@ import numpy as np
 
 from tactilevision.batch.jobs import Row
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
+from tactilevision.door.numbers import read_cells
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.calibrated import Sensitivity, material_sensitivity
 from tactilevision.force.field import NO_CONTACT, ForceField
@@ -65,8 +66,8 @@ class FrameForce:
 
     @classmethod
     def of(cls, row: Row) -> Self:
-        """From its row of text."""
-        n = [float(cell) for cell in row[1:14]]
+        """From its row of text. Raises InputError where a cell is no number."""
+        n = read_cells(row[1:14], where=row[0])
         return cls(row[0], n[0], (n[1], n[2], n[3]), (n[4], n[5], n[6]), (n[7], n[8], n[9]), n[10], (n[11], n[12]),
                    row[14], row[15])  # fmt: skip
 
@@ -136,6 +137,7 @@ class ForceJob:
 
     def kept(self, row: Row) -> bool:
         """Whether the store that holds the frame's tractions is there."""
+        FrameForce.of(row)
         return bool(row[15]) or self.store.exists()
 
 

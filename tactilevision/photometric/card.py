@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
 from tactilevision.records import Pair
 
@@ -20,17 +21,28 @@ PACKAGES = ("numpy", "torch", "kornia", "onnxruntime")
 Rows = list[Any]  # (h, w) or (h, w, 3), over blocks of the picture
 
 
+def _float(value: Any) -> float:
+    found = number(value, what="a number", where="the method's card")
+    if found is None:
+        raise TypeError("it is no number")
+    return found
+
+
+def _int(value: Any) -> int:
+    return int(_float(value))
+
+
 def _pair(value: Any) -> Pair:
-    x, y = value
-    return float(x), float(y)
+    x, y = map(_float, value)
+    return x, y
 
 
 def _numbers(value: Any) -> dict[str, float]:
-    return {str(name): float(number) for name, number in value.items()}
+    return {str(name): _float(one) for name, one in value.items()}
 
 
 def _floats(value: Any) -> tuple[float, ...]:
-    return tuple(float(number) for number in value)
+    return tuple(map(_float, value))
 
 
 _KEYS = {
@@ -43,8 +55,8 @@ _KEYS = {
 }  # on disk, of fields whose key is another
 _READERS: dict[str, Callable[[Any], Any]] = {
     "method": str,
-    "balls": int,
-    "balls_left_out": int,
+    "balls": _int,
+    "balls_left_out": _int,
     "balls_cover": _floats,
     "sensor": str,
     "light": list,
@@ -55,12 +67,12 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     "fitted_by": str,
     "response": dict,
     "depth_terms_mm": dict,
-    "tile_px": int,
-    "format": int,
+    "tile_px": _int,
+    "format": _int,
     "sha256": str,
     "onnx_sha256": str,
-    "onnx_opset": int,
-}  # JSON value to a field; float for all others
+    "onnx_opset": _int,
+}  # JSON value to a field; a number for all others
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,9 +127,10 @@ class MethodCard:
         for name in _entries():
             key = _KEYS.get(name, name)
             value = rest.pop(key, None)
+            read: Callable[[Any], Any] = _READERS.get(name, _float)
             if value is not None:
                 try:
-                    known[name] = _READERS.get(name, float)(value)
+                    known[name] = read(value)
                 except (TypeError, ValueError, AttributeError) as fault:
                     raise InputError("the method's card cannot be read", where=key, value=value) from fault
         return cls(**known, other=rest)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tactilevision.door.arrays import read_arrays
 from tactilevision.door.documents import read_json
+from tactilevision.door.numbers import check_numbers
 from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
 from tactilevision.files import replacing, write_json
@@ -100,6 +101,8 @@ def _method(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path
         _check_array(name, array, path)
     if arrays["usable"].shape != arrays["reference"].shape[:2]:
         raise InputError("the method's reference is of two sizes", where=path, value=arrays["usable"].shape)
+    if arrays["reference"].min() < 0 or arrays["reference"].max() > 255 or arrays["noise_grey"].min() <= 0:
+        raise InputError("the method's reference holds grey levels that no picture has", where=path)
     red, green, blue = (float(value) for value in arrays["noise_grey"])
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
@@ -119,7 +122,8 @@ def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
         raise InputError(
             f"the method's {name} has another shape", where=path, value=(array.shape, str(array.dtype))
         )
-    if name not in ("reference", "quiet") and not np.isfinite(array).all():
+    check_numbers(array, what=f"a number of the method's {name}", where=path)
+    if not np.isfinite(array).all():
         raise InputError(f"the method's {name} holds what is no finite number", where=path)
 
 

@@ -18,7 +18,7 @@ from tactilevision.door.arrays import DamagedArrayError, read_array
 from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
 from tactilevision.door.opening import read_bytes
-from tactilevision.door.pictures import check_picture
+from tactilevision.door.pictures import check_picture, is_cut
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
@@ -113,12 +113,8 @@ def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
 
 
 def _decoded(data: bytes, path: Path) -> npt.NDArray[Any]:
-    """The picture in OpenCV's order of colours. Ends are looked for first: some decoders fill up what is lost."""
-    cut = (data.startswith(b"\x89PNG") and b"IEND" not in data[-1024:]) or (
-        # within a JPEG's data these marks cannot occur, so the end stands after the last start of a scan
-        data.startswith(b"\xff\xd8") and data.rfind(b"\xff\xd9") < data.rfind(b"\xff\xda")
-    )
-    if cut:
+    """The picture in OpenCV's order of colours."""
+    if is_cut(data):
         raise TornImageError("the picture is cut short", where=path, remedy=_REMEDY_TORN)
     picture, damage = decode(data)
     if picture is None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.door.arrays import read_arrays
 from tactilevision.door.names import inside
+from tactilevision.door.numbers import check_numbers
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording.names import nearest
 from tactilevision.records import Gel, Sensor
@@ -127,8 +128,10 @@ def read_maps(path: Path) -> Maps:
         raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
     if any(arrays[name].dtype.kind not in "fiu" for name in ("map_x", "map_y")):
         raise RecordingError("the rectification cannot be read: map_x and map_y are numbers", where=path)
+    for name in ("map_x", "map_y"):
+        check_numbers(arrays[name], what=f"a number of {name}", where=path)
     maps = (arrays["map_x"].astype(np.float32), arrays["map_y"].astype(np.float32))
-    if maps[0].ndim != 2 or maps[0].shape != maps[1].shape:
+    if maps[0].ndim != 2 or maps[0].shape != maps[1].shape or not maps[0].size:
         raise RecordingError(
             "map_x and map_y are (height, width) alike", where=path, value=(maps[0].shape, maps[1].shape)
         )

@@ -8,10 +8,14 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from tactilevision.door.limits import limit
+
 
 def _finite(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError("must be a finite number")
+    if abs(value) > limit("MAX_NUMBER"):
+        raise ValueError(f"must be below {limit('MAX_NUMBER'):g}")
     return value
 
 
@@ -33,6 +37,7 @@ def _ball(value: Any) -> Any:
     return "sphere" if value == "ball" else value
 
 
+MAX_SIDE = 1_000_000  # px: no camera has as many in a row
 Number = Annotated[float, AfterValidator(_finite)]
 Positive = Annotated[float, AfterValidator(_finite), Field(gt=0)]
 NotNegative = Annotated[float, AfterValidator(_finite), Field(ge=0)]
@@ -76,8 +81,8 @@ class SensorSettings(_Settings):
     kind: str | None = None
     serial: str = ""
     mm_per_px: Two | None = None
-    width_px: Annotated[int, Field(gt=0)] | None = None
-    height_px: Annotated[int, Field(gt=0)] | None = None
+    width_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
+    height_px: Annotated[int, Field(gt=0, le=MAX_SIDE)] | None = None
     rectification: str | None = None
     has_markers: bool | None = None
     white_level: Positive | None = None

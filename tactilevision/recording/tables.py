@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.limits import check
+from tactilevision.door.numbers import check_numbers
 from tactilevision.door.opening import open_regular
 from tactilevision.errors import RecordingError
 from tactilevision.recording.layout import Columns
@@ -168,6 +169,7 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
             value=cells[first],
             remedy="Correct the cell, or remove the row.",
         )
+    check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values
 
 

@@ -19,8 +19,9 @@ from tactilevision.door.arrays import read_array, read_arrays
 from tactilevision.door.documents import parse_toml, read_json
 from tactilevision.door.limits import limit
 from tactilevision.door.names import inside
+from tactilevision.door.numbers import check_numbers, number, read_cells
 from tactilevision.door.opening import open_regular, read_bytes
-from tactilevision.door.pictures import check_picture, picture_size
+from tactilevision.door.pictures import check_picture, is_cut, picture_size
 from tactilevision.errors import InputError
 
 OUTWARD = ["../a.png", "a/../../b.png", "/etc/passwd", "~/a.png", "C:\\a.png", "..\\a.png", "a\0.png", ""]
@@ -184,3 +185,36 @@ def test_json_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text("\ufeff" + json.dumps({"a": [1.5, None]}), encoding="utf-8")
     assert read_json(path) == {"a": [1.5, None]}
+
+
+def test_truth_values_and_text_are_no_numbers() -> None:
+    assert number(3, what="x", where="a") == 3.0
+    assert [number(value, what="x", where="a") for value in (True, "3", None, [3])] == [None] * 4
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e13, 10**250])
+def test_a_number_that_no_sensor_gives_is_refused(value: float) -> None:
+    with pytest.raises(InputError):
+        number(value, what="x", where="a")
+
+
+def test_a_gap_passes_where_an_infinite_number_does_not() -> None:
+    check_numbers(np.array([np.nan, 1.0]), what="x", where="a")
+    check_numbers(np.full(3, np.nan), what="x", where="a")
+    with pytest.raises(InputError, match="TACTILEVISION_MAX_NUMBER"):
+        check_numbers(np.array([np.nan, -np.inf]), what="x", where="a")
+    with pytest.raises(InputError, match="no number"):
+        read_cells(["1", "x"], where="a")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_picture_without_its_end_is_cut(suffix: str) -> None:
+    data = cv2.imencode(suffix, np.zeros((9, 7, 3), np.uint8))[1].tobytes()
+    assert not is_cut(data)
+    assert not is_cut(data + b"what a camera adds")
+    assert all(is_cut(data[:length]) for length in range(len(data) - 20, len(data) - 1))
+
+
+def test_a_chunk_longer_than_its_file_is_cut() -> None:
+    data = cv2.imencode(".png", np.zeros((9, 7, 3), np.uint8))[1].tobytes()
+    assert is_cut(data[:33] + b"\xfe" + data[34:])

@@ -20,7 +20,8 @@ import numpy as np
 from tactilevision.certificate.depth.depth_scale import DepthScale, find_depth_scale, scale_warning
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.door.documents import read_text
-from tactilevision.errors import TactilevisionError
+from tactilevision.door.numbers import read_cells
+from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import Footprint, Frame, HeightMap, Indenter
 
@@ -68,16 +69,23 @@ NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the 
 
 
 def read_certified(calibration: Path) -> tuple[Certified, ...]:
-    """The accepted presses of the points.csv beside a calibration.json; none where there is no such table."""
+    """The accepted presses of the points.csv beside a calibration.json; none where there is no such table.
+
+    Raises InputError where it is no table.
+    """
     path = calibration.parent / POINTS
     if not path.is_file():
         return ()
     found = []
-    for row in csv.DictReader(io.StringIO(read_text(path), newline="")):
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+    except csv.Error as fault:
+        raise InputError(f"is not CSV: {fault}", where=path) from fault
+    for row in rows:
         try:
-            time_s, depth_mm = float(row["time_s"]), float(row["depth_mm"])
+            time_s, depth_mm = read_cells([row["time_s"], row["depth_mm"]], where=path)
             good = row["accepted"].strip().lower() in ("1", "true")
-        except (KeyError, TypeError, ValueError, AttributeError):
+        except (KeyError, TypeError, AttributeError, InputError):
             continue
         if good and np.isfinite(time_s) and 0 < depth_mm < np.inf:
             found.append(Certified(str(row.get("press")), time_s, depth_mm))

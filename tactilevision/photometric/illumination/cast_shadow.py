@@ -39,10 +39,10 @@ def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair
     cell = (width * mm_per_px[0] / columns, height * mm_per_px[1] / rows)
     x = ((np.arange(columns) - (columns - 1) / 2) * cell[0])[None, :].astype(np.float32)
     y = ((np.arange(rows) - (rows - 1) / 2) * cell[1])[:, None].astype(np.float32)
-    seen = np.stack([
+    seen = [
         np.mean([_reached(point, coarse, (x, y), cell) for point in lamp.points_mm], axis=0)
         for lamp in lamps.lamps
-    ])  # fmt: skip
+    ]
     return np.stack([cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR) for one in seen])
 
 

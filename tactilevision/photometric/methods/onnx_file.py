@@ -16,13 +16,19 @@ if TYPE_CHECKING:
     import torch
 
 OPSET = 17  # of ONNX, written in the method's card; a newer one shuts out older versions of onnxruntime
+# none repeats, and none makes more numbers than it is given: a foreign network ends, and fits into memory
+_ALLOWED = (
+    "Abs Add BatchNormalization Cast Clip Concat Constant Conv Div Elu Exp Gemm Identity LeakyRelu MatMul Max Min "
+    "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
+)
+OPERATORS = frozenset(_ALLOWED.split())
 Array = npt.NDArray[np.float32]
 
 
 def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
     """An onnxruntime session of the network in a file's `content`, on one core.
 
-    Raises InputError where it is not the one of its card (`sha256`), or is no network.
+    Raises InputError where it is not the one of its card (`sha256`), is no network, or has other OPERATORS.
     """
     import onnxruntime
 
@@ -30,6 +36,7 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
         raise InputError(
             "the network does not match its card", where=where, remedy="Copy both files together, or train again."
         )
+    _check_operators(content, where)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
@@ -37,6 +44,25 @@ def open_bytes(content: bytes, sha256: str, *, where: Path) -> Any:
         return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as fault:  # onnxruntime has an error of its own for each way of being no network
         raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
+
+
+def _check_operators(content: bytes, where: Path) -> None:
+    import onnx
+
+    try:
+        graph = onnx.load_from_string(content).graph
+    except Exception as fault:  # protobuf has its own errors, too
+        raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
+    strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
+    if strange:
+        raise InputError(
+            "the network has operators that are not run",
+            where=where,
+            value=", ".join(strange)[:200],
+            remedy="Build it of convolutions and functions of single numbers.",
+        )
+    if any(tensor.data_location for tensor in graph.initializer):
+        raise InputError("the network names other files for its numbers", where=where)
 
 
 def run_network(session: Any, *inputs: Array) -> Array:
