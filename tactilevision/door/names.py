@@ -13,7 +13,10 @@ _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)|\0")
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:
-    """`folder / name`. Raises InputError where that leads out of the folder or is too long; `where` is the file that says so."""
+    """`folder / name`. Raises InputError where that leads out of the folder, or is too long for a file's name.
+
+    `where` is the file that says so.
+    """
     path = folder / name
     if len(name.encode(errors="replace")) > MAX_NAME:
         raise InputError("a name is longer than a file can have", where=where, value=f"{name[:40]}...")
