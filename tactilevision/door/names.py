@@ -8,12 +8,18 @@ from pathlib import Path
 
 from tactilevision.errors import InputError
 
+MAX_NAME = 255  # bytes of a file's name; file systems take no more
 _OUTWARD = re.compile(r"^[/\\~]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)|\0")
 
 
 def inside(folder: Path, name: str, *, where: object) -> Path:
-    """`folder / name`. Raises InputError where that leads out of the folder; `where` is the file that says so."""
+    """`folder / name`. Raises InputError where that leads out of the folder, or is too long for a file's name.
+
+    `where` is the file that says so.
+    """
     path = folder / name
+    if len(name.encode(errors="replace")) > MAX_NAME:
+        raise InputError("a name is longer than a file can have", where=where, value=f"{name[:40]}...")
     if not name or _OUTWARD.search(name) or (_linked(folder, name) and not _within(path, folder)):
         raise InputError(
             "a name leads out of its folder",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ _ALLOWED = (
     "Mul Neg Pow Relu Reshape Sigmoid Slice Softplus Sqrt Squeeze Sub Tanh Transpose Unsqueeze"
 )
 OPERATORS = frozenset(_ALLOWED.split())
+MAX_STEP = 1_000_000  # numbers that a step of a network may give for one pixel; ours give some tens
 Array = npt.NDArray[np.float32]
 
 
@@ -50,7 +52,8 @@ def _check_operators(content: bytes, where: Path) -> None:
     import onnx
 
     try:
-        graph = onnx.load_from_string(content).graph
+        model = onnx.load_from_string(content)
+        graph, largest = model.graph, _largest_step(model)
     except Exception as fault:  # protobuf has its own errors, too
         raise InputError(f"the network cannot be read: {str(fault)[:200]}", where=where) from fault
     strange = sorted({str(node.op_type) for node in graph.node} - OPERATORS)
@@ -61,8 +64,32 @@ def _check_operators(content: bytes, where: Path) -> None:
             value=", ".join(strange)[:200],
             remedy="Build it of convolutions and functions of single numbers.",
         )
+    if largest > MAX_STEP:
+        raise InputError(
+            f"a step of the network gives more than {MAX_STEP:,} numbers for one pixel", where=where, value=largest
+        )
     if any(tensor.data_location for tensor in graph.initializer):
         raise InputError("the network names other files for its numbers", where=where)
+
+
+def _largest_step(model: Any) -> float:
+    """Numbers that a step gives where the free axes are one pixel; infinite where the file leaves it open."""
+    import onnx
+
+    for given in model.graph.input:
+        for side in given.type.tensor_type.shape.dim:
+            if not side.HasField("dim_value"):
+                side.dim_value = 1
+    del model.graph.value_info[:]  # what the file says of its own steps is not believed
+    for result in model.graph.output:
+        result.type.tensor_type.ClearField("shape")
+    graph = onnx.shape_inference.infer_shapes(model, data_prop=True).graph
+    kinds = {step.name: step.type.tensor_type for step in (*graph.value_info, *graph.output)}
+    shapes = {name: kind.shape.dim for name, kind in kinds.items() if kind.HasField("shape")}
+    names = [name for node in graph.node for name in node.output if name]
+    if not all(name in shapes and all(side.HasField("dim_value") for side in shapes[name]) for name in names):
+        return math.inf
+    return max((math.prod(side.dim_value for side in shapes[name]) for name in names), default=0)
 
 
 def run_network(session: Any, *inputs: Array) -> Array:
