@@ -102,8 +102,8 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
 def _below_bound(result: CalibrationResult) -> CalibrationResult:
     """The result with what it means that nu lies below what elastomers have."""
     said = (
-        "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its deviation was "
-        "widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
+        "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std "
+        "was widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
     )
     return replace(result, flags=(*result.flags, BELOW_BOUND), warnings=(*result.warnings, said))
 
