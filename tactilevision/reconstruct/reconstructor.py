@@ -157,6 +157,7 @@ class Reconstructor:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.reference_match is not None:
             self.warnings += (
+                *self.reference_match.check_scene(pictures),
                 *self.reference_match.check_shift(pictures),
                 *check_reference(self.reference_match, self.rectified_map, pictures=pictures),
             )
