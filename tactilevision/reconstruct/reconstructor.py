@@ -19,6 +19,7 @@ from tactilevision.integration.steep_edges import PunchEdge, find_punch_edges, r
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric import Calibration
+from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod, as_referenced
@@ -26,6 +27,7 @@ from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
+from tactilevision.reconstruct.unshadowed import undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.records.flags import DEEPER, add
 from tactilevision.sensors import rectify
@@ -52,7 +54,8 @@ class _Turn:
 class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
-    `calibration` is what the method was made from, None for a method that came ready.
+    `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
+    lamps' light, cast shadows are undone (unshadowed.py), which takes some ten times as long.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class Reconstructor:
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
+        self.shadows: LightField | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -101,7 +105,10 @@ class Reconstructor:
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
         with self.turn.lock:
-            surface, valid, std, flags = self._mapped(rgb)
+            if self.shadows is None:
+                surface, valid, std, flags = self._mapped(rgb)
+            else:
+                surface, valid, std, flags = undo_shadows(self._mapped, rgb, self.shadows)
         gel = self.sensor.gel
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
