@@ -117,16 +117,16 @@ def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence
     return dict(zip(DEFAULT_BASELINE, map(float, np.median(measured, axis=0)), strict=True))
 
 
-def some_frames(recording: Recording) -> list[Bytes]:
-    """FRAMES_READ rectified frames spread over a recording, of a video its first; torn ones are passed over."""
+def some_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Bytes]:
+    """`count` rectified frames spread over a recording, of a video its first; torn ones are passed over."""
     from tactilevision.recording import read_frame
 
-    count = len(recording.frame_names)
-    if recording.frames_path is None or not count:
+    there = len(recording.frame_names)
+    if recording.frames_path is None or not there:
         return []
-    last = count - 1 if recording.frames_path.is_dir() else min(FRAMES_READ, count) - 1
+    last = there - 1 if recording.frames_path.is_dir() else min(count, there) - 1
     frames = []
-    for index in np.unique(np.linspace(0, last, FRAMES_READ).astype(int)):
+    for index in np.unique(np.linspace(0, last, count).astype(int)):
         with suppress(InputError):
             frames.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
     return frames

@@ -74,7 +74,7 @@ def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes])
 def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
     """ln of mean grey (rows, columns, 3) in blocks."""
     grey = cv2.resize(np.asarray(rgb, np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.log(grey.astype(np.float64) + DARK_GREY)
+    return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
 
 
 def _exchanged(before: Floats, change: Floats) -> str:

@@ -55,7 +55,7 @@ class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
     `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
-    lamps' light, cast shadows are undone (unshadowed.py), which takes some ten times as long.
+    lamps' light, cast shadows are undone (unshadowed.py), which takes up to half a second a frame.
     """
 
     def __init__(
@@ -75,6 +75,7 @@ class Reconstructor:
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
         self.shadows: LightField | None = None
+        self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -108,7 +109,7 @@ class Reconstructor:
             if self.shadows is None:
                 surface, valid, std, flags = self._mapped(rgb)
             else:
-                surface, valid, std, flags = undo_shadows(self._mapped, rgb, self.shadows)
+                (surface, valid, std, flags), self.given_back = undo_shadows(self._mapped, rgb, self.shadows)
         gel = self.sensor.gel
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
@@ -158,7 +159,11 @@ class Reconstructor:
         """
         if self.error is None or self.evidence is None:
             return {}
-        return self.error.terms_mm(height.depth_mm, self.evidence)
+        terms = self.error.terms_mm(height.depth_mm, self.evidence)
+        if self.given_back is not None:
+            every = self.error.every
+            terms["cast_shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
+        return terms
 
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""

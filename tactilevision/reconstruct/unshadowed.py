@@ -31,20 +31,29 @@ Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any
 MIN_DEPTH_MM = 0.08  # mm: gentler contacts cast no shadow that matters
 STEP = 0.5  # of the way from one depth to the next: whole steps swing beyond .3 mm
 MAX_ROUNDS = 10  # maps of one frame: what moves then moves by less than its deviation
-SETTLED_MM = 0.002  # mm, the most that 99 % of pixels move between rounds that end it
+SETTLED_MM = 0.003  # mm, the most that 99 % of pixels move between rounds that end it
 GIVEN_BACK_STD = 0.35  # of what the map changed by: rms on three sensors of the path tracer
 BRIGHTEST = 250  # grey levels that a pixel is given at most, lest it count as saturated
+FRAMES_READ = 15  # frames of a recording that are looked at: presses are a good part of most
 SEEN_SHARE = 0.1  # of the forecast shadow: two sensors showed .12 to .65, without shadows -.07 to -.01
 
+SAID = (
+    "the frames show cast shadows: they are undone by the lamps' places, which the balls tell; a deep frame takes "
+    "half a second (--no-shadows leaves them)"
+)
 
-def undo_shadows(mapped: Callable[[Bytes], Mapped], rgb: Bytes, field: LightField) -> Mapped:
+
+def undo_shadows(
+    mapped: Callable[[Bytes], Mapped], rgb: Bytes, field: LightField
+) -> tuple[Mapped, npt.NDArray[np.floating[Any]] | None]:
     """Depth (H, W) mm, validity, deviation and flags of a rectified picture (H, W, 3), shadows undone.
 
-    `mapped` gives them for a picture as it is.
+    `mapped` gives them for a picture as it is. And the part (H, W) mm of the deviation that the shadows bring,
+    None for contacts too gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
-        return surface, valid, std, flags
+        return (surface, valid, std, flags), None
     plain, depth = surface.copy(), surface.copy()
     for _ in range(MAX_ROUNDS):
         surface, valid, std, flags = mapped(_brightened(rgb, dimming(field, depth)))
@@ -52,23 +61,29 @@ def undo_shadows(mapped: Callable[[Bytes], Mapped], rgb: Bytes, field: LightFiel
         depth += moved
         if np.percentile(np.abs(moved), 99) < SETTLED_MM:
             break
+    given_back = GIVEN_BACK_STD * np.abs(surface - plain)
     if std is not None:
-        std = np.hypot(std, GIVEN_BACK_STD * np.abs(surface - plain)).astype(std.dtype)
-    return surface, valid, std, flags
+        std = np.hypot(std, given_back).astype(std.dtype)
+    return (surface, valid, std, flags), given_back
 
 
 def _brightened(rgb: Bytes, factor: npt.NDArray[np.float32]) -> Bytes:
     return np.maximum(rgb, np.minimum(np.rint(rgb / factor), BRIGHTEST).astype(np.uint8))
 
 
-def with_shadows(recording: Recording, reader: Reconstructor, *, frames: Sequence[Bytes]) -> Reconstructor:
-    """The reader itself, which from now on undoes cast shadows where its `frames` (H, W, 3), rectified, show them.
+def with_shadows(
+    recording: Recording, reader: Reconstructor, *, frames: Sequence[Bytes] | None = None
+) -> Reconstructor:
+    """The reader itself, which from now on undoes cast shadows where `frames` (H, W, 3), rectified, show them.
 
-    Needs the recording's balls, which tell the lamps; without them, or without shadows, it stays as it is.
+    None: FRAMES_READ of the recording's. Needs its balls, which tell the lamps; without them, or without shadows,
+    the reader stays as it is.
     """
+    from tactilevision.quality.reference_match import some_frames
     from tactilevision.reconstruct.lamps import find_lamps
 
     method = reader.referenced
+    frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
     deep = [
         rgb for rgb in frames if method is not None and reader.rectified_map(rgb).depth_mm.max() > MIN_DEPTH_MM
     ]
@@ -86,4 +101,5 @@ def with_shadows(recording: Recording, reader: Reconstructor, *, frames: Sequenc
     known = [share for share in shares if np.isfinite(share)]
     if known and np.median(known) > SEEN_SHARE:
         reader.shadows = field
+        reader.warnings += (SAID,)
     return reader

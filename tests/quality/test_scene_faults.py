@@ -31,7 +31,7 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 def scene(request: pytest.FixtureRequest) -> tuple[Picture, list[Bytes]]:
     recording = read_recording(ROOT / "sample_frames" / request.param)
     flats = [rectify(recording.sensor, read_image(path)) for path in recording.flats]
-    return np.mean(np.float32(flats), axis=0), some_frames(recording)
+    return np.mean(flats, axis=0, dtype=np.float32), some_frames(recording)
 
 
 def as_light(rgb: Bytes, change: Callable[[Picture], Picture]) -> Bytes:
@@ -52,7 +52,7 @@ FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
     "both": ("turned by 180 degrees and have red and blue swapped", lambda rgb, k: rgb[::-1, ::-1, ::-1]),
     "lamp": (
         "blue has 0.[56].* a lamp failed",
-        lambda rgb, k: as_light(rgb, lambda x: x * np.float32([1, 0.9, 0.3])),
+        lambda rgb, k: as_light(rgb, lambda x: x * np.array([1, 0.9, 0.3], np.float32)),
     ),
     "gamma": ("to the power 1.2", lambda rgb, k: (255 * (rgb / 255.0) ** 1.25).astype(np.uint8)),
     "exposure": ("exposure on automatic", lambda rgb, k: as_light(rgb, lambda x: x * np.float32(1 + 0.04 * k))),
@@ -73,7 +73,7 @@ def test_each_fault_is_told_by_its_name(scene: tuple[Picture, list[Bytes]], name
 def test_sound_pictures_show_none(scene: tuple[Picture, list[Bytes]]) -> None:
     assert scene_faults(*scene) == ()
     reference, pictures = scene
-    drifted = [as_light(rgb, lambda x: x * np.float32([1.1, 0.92, 1.0])) for rgb in pictures]
+    drifted = [as_light(rgb, lambda x: x * np.array([1.1, 0.92, 1.0], np.float32)) for rgb in pictures]
     assert scene_faults(reference, drifted) == ()
     assert scene_faults(reference[:-1], pictures) == ()
 

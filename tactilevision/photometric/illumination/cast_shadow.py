@@ -33,8 +33,11 @@ from tactilevision.photometric.illumination.lamps import Lamps, light_shares, sh
 from tactilevision.records import Bools, Bytes, Pair
 
 CELL_MM = 0.125  # side of the cells that are forecast: a fifth of the shortest shadow that matters
-STEP = 0.75  # cells from one height on the way to a lamp to the next
+STEP = 0.75  # cells from a place to the first height on the way to a lamp
+GROWTH = 1.15  # from one such step to the next: what stands farther off is seen less finely
+LONGEST = 2.5  # cells, the longest step
 LIT = 0.97  # of a lamp's light: less is shadow
+STANDS_OUT_MM = 0.03  # mm over the level gel: less throws no shadow of a cell's length
 LEAST_TANGENT = 0.1  # of a lamp's elevation: lower lamps would shade all of the pad
 
 FAINTEST = 0.2  # of a channel's light that is left in shadow: darker is not believed
@@ -89,7 +92,8 @@ def shadow_share(
     )
     light = _of_lamps(field, depth_mm)
     away = 1.0 - visibility(field.lamps, depth_mm, field.mm_per_px)
-    ratio = (np.float32(rgb) + SOFTENING_GREY) / (np.float32(reference) + SOFTENING_GREY)
+    now, before = (np.asarray(one, np.float32) + SOFTENING_GREY for one in (rgb, reference))
+    ratio = now / before
     change = [ratio[..., k] ** np.float32(field.lamps.power) for k in range(3)]
     p, q = _slopes(depth_mm, field.mm_per_px)
     planes = [*change, *(light * away), p, q, np.hypot(p, q)]
@@ -145,16 +149,33 @@ def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair
     cell = (width * mm_per_px[0] / columns, height * mm_per_px[1] / rows)
     x = ((np.arange(columns) - (columns - 1) / 2) * cell[0])[None, :].astype(np.float32)
     y = ((np.arange(rows) - (rows - 1) / 2) * cell[1])[:, None].astype(np.float32)
-    seen = [
-        np.mean([_reached(point, coarse, (x, y), cell) for point in lamp.points_mm], axis=0)
-        for lamp in lamps.lamps
-    ]
+    seen = np.ones((len(lamps.lamps), rows, columns), np.float32)
+    if (box := _box(lamps, coarse, cell)) is not None:
+        part = coarse[box], (x[:, box[1]], y[box[0]])
+        for one, lamp in zip(seen, lamps.lamps, strict=True):
+            one[box] = np.mean([_reached(point, *part, cell) for point in lamp.points_mm], axis=0)
     return np.stack([cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR) for one in seen])
 
 
 def lit(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Bools:
     """Mask (H, W) of the places of a depth map (H, W), mm, that all lamps reach."""
     return np.asarray(visibility(lamps, depth_mm, mm_per_px).min(axis=0) > LIT)
+
+
+def _box(lamps: Lamps, heights: Picture, cell: Pair) -> tuple[slice, slice] | None:
+    """Rows and columns of the cells that something which stands out may shade; None where nothing does."""
+    level = float(np.median(heights))
+    raised = heights > level + STANDS_OUT_MM
+    if not raised.any():
+        return None
+    tangent = min(lamp.height_mm / (lamp.distance_mm + lamp.length_mm) for lamp in lamps.lamps)
+    reach = (float(heights.max()) - level) / max(tangent, LEAST_TANGENT)
+    found = []
+    for axis, mm in ((1, cell[1]), (0, cell[0])):
+        where = np.flatnonzero(raised.any(axis=axis))
+        extra = int(reach / mm) + 2
+        found.append(slice(max(int(where[0]) - extra, 0), int(where[-1]) + extra + 1))
+    return found[0], found[1]
 
 
 def _reached(
@@ -167,12 +188,20 @@ def _reached(
     tangent = np.maximum(point[2] / distance, LEAST_TANGENT).astype(np.float32)
     column = np.arange(heights.shape[1], dtype=np.float32)[None, :]
     row = np.arange(heights.shape[0], dtype=np.float32)[:, None]
-    step = STEP * min(cell)
+    towards_x, towards_y = ((a / b).astype(np.float32) for a, b in zip((towards_x, towards_y), cell, strict=True))
     seen = np.ones(heights.shape, np.float32)
     farthest = (float(heights.max()) - float(heights.min())) / float(tangent.min())
-    for k in range(1, int(farthest / step) + 2):
-        at_x = (column + towards_x * (k * step / cell[0])).astype(np.float32)
-        at_y = (row + towards_y * (k * step / cell[1])).astype(np.float32)
-        there = cv2.remap(heights, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        seen[there - heights > tangent * np.float32(k * step)] = 0.0
+    step = away = STEP * min(cell)
+    while away < farthest + step:
+        far = np.float32(away)
+        there = cv2.remap(
+            heights,
+            column + towards_x * far,
+            row + towards_y * far,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        seen[there - heights > tangent * far] = 0.0
+        step = min(GROWTH * step, LONGEST * min(cell))
+        away += step
     return seen

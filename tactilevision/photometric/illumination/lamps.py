@@ -212,15 +212,17 @@ class _Task:
         return np.array([*found, *(values[26:] / 0.1), 0.05 * values[5:24:8].sum()])
 
 
-def shading(leans: Floats, p: Floats, q: Floats) -> Floats:
+def shading(
+    leans: npt.NDArray[np.floating], p: npt.NDArray[np.floating], q: npt.NDArray[np.floating]
+) -> npt.NDArray[np.floating]:
     """Light (lamps, ...) of each lamp on slopes p, q (...), a ratio, 1 on level gel; `leans` (lamps, 2, ...)."""
     turned = 1.0 - leans[:, 0] * p - leans[:, 1] * q
     facing = 0.5 * (turned + np.sqrt(turned**2 + SOFT**2))
-    return np.asarray(facing / np.sqrt(1.0 + p * p + q * q))
+    return np.asarray(facing / np.sqrt(1.0 + p * p + q * q), facing.dtype)
 
 
 def light_shares(colours: Floats, upright: Floats) -> Floats:
-    """m (channels, lamps, ...) of colours (channels, lamps) and light (lamps, ...) on level gel; no units."""
+    """Shares m (channels, lamps, ...) of colours (channels, lamps) and light (lamps, ...) on level gel."""
     light = colours.reshape(*colours.shape, *([1] * (upright.ndim - 1))) * upright[None]
     return np.asarray(light / light.sum(axis=1, keepdims=True))
 
