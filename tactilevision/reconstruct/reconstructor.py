@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.integration.poisson import integrate
-from tactilevision.integration.steep_edges import PunchEdge, find_punch_edges, restore, restore_windows
+from tactilevision.integration.steep_edges import LEAN, PunchEdge, find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric import Calibration
@@ -75,6 +75,7 @@ class Reconstructor:
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
         self.shadows: LightField | None = None
+        self.lean = LEAN
         self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
 
@@ -137,7 +138,12 @@ class Reconstructor:
         walls: list[PunchEdge] = []
         if self.readable is not None and tiles.steepest >= self.readable:
             walls = restore_windows(
-                tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, limit=self.readable
+                tiles.fine,
+                tiles.windows,
+                valid=tiles.valid,
+                mm_per_px=self.sensor.mm_per_px,
+                limit=self.readable,
+                lean=self.lean,
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
@@ -193,7 +199,7 @@ class Reconstructor:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
-        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable)
+        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean)
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls
 
