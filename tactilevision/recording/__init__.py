@@ -2,7 +2,7 @@
 
 from tactilevision.recording.folder import read_folder
 from tactilevision.recording.frames import iter_frames, read_frame
-from tactilevision.recording.images import read_image
+from tactilevision.recording.images import decode_image, read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
 from tactilevision.recording.need import require
 from tactilevision.recording.read import read_recording
@@ -23,6 +23,7 @@ __all__ = [
     "BallPress",
     "Recording",
     "StageSeries",
+    "decode_image",
     "iter_frames",
     "read_folder",
     "read_frame",

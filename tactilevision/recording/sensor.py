@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,6 +124,14 @@ def read_maps(path: Path) -> Maps:
             value=fault.value,
             remedy="Save it with numpy.savez(path, map_x=..., map_y=...).",
         ) from fault
+    return maps_of(arrays, path)
+
+
+def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
+    """map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
+
+    Raises RecordingError where they are no such maps.
+    """
     missing = [name for name in ("map_x", "map_y") if name not in arrays]
     if missing:
         raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)
