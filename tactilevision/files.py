@@ -176,7 +176,7 @@ def as_json(content: object) -> str:
 
 
 def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
-    """The bytes of a .npz file of `arrays`; `small` ones take longer to read. The same arrays give the same bytes."""
+    """The bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
     import numpy as np
 
     packed = io.BytesIO()

@@ -9,7 +9,19 @@ from typing import Annotated, Any
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
+from tactilevision.cli import (
+    calibrate,
+    calibrate_sensor,
+    depth,
+    diagnose,
+    force,
+    plan,
+    simulate,
+    tabulate,
+    train,
+    validate,
+    view,
+)
 from tactilevision.runs import output_lock
 
 app = typer.Typer(
@@ -33,6 +45,7 @@ def alone(command: Callable[..., None], *, into: str = "out", file: bool = False
 
 
 app.command("calibrate")(alone(calibrate.calibrate))
+app.command("calibrate-sensor")(alone(calibrate_sensor.calibrate_sensor, file=True))
 app.command("depth")(alone(depth.depth))
 app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))

@@ -37,6 +37,7 @@ def depth(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: holds the faces."),
@@ -54,7 +55,8 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    light = _teller(method, warned)
+    chosen = source.Choice(sensor, reference, method, mm_per_px)
+    light = _teller(chosen, warned)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
@@ -64,15 +66,15 @@ def depth(
                 where=path,
                 remedy="Name the recording, or leave --calibration out.",
             )
-        read = partial(source.open_branch, sensor=sensor, reference=reference)
-        run = partial(reconstruct_tree, path, out, read=read, light=light, method=method or "", **how)
+        way = f"{method or ''}{chosen.profile.path.resolve() if chosen.profile else ''}"
+        run = partial(reconstruct_tree, path, out, read=chosen.open_branch, light=light, method=way, **how)
         with console.progress_bar("frames") as progress:
             branches = run(progress=progress)
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"
     else:
-        recording = source.open_source(path, sensor, reference=reference)
+        recording = chosen.open(path)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
@@ -88,7 +90,7 @@ def depth(
         )
 
 
-def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
+def _teller(chosen: source.Choice, warned: list[str]) -> Callable[[Recording], Reconstructor]:
     """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
 
     def tell(recording: Recording, lines: tuple[str, ...]) -> None:
@@ -98,7 +100,7 @@ def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reco
 
     def light(recording: Recording) -> Reconstructor:
         tell(recording, recording.warnings)
-        reconstructor = source.open_reconstructor(recording, method)
+        reconstructor = chosen.light(recording)
         tell(recording, reconstructor.warnings)
         return reconstructor
 

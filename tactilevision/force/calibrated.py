@@ -174,9 +174,7 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
 
 def check_gel(path: Path | str, gel: Gel) -> None:
     """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
-    made_on = read_calibration(path).get("gel")
-    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
-    thickness = number(thickness, what="the thickness of the gel", where=path)
+    thickness = read_thickness_mm(path)
     if thickness is not None and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
             "is the calibration of another gel",
@@ -184,6 +182,13 @@ def check_gel(path: Path | str, gel: Gel) -> None:
             value=f"{thickness:g} mm thick, this one {gel.thickness_mm:g} mm",
             remedy="Calibrate this sensor; E and nu go with one gel.",
         )
+
+
+def read_thickness_mm(path: Path | str) -> float | None:
+    """Thickness of the gel that calibration.json was made on; None: not in it."""
+    made_on = read_calibration(path).get("gel")
+    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
+    return number(thickness, what="the thickness of the gel", where=path)
 
 
 def read_clock_offset(path: Path | str) -> float | None:

@@ -86,23 +86,24 @@ class ForceField:
         *,
         view_px: tuple[int, int] | None = None,
         settings: ForceSettings | None = None,
+        compliance: GelCompliance | None = None,
     ) -> None:
-        made = None if isinstance(gel, Gel) else gel.compliance
+        own = gel if isinstance(gel, Gel) else gel.gel
         if not isinstance(gel, Gel):
-            material, mm_per_px, gel = gel.material, gel.mm_per_px, gel.gel
-        if gel is None or material is None or mm_per_px is None:
+            compliance, material, mm_per_px = gel.compliance, gel.material, gel.mm_per_px
+        if own is None or material is None or mm_per_px is None:
             raise InputError(
                 "a force field needs the gel, its E and nu, and the scale",
                 where="ForceField",
                 remedy="Give all three, or a sensor that was calibrated for force.",
             )
-        self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
+        self.gel, self.material, self.mm_per_px = own, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
         alike = self.settings.depth_correlation_px
         self._noise = PixelNoise(
-            self.settings.depth_std_mm, np.inf if alike is None else alike, STILL * gel.thickness_mm
+            self.settings.depth_std_mm, np.inf if alike is None else alike, STILL * own.thickness_mm
         )
-        self.compliance = made if made is not None and self._fits(made, view_px) else None
+        self.compliance = compliance if compliance is not None and self._fits(compliance, view_px) else None
         if self.compliance is None and view_px is not None:
             self.compliance = self._set_up(view_px)
 

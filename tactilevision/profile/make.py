@@ -59,6 +59,7 @@ def make_profile(
         face_law=face_law,
         indenters=recording.indenters,
         versions=about["versions"],
+        warnings=(*recording.warnings, *reconstructor.warnings),
         path=recording.path,
     )
     return with_compliance(made)

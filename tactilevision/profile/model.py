@@ -22,10 +22,11 @@ class Profile:
     """A calibrated sensor.
 
     `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel, from which shear
-    is followed, by its `markers` or by its texture. `calibration` is the content of calibration.json, None where E and nu are not known; `compliance`
-    then is the gel's. `face_law` is how deep flat faces are over how deep they are read, None where no certified
-    face has told. `frame_size_px` (width, height) is that of raw frames, `white_level` as in recording.toml.
-    `source` says in words what it was made from; `path` is its file.
+    is followed, by its `markers` or by its texture. `calibration` is the content of calibration.json, None where E
+    and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over how deep they
+    are read, None where no certified face has told. `frame_size_px` (width, height) is that of raw frames,
+    `white_level` as in recording.toml. `source` says in words what it was made from, `warnings` what
+    was doubtful then; `path` is its file.
     """
 
     sensor: Sensor
@@ -41,6 +42,7 @@ class Profile:
     face_law: DepthScale | None = None
     indenters: Mapping[str, Indenter] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
     path: Path = Path("sensor.tvs")
 
     @cached_property

@@ -129,6 +129,7 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         _face_law(files, path),
         {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
         {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
+        tuple(str(one) for one in about.get("warnings", ())),
         path,
     )
 

@@ -50,6 +50,7 @@ class CalibratedSensor:
     def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
+        self.reconstructor.warnings = profile.warnings
         self.indenter = _chosen(profile, indenter)
         self.untouched: Untouched = read_untouched(
             profile.untouched, profile.sensor.mm_per_px, markers=profile.markers
@@ -99,17 +100,21 @@ class CalibratedSensor:
             raise InputError("a batch of frames holds at least one", where="read", value=rgb.shape)
         return SeenBatch(tuple(self._seen(Frame(one)) for one in rgb))
 
-    def look(self, frames: Sequence[Bytes]) -> tuple[str, ...]:
-        """Warnings, where raw frames (H, W, 3) show that the profile is not of this sensor as it is now.
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful: when the profile was made, and since."""
+        return self.reconstructor.warnings
 
-        Of another unit or another light, of a camera or gel that has moved, of a contact in the reference. Maps
-        are flagged from then on.
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """See by rectified `pictures` (H, W, 3) whether the profile is this sensor's as it is now; the warnings.
+
+        They tell another unit or light, a camera or gel that has moved, and a contact in the reference; maps are
+        flagged from then on.
         """
-        seen = [rectify(self.profile.sensor, one) for one in frames]
         before = len(self.reconstructor.warnings)
-        self.reconstructor.look(seen)
-        found = self.reconstructor.warnings[before:]
-        return (*found, *self._unlike(seen))
+        self.reconstructor.look(pictures)
+        self.reconstructor.warnings += self._unlike(pictures)
+        return self.reconstructor.warnings[before:]
 
     def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
         """The same sensor against newer raw pictures (H, W, 3) of its untouched gel."""
@@ -120,6 +125,7 @@ class CalibratedSensor:
         fresh = CalibratedSensor(
             replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
         )
+        made.warnings = (*profile.warnings, *made.warnings)
         fresh.reconstructor = made
         return fresh
 

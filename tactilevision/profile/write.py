@@ -23,19 +23,24 @@ def write_profile(profile: Profile, path: Path | str) -> Path:
     Raises InputError for a name that does not end in .tvs, OutputError where the file system refuses.
     """
     target = Path(path)
-    if target.suffix.lower() != contents.SUFFIX:
-        raise InputError(
-            "the name of a sensor profile ends in .tvs",
-            where="--out",
-            value=str(path),
-            remedy=f"Take {target.with_suffix(contents.SUFFIX)}.",
-        )
+    check_name(target)
     files = _files(profile)
     about = _about(profile) | {"files": {name: contents.hash_of_bytes(data) for name, data in files.items()}}
     about = json.loads(as_json(about))  # numbers as they will be read
     about[contents.HASH] = contents.hash_of(about)
     write_archive(target, {contents.ABOUT: as_json(about).encode()} | files)
     return target
+
+
+def check_name(path: Path) -> None:
+    """Raise InputError for a name that does not end in .tvs: no command would know the file again."""
+    if path.suffix.lower() != contents.SUFFIX:
+        raise InputError(
+            "the name of a sensor profile ends in .tvs",
+            where="--out",
+            value=str(path),
+            remedy=f"Take {path.with_suffix(contents.SUFFIX)}.",
+        )
 
 
 def _about(profile: Profile) -> dict[str, Any]:
@@ -47,6 +52,7 @@ def _about(profile: Profile) -> dict[str, Any]:
         "date": profile.date,
         "source": profile.source,
         "versions": dict(profile.versions),
+        "warnings": list(profile.warnings),
         "sensor": {
             "width_px": sensor.width_px,
             "height_px": sensor.height_px,
