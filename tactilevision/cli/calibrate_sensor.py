@@ -61,6 +61,13 @@ def calibrate_sensor(
     console.hand_over(_as_json(found), json)
 
 
+_SHEAR = {
+    "markers": "fx and fy from the markers",
+    "texture": "fx and fy from the gel's grain",
+    "nothing": "fz alone, as nothing on the gel can be followed",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class _Known:
     """Content of calibration.json, and how deep certified faces are over how deep they are read."""
@@ -140,7 +147,7 @@ def _told(profile: Profile) -> list[str]:
         lines.append("  no E and nu, so no force: --calibration calibration.json adds them")
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
-        lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given")
+        lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
     if profile.face_law is not None:
         lines.append("  flat faces are as deep as certified ones, where an indenter is looked for")
     return lines

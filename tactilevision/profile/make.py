@@ -14,10 +14,11 @@ from tactilevision.force.field import ForceSettings
 from tactilevision.force.folder import untouched_frame
 from tactilevision.force.nodes import lay_grid
 from tactilevision.photometric.card import provenance
-from tactilevision.profile.model import Profile
+from tactilevision.profile.model import Followed, Profile
+from tactilevision.quality.reference_match import some_frames
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
-from tactilevision.records import Gel
+from tactilevision.records import Bytes, Gel
 from tactilevision.shear.measure import read_untouched
 
 _INTERVAL = 1.96  # deviations to either end of a 95 % interval
@@ -43,7 +44,6 @@ def make_profile(
             where=recording.path,
             remedy="Name the picture with --reference.",
         )
-    untouched = read_untouched(picture, sensor.mm_per_px, markers=sensor.has_markers or None)
     about = provenance(_words(recording), licence="")
     today = datetime.datetime.now(tz=datetime.UTC).date()
     made = Profile(
@@ -52,7 +52,7 @@ def make_profile(
         picture,
         recording.frame_size_px,
         (recording.date or today).isoformat(),
-        untouched.markers is not None,
+        followed_in(recording, picture),
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),
@@ -63,6 +63,20 @@ def make_profile(
         path=recording.path,
     )
     return with_compliance(made)
+
+
+def followed_in(recording: Recording, untouched: Bytes) -> Followed:
+    """What of the `untouched` picture (H, W, 3), grey levels, some of the recording's single frames show.
+
+    Grain that stands out of the mean of many pictures may drown in the noise of one: each frame would try in vain.
+    """
+    sensor = recording.sensor
+    found = read_untouched(untouched, sensor.mm_per_px, markers=sensor.has_markers or None)
+    if found.markers is not None:
+        return "markers"
+    if found.shows and any(found.shear(rgb).valid.any() for rgb in some_frames(recording)):
+        return "texture"
+    return "nothing"
 
 
 def with_compliance(profile: Profile) -> Profile:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from tactilevision.force.calibrated import material_of
 from tactilevision.force.compliance import GelCompliance
@@ -17,16 +17,19 @@ if TYPE_CHECKING:
     from tactilevision.certificate.depth.depth_scale import DepthScale
 
 
+Followed = Literal["markers", "texture", "nothing"]
+
+
 @dataclass(frozen=True, eq=False)
 class Profile:
     """A calibrated sensor.
 
-    `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel, from which shear
-    is followed, by its `markers` or by its texture. `calibration` is the content of calibration.json, None where E
-    and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over how deep they
-    are read, None where no certified face has told. `frame_size_px` (width, height) is that of raw frames,
-    `white_level` as in recording.toml. `source` says in words what it was made from, `warnings` what
-    was doubtful then; `path` is its file.
+    `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel; `followed` says
+    what of it single frames show, so that shear can be told. `calibration` is the content of calibration.json,
+    None where E and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over
+    how deep they are read, None where no certified face has told. `frame_size_px` (width, height) is that of raw
+    frames, `white_level` as in recording.toml. `source` says in words what it was made from, `warnings` what was
+    doubtful then; `path` is its file.
     """
 
     sensor: Sensor
@@ -34,7 +37,7 @@ class Profile:
     untouched: Bytes
     frame_size_px: tuple[int, int]
     date: str
-    markers: bool
+    followed: Followed
     source: str = ""
     white_level: float | None = None
     calibration: Mapping[str, Any] | None = None

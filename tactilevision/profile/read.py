@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
 from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import unpack_arrays
@@ -22,7 +22,7 @@ from tactilevision.force.nodes import lay_grid
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.storage import unpack_method
 from tactilevision.profile import contents
-from tactilevision.profile.model import Profile
+from tactilevision.profile.model import Followed, Profile
 from tactilevision.recording import decode_image
 from tactilevision.recording.sensor import maps_of
 from tactilevision.records import Gel, Indenter, Material, Sensor
@@ -121,7 +121,7 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         untouched,
         frame_size_px,
         _day(about["date"]),
-        bool(about["sensor"]["markers_followed"]),
+        _followed(about["sensor"]["followed"], path),
         str(about.get("source", "")),
         white_level,
         calibration,
@@ -211,6 +211,13 @@ def _side(value: object, path: Path) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 1 < value <= MAX_SIDE:
         raise InputError("a picture's side is a whole number of px", where=path, value=value)
     return value
+
+
+def _followed(value: object, path: Path) -> Followed:
+    for known in get_args(Followed):
+        if value == known:
+            return cast(Followed, known)
+    raise InputError("followed is one of " + ", ".join(get_args(Followed)), where=path, value=value)
 
 
 def _day(value: object) -> str:

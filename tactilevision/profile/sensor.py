@@ -13,11 +13,14 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
+import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
+
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.errors import ConvergenceError, InputError
 from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.profile.model import Profile
 from tactilevision.profile.read import read_profile
 from tactilevision.profile.seen import Seen, SeenBatch
@@ -52,9 +55,12 @@ class CalibratedSensor:
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = profile.warnings
         self.indenter = _chosen(profile, indenter)
-        self.untouched: Untouched = read_untouched(
-            profile.untouched, profile.sensor.mm_per_px, markers=profile.markers
-        )
+        self.untouched: Untouched | None = None
+        if profile.followed != "nothing":
+            markers = profile.followed == "markers"
+            self.untouched = read_untouched(profile.untouched, profile.sensor.mm_per_px, markers=markers)
+        if self.field is not None:
+            fast_kappa(self.field.material.poisson_ratio, 1.0)  # so that its table is read now
         self._use_gpu()
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -144,7 +150,7 @@ class CalibratedSensor:
         if field is None:
             return None
         try:
-            if not self.untouched.shows or not field.touched(height):
+            if self.untouched is None or not field.touched(height):
                 return field(height)
             return field(height, self.untouched.shear(rgb_rectified))
         except ConvergenceError:

@@ -58,7 +58,7 @@ def _about(profile: Profile) -> dict[str, Any]:
             "height_px": sensor.height_px,
             "mm_per_px": list(sensor.mm_per_px),
             "has_markers": sensor.has_markers,
-            "markers_followed": profile.markers,
+            "followed": profile.followed,
             "frame_size_px": list(profile.frame_size_px),
             "white_level": profile.white_level,
             "gel": None if sensor.gel is None else asdict(sensor.gel),

@@ -95,7 +95,11 @@ def _named(
         return sensor, ()
     warnings = []
     if settings.rectification is None and sensor.rectification is None:
-        warnings.append(f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already")
+        warnings.append(
+            "guessed: frames are rectified already; a TOML file with [sensor] rectification says otherwise"
+            if toml.name == "--sensor"
+            else f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already"
+        )
     straight = sensor.rectification[0].shape[::-1] if sensor.rectification else frame_size_px
     if straight != (usual.width_px, usual.height_px) and settings.mm_per_px is None:
         raise RecordingError(
