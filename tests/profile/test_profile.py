@@ -368,9 +368,9 @@ def test_loading_takes_no_heavy_package_and_a_frame_imports_nothing(path: Path, 
 
 def test_reading_frames_keeps_nothing(sensor: CalibratedSensor) -> None:
     frames = [free(11), pressed()]
+    tracemalloc.start()
     for rgb in frames * 2:
         sensor.read(rgb)
-    tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
     for rgb in frames * 5:
         sensor.read(rgb)
