@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,10 +65,9 @@ def depth(
                 where=path,
                 remedy="Name the recording, or leave --calibration out.",
             )
-        way = f"{method or ''}{chosen.profile.path.resolve() if chosen.profile else ''}"
-        run = partial(reconstruct_tree, path, out, read=chosen.open_branch, light=light, method=way, **how)
+        how |= {"read": chosen.open_branch, "light": light, "method": chosen.way}
         with console.progress_bar("frames") as progress:
-            branches = run(progress=progress)
+            branches = reconstruct_tree(path, out, progress=progress, **how)
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"

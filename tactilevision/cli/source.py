@@ -71,6 +71,13 @@ class Choice:
                 )
         return read_profile(self.sensor)
 
+    @property
+    def way(self) -> str:
+        """What decides how frames are read: the method's name, or the profile's content."""
+        from tactilevision.photometric.storage import digest
+
+        return self.method or ("" if self.profile is None else digest(self.profile.path))
+
     def open(self, path: Path) -> Recording:
         """Read a recording, or a bare folder of frames whose sensor is named."""
         from tactilevision.recording import read_folder, require
@@ -82,7 +89,13 @@ class Choice:
         elif self._is_recording(path):
             recording = self._of_recording(path)
         else:
-            recording = read_folder(path, sensor=self.sensor, reference=self.reference, mm_per_px=self.mm_per_px)
+            recording = read_folder(
+                path,
+                sensor=self.sensor,
+                reference=self.reference,
+                mm_per_px=self.mm_per_px,
+                guess=not self._has_own_reference(),
+            )
         require(recording, "frames", step="making height maps")
         return recording
 
@@ -121,6 +134,10 @@ class Choice:
         if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader says what is meant
             return self.sensor is None
         return self.sensor is None and (path / layout.SETTINGS).is_file()
+
+    def _has_own_reference(self) -> bool:
+        """Whether a saved method was named, which brings a picture of the untouched gel along."""
+        return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
 
     def _of_recording(self, path: Path) -> Recording:
         from tactilevision.recording import read_folder, read_recording

@@ -77,8 +77,8 @@ class SeenBatch:
         shape = next(((3, *one.t_z.shape) for one in known if one is not None), None)
         if shape is None:
             return None
-        return np.stack([np.full(shape, np.nan) if one is None else np.stack([one.t_x, one.t_y, one.t_z])
-                         for one in known])  # fmt: skip
+        unknown = np.full(shape, np.nan)
+        return np.stack([unknown if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
 
     @property
     def wrench(self) -> Floats:

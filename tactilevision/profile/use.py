@@ -31,7 +31,7 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
         )
     else:
         sensor, white = profile.sensor, profile.white_level
-        found = read_folder(path, sensor, reference=reference, white_level=white, guess=False)
+        found = read_folder(path, sensor, reference=reference, white_level=white)
     size = found.frame_size_px
     if size is not None and size != profile.frame_size_px:
         raise InputError(

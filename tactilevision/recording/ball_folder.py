@@ -36,11 +36,11 @@ def read_ball_folder(
     root = Path(path)
     place = _place_of_balls(root)
     if place is None and ball_radius_mm is None:
-        return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px)
+        return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     folder, table = place or (root, root / TABLE)
     beside = folder.parent / FLAT
     flats = reference if reference is not None else beside if beside.is_dir() else None
-    found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px)
+    found = read_folder(folder, sensor, reference=flats, mm_per_px=mm_per_px, guess=True)
     if found.flat_frames:
         raise RecordingError(
             "ball presses need a picture of the untouched gel beside them",

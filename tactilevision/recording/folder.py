@@ -30,15 +30,16 @@ def read_folder(
     reference: Path | str | None = None,
     mm_per_px: float | None = None,
     white_level: float | None = None,
-    guess: bool = True,
+    guess: bool = False,
 ) -> Recording:
     """Take pictures as they are: in the order of their names, without times.
 
     `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
-    `reference` a picture of the untouched gel, or a folder of such; `mm_per_px` the scale, which with `reference`
-    is guessed where it is left out (guess.py), as the warnings then say; without `guess` no reference is. Where
-    `path` is a recording, what is not given here is taken from it. `white_level` goes with a Sensor. Raises
-    RecordingError for an empty folder, an unknown or missing sensor, and a reference that is not there.
+    `reference` a picture of the untouched gel, or a folder of such, which is guessed with `guess` where there is
+    none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold (guess.py). The warnings say
+    what was guessed. Where `path` is a recording, what is not given here is taken from it. `white_level` goes with
+    a Sensor. Raises RecordingError for an empty folder, an unknown or missing sensor, and a reference that is not
+    there.
     """
     root = Path(path)
     flats = _references(None if reference is None else Path(reference))
@@ -56,11 +57,8 @@ def read_folder(
     white_level = settings.white_level if settings else white_level
     size, seen = first_look(frames_path, names, white_level=white_level)
     warnings += seen + _cut_short(frames_path, len(names))
-    flat_frames: tuple[int, ...] = ()
-    guessed: tuple[str, ...] = ()
-    if not flats and guess:
-        flats, flat_frames, guessed = guess_flats(root, frames_path, names)
-    check_references(size, flats[:1])
+    found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else ())
+    check_references(size, found[0][:1])
     if settings is not None:
         sensor, notes = _built(settings, place, size, mm_per_px)
         warnings += notes
@@ -72,10 +70,10 @@ def read_folder(
         frame_names=names,
         frame_times_s=np.full(len(names), np.nan),
         frame_size_px=size,
-        flats=flats,
-        flat_frames=flat_frames,
+        flats=found[0],
+        flat_frames=found[1],
         white_level=white_level,
-        warnings=warnings + guessed,
+        warnings=warnings + found[2],
     )
 
 

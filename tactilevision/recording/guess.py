@@ -51,9 +51,12 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
 def guess_flats(
     root: Path, frames_path: Path, names: Sequence[str]
 ) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
-    """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed."""
+    """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed.
+
+    Of no frame `names` nothing is guessed: what the folder `reference` holds is all.
+    """
     found = find_flats(root)
-    if found:
+    if found or not names:
         return found, (), ()
     for folder in dict.fromkeys((root, frames_path, frames_path.parent)):
         named = [name for name in list_images(folder) if _FLAT.match(Path(name).stem)] if folder.is_dir() else []

@@ -15,6 +15,7 @@ from lamp_sensor import TOML, free, pressed, saved, write_ball_folder, write_fra
 
 from tactilevision.cli import main
 from tactilevision.exports.tiff import read_tiff
+from tactilevision.photometric import save_method
 from tactilevision.profile.read import read_profile
 from tactilevision.profile.seen import Seen
 from tactilevision.profile.sensor import load_sensor
@@ -86,8 +87,8 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
     write_image(tmp_path / "small/reference/flat/a.png", read_image(tmp_path / "small/frames/00000.jpg"))
     assert run("calibrate-sensor", tmp_path / "small", *words, "--light-only", "--out", tmp_path / "a.tvs") == 0
     assert run("depth", tmp_path / "small", *words, "--out", tmp_path / "one", "--pictures", 0) == 0
-    assert run("depth", tmp_path / "small", "--sensor", tmp_path / "a.tvs", "--out", tmp_path / "two",
-               "--pictures", 0) == 0  # fmt: skip
+    profile = ("--sensor", tmp_path / "a.tvs", "--pictures", 0)
+    assert run("depth", tmp_path / "small", *profile, "--out", tmp_path / "two") == 0
     one, two = (read_tiff(tmp_path / out / "depth" / "00012.tiff").depth_mm for out in ("one", "two"))
     np.testing.assert_array_equal(one, two)
     (tmp_path / "tree").mkdir()
@@ -96,8 +97,7 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
     settings = tmp_path / "tree" / "b" / "recording.toml"
     settings.write_text(settings.read_text().replace('"simulated"', '"08"'))
     told = tmp_path / "told.json"
-    assert run("depth", tmp_path / "tree", "--sensor", tmp_path / "a.tvs", "--out", tmp_path / "three",
-               "--pictures", 0, "--json", told) == 0  # fmt: skip
+    assert run("depth", tmp_path / "tree", *profile, "--out", tmp_path / "three", "--json", told) == 0
     assert "its serial is simulated, the recording's 08" in json.loads(told.read_text())["passed_over"]["b"]
     assert (tmp_path / "three" / "a" / "depth" / "00012.tiff").is_file()
 
@@ -111,13 +111,18 @@ SAID = {
     "a profile is made of a sensor that has none yet": ("calibrate-sensor", "{frames}", "--sensor", "{tvs}"),
     "Name it with --sensor: gelslim3": ("depth", "{frames}"),
     "Name what was calibrated before with --method FILE.npz or --sensor FILE.tvs": (
-        "depth", "{frames}", "--sensor", "digit", "--mm-per-px", 0.08,
+        "depth",
+        "{frames}",
+        "--sensor",
+        "digit",
+        "--mm-per-px",
+        0.08,
     ),
     "State it with --mm-per-px": ("depth", "{frames}", "--sensor", "digit"),
     "the folder holds no pictures": ("depth", "{empty}", "--sensor", "digit"),
     "Say it with --ball-radius-mm": ("calibrate-sensor", "{untold}", "--sensor", "{toml}"),
     "Name it with --reference": ("calibrate-sensor", "{frames}", "--sensor", "{toml}", "--ball-radius-mm", 4),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("said", SAID)
@@ -142,31 +147,41 @@ def test_what_is_wrong_is_said_with_the_option_that_would_help(
 
 
 def test_a_bare_folder_is_read_with_what_is_guessed_and_says_so(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The light comes from a method that was trained before; scale and reference are guessed."""
-    from tactilevision.photometric import save_method
-
-    method = save_method(read_profile(made).method, tmp_path / "method.npz")
+    """The light is that of the network that comes along; scale and reference are guessed."""
     frames = write_frames(tmp_path / "frames")
-    words = ("--sensor", "gelsight_mini", "--method", method, "--out", tmp_path / "d", "--pictures", 0)
+    words = ("--sensor", "gelslim3", "--out", tmp_path / "d", "--pictures", 0)
     assert run("depth", frames, *words) == 0
     told = capsys.readouterr().err
-    assert "guessed: 0.08453 mm per pixel, that of a usual gelsight_mini; --mm-per-px states it" in told
+    assert "guessed: 0.1128 mm per pixel, that of a usual gelslim3; --mm-per-px states it" in told
     assert "guessed: the first frame, 0.png, shows the untouched gel; --reference states it" in told
-    assert read_tiff(tmp_path / "d" / "depth" / "1.tiff").mm_per_px == pytest.approx((0.0634 / 0.75,) * 2)
+    assert "guessed: frames are rectified already" in told
+    assert "depth rests on the light of a usual gelslim3" in told
+    scale = read_tiff(tmp_path / "d" / "depth" / "1.tiff").mm_per_px
+    assert scale == pytest.approx((0.0634 * 427 / 240, 0.0634 * 320 / 180))
     assert run("depth", frames, *words, "--mm-per-px", 0.08, "--reference", frames / "0.png") == 0
-    assert "per pixel" not in capsys.readouterr().err
-    height = read_tiff(tmp_path / "d" / "depth" / "1.tiff")
-    assert height.mm_per_px == (0.08, 0.08)
-    assert height.depth_mm.max() == pytest.approx(0.49, rel=0.1)
+    told = capsys.readouterr().err
+    assert "per pixel" not in told
+    assert "first frame" not in told
+    assert read_tiff(tmp_path / "d" / "depth" / "1.tiff").mm_per_px == (0.08, 0.08)
+
+
+def test_a_saved_method_keeps_its_own_reference(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    method = save_method(read_profile(made).method, tmp_path / "method.npz")
+    frames = write_frames(tmp_path / "frames")
+    (frames / "0.png").unlink()
+    words = ("--sensor", "gelsight_mini", "--mm-per-px", 0.08, "--method", method, "--pictures", 0)
+    assert run("depth", frames, *words, "--out", tmp_path / "d") == 0
+    assert "the untouched gel" not in capsys.readouterr().err
+    assert read_tiff(tmp_path / "d" / "depth" / "1.tiff").depth_mm.max() == pytest.approx(0.49, rel=0.1)
 
 
 def test_force_takes_the_thickness_from_the_calibration_where_nothing_describes_the_gel(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from tactilevision.photometric import save_method
-
     method = save_method(read_profile(made).method, tmp_path / "method.npz")
     frames = write_frames(tmp_path / "frames")
     known: dict[str, Any] = {"youngs_modulus_MPa": 0.2, "poisson_ratio": 0.48}
