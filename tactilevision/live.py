@@ -7,6 +7,7 @@ running mean, so that a stream may run for days. Where there is a GPU, frames ar
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -61,6 +62,8 @@ class Calibrated(Protocol):
 
     @property
     def indenter(self) -> Indenter | None: ...
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]: ...
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap: ...
 

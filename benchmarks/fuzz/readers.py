@@ -16,11 +16,11 @@ from tactilevision.certificate.depth.face_depth import read_certified
 from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import read_arrays
 from tactilevision.exports.tiff import read_tiff
-from tactilevision.files import write_archive
 from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
 from tactilevision.photometric.storage import digest, load_method, load_network
 from tactilevision.profile import contents
-from tactilevision.profile.read import read_profile
+from tactilevision.profile.model import Profile
+from tactilevision.profile.read import read_profile, unpack_profile
 from tactilevision.recording import read_recording
 from tactilevision.recording.frames import iter_frames
 from tactilevision.recording.images import read_image
@@ -92,12 +92,14 @@ def _read_statements(folder: Path) -> Any:
         text = json.dumps(about).encode()
     except (ValueError, TypeError, AttributeError, RecursionError):
         pass
-    write_archive(folder / "again.tvs", files | {contents.ABOUT: text})
-    return _seen(folder / "again.tvs")
+    return _seen(unpack_profile(files | {contents.ABOUT: text}, folder / "sensor.tvs"))
 
 
-def _seen(path: Path) -> Any:
-    profile = read_profile(path)
+def _read_profile(folder: Path) -> Any:
+    return _seen(read_profile(folder / "sensor.tvs"))
+
+
+def _seen(profile: Profile) -> Any:
     return profile.sensor, profile.face_law, profile.frame_size_px, profile.white_level
 
 
@@ -149,7 +151,7 @@ READERS: dict[str, Reader] = {
     "card": Reader("method.json", "json", seeds.method, lambda folder: load_method(folder / "method.npz")),
     "network": Reader("network.onnx", "bytes", seeds.network, _read_network),
     "profile": Reader("profile.json", "json", seeds.profile, _read_statements, frozenset(("radius_mm",))),
-    "archive": Reader("sensor.tvs", "bytes", seeds.profile, lambda folder: _seen(folder / "sensor.tvs")),
+    "archive": Reader("sensor.tvs", "bytes", seeds.profile, _read_profile),
     "calibration": Reader("calibration.json", "json", seeds.calibration, _read_calibration),
     "history": Reader(
         "history.json", "json", seeds.history, lambda folder: load_history(folder / "history.json"), _ERRORS

@@ -15,6 +15,7 @@ from tactilevision.cli import (
     depth,
     diagnose,
     force,
+    live,
     plan,
     simulate,
     tabulate,
@@ -52,6 +53,7 @@ app.command("diagnose")(alone(diagnose.diagnose))
 app.command("compare")(alone(diagnose.compare))
 app.command("steps")(alone(diagnose.steps, into="folder"))
 app.command("new-effect")(diagnose.new_effect)
+app.command("live")(live.live)
 app.command("force")(alone(force.force))
 app.command("plan")(plan.plan)
 app.command("validate")(alone(validate.validate))

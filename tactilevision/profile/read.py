@@ -53,6 +53,11 @@ def read_profile(path: Path | str) -> Profile:
         ) from fault
     except OSError as fault:
         raise InputError(f"cannot be read: {fault.strerror}", where=path) from fault
+    return unpack_profile(files, path)
+
+
+def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
+    """The profile of the files in an archive; `path` is the archive, for what errors say. Raises as above."""
     about = _about(files, path)
     try:
         return _profile(about, files, path)

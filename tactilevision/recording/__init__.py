@@ -1,7 +1,7 @@
 """Recordings on disk: the only room that knows the names and columns of their files (docs/format.md)."""
 
 from tactilevision.recording.ball_folder import read_ball_folder
-from tactilevision.recording.folder import read_folder
+from tactilevision.recording.folder import list_references, read_folder
 from tactilevision.recording.frames import iter_frames, read_flats, read_frame
 from tactilevision.recording.images import decode_image, read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
@@ -27,6 +27,7 @@ __all__ = [
     "decode_image",
     "is_bare",
     "iter_frames",
+    "list_references",
     "read_ball_folder",
     "read_flats",
     "read_folder",

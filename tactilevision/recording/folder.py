@@ -42,7 +42,7 @@ def read_folder(
     there.
     """
     root = Path(path)
-    flats = _references(None if reference is None else Path(reference))
+    flats = list_references(None if reference is None else Path(reference))
     if sensor is None and (root / layout.SETTINGS).is_file():
         own = read_recording(root)
         return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
@@ -131,7 +131,8 @@ def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[st
     return SensorSettings(kind=str(sensor)), Path("--sensor"), ()
 
 
-def _references(path: Path | None) -> tuple[Path, ...]:
+def list_references(path: Path | None) -> tuple[Path, ...]:
+    """The picture at `path`, or those in that folder; raises RecordingError where there are none."""
     if path is None:
         return ()
     found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))
