@@ -3,7 +3,8 @@
 Exposure: the median over the picture of a frame's brightness over the first one's. Untouched gel under steady
 lamps keeps it; so do small contacts, as most of the picture stays.
 Compression: JPEG and video code blocks of 8 pixels. By how much neighbours differ more across the borders of
-blocks than within, in grey levels, is what compression put there. It tells that there is compression, not how much depth loses.
+blocks than within, in grey levels, is what compression put there.
+It tells that there is compression, not how much depth loses.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ class Audit:
             )
         if self.blocks_grey > MAX_BLOCKS_GREY:
             said.append(
-                f"pictures are compressed: blocks differ by {self.blocks_grey:.2f} grey levels, which read as slopes; "
-                "take raw frames, or calibrate with frames compressed alike"
+                f"pictures are compressed: blocks differ by {self.blocks_grey:.2f} grey levels, which read as "
+                "slopes; take raw frames, or calibrate with frames compressed alike"
             )
         return tuple(said)
 

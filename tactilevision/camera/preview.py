@@ -27,6 +27,7 @@ TEXT_PX = 22  # px of a line of text
 QUALITY = 85  # of the JPEGs that are shown; nothing is measured on them
 BOUNDARY = "frame"
 INK, PAPER = (32, 32, 32), (250, 250, 250)  # blue, green, red
+UNKNOWN = (150, 150, 150)  # where no depth is known; no colour of the map is grey
 PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
 <style>body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}</style>
 <h1>Live</h1><img src="/frames" alt="picture and depth"></html>"""
@@ -38,6 +39,7 @@ def draw(rgb_rectified: Bytes, told: Told, *, rate_Hz: float) -> Bytes:
     depth = np.where(height.valid, height.depth_mm, 0.0)
     level = np.asarray(np.clip(255 * depth / DEEPEST_MM, 0, 255), np.uint8)
     coloured = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
+    coloured[~height.valid] = UNKNOWN
     pair = np.hstack([cv2.cvtColor(rgb_rectified, cv2.COLOR_RGB2BGR), coloured])
     lines = words(told, rate_Hz=rate_Hz)
     below = np.full((TEXT_PX * len(lines) + 8, pair.shape[1], 3), PAPER, np.uint8)
@@ -51,7 +53,7 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     """What is written below the pictures."""
     moment, wrench = told.moment, told.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
-    lines = [f"{told.shot.name}: {touch}; colours from 0 to {DEEPEST_MM:g} mm"]
+    lines = [f"{told.shot.name}: {touch}; colours from 0 to {DEEPEST_MM:g} mm, grey unknown"]
     if wrench is not None:
         known = [f"f{axis} {force:+.3f} N" for axis, force in zip("xyz", wrench.force_N, strict=True)
                  if math.isfinite(force)]  # fmt: skip
