@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,7 +20,6 @@ from tactilevision.runs import output_lock
 if TYPE_CHECKING:
     from tactilevision.camera.audit import Audit
     from tactilevision.camera.loop import Counts, Told
-    from tactilevision.camera.preview import Preview
     from tactilevision.camera.sources import Source
     from tactilevision.live import Stream
 
@@ -55,6 +55,10 @@ def live(
     preview: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Show a page on this port of this machine; 0: a free one.")
     ] = None,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Serve Foxglove on this machine: pictures, maps, wrench.")
+    ] = False,
+    mcap: Annotated[Path | None, typer.Option(help="Write the same into this MCAP file.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for live.csv; made if missing.")] = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -68,10 +72,8 @@ def live(
     found = audit(opened.first)
     _tell_audit(opened, found)
     with ExitStack() as stack:
-        if out is not None:
-            stack.enter_context(output_lock(out))
-        page = stack.enter_context(_page(opened.stream, preview)) if preview is not None else None
-        teller = _Teller(page, _table(out), frames, seconds)
+        shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
+        teller = _Teller(shows, _table(stack, out), frames, seconds)
         newest = stack.enter_context(Newest(opened.source, every=every))
         counts = run(newest, opened.stream, tell=teller)
     _tell_end(counts, newest.came, newest.dropped)
@@ -140,30 +142,42 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
     console.warn([*before, *opened.doubts, *found.warnings, *said])
 
 
-def _page(stream: Stream, port: int) -> Preview:
-    from tactilevision.camera.preview import Preview
+def _shows(
+    stack: ExitStack, stream: Stream, preview: int | None, *, foxglove: bool, mcap: Path | None
+) -> list[Callable[[Told, Counts], None]]:
+    """What each moment is handed to: a page, Foxglove, a file; open until the stack ends."""
+    found: list[Callable[[Told, Counts], None]] = []
+    if preview is not None:
+        from tactilevision.camera.preview import Preview
 
-    page = Preview(stream.reconstructor, port)
-    console.say(f"preview: {page.address}")
-    return page
+        page = stack.enter_context(Preview(stream.reconstructor, preview))
+        console.say(f"preview: {page.address}")
+        found.append(lambda told, counts: page.show(told, counts.rate_Hz))
+    if foxglove or mcap is not None:
+        from tactilevision.camera.foxglove import Foxglove
+
+        outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
+        found.append(lambda told, counts: outlet.show(told))
+    return found
 
 
-def _table(out: Path | None) -> Path | None:
-    """live.csv with its header; None where none is asked for."""
+def _table(stack: ExitStack, out: Path | None) -> Path | None:
+    """live.csv with its header, in a folder that is held until the stack ends; None where none is asked for."""
     from tactilevision.camera.loop import COLUMNS
     from tactilevision.files import write_text
 
     if out is None:
         return None
+    stack.enter_context(output_lock(out))
     write_text(out / TABLE, ",".join(COLUMNS) + "\n")
     return out / TABLE
 
 
 @dataclass
 class _Teller:
-    """Hands each frame to the page, the table, and now and then the terminal; says when it is enough."""
+    """Hands each frame to what shows it, the table, and now and then the terminal; says when it is enough."""
 
-    page: Preview | None
+    shows: list[Callable[[Told, Counts], None]]
     table: Path | None
     frames: int | None
     seconds: float | None
@@ -173,8 +187,8 @@ class _Teller:
         from tactilevision.camera.preview import words
         from tactilevision.files import append_text
 
-        if self.page is not None:
-            self.page.show(told, counts.rate_Hz)
+        for show in self.shows:
+            show(told, counts)
         if self.table is not None:
             append_text(self.table, told.as_row())
         now_s = time.monotonic()

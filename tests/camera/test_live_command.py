@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+import time
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -93,11 +94,15 @@ def test_a_video_is_played_at_its_rate_and_frames_are_dropped_rather_than_kept_w
 
 
 def with_camera(monkeypatch: pytest.MonkeyPatch, pictures: list[Any], exposure: float = 1.0) -> None:
-    """The next camera that is opened gives these, red first, and then no more."""
+    """The next camera that is opened gives these, red first, some hundred a second, and then no more."""
+
+    class Paced(FakeCapture):
+        def read(self) -> tuple[bool, Any]:
+            time.sleep(0.005)
+            return super().read()
 
     def opened(number: int, *, form: str | None = None) -> sources.Camera:
-        bgr = [None if rgb is None else np.ascontiguousarray(rgb[..., ::-1]) for rgb in pictures]
-        return sources.Camera(FakeCapture(bgr, exposure), f"camera {number}")
+        return sources.Camera(Paced([rgb[..., ::-1] for rgb in pictures], exposure), f"camera {number}")
 
     monkeypatch.setattr(sources, "GONE_S", 0.2)
     monkeypatch.setattr(sources, "open_camera", opened)
@@ -121,7 +126,7 @@ def test_a_camera_is_audited_before_it_is_trusted(
     profile: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     same = free(0)
-    with_camera(monkeypatch, [same] * 90, sources.AUTOMATIC)
+    with_camera(monkeypatch, [same] * 1000, sources.AUTOMATIC)
     assert run("live", "--camera", 0, "--sensor", profile, "--frames", 2) == 0
     said = " ".join(capsys.readouterr().err.split())
     assert "the camera's exposure is automatic" in said
@@ -179,3 +184,49 @@ def test_the_page_shows_picture_depth_and_numbers(profile: Path) -> None:
             Preview(load_sensor(profile).reconstructor, int(page.address.rsplit(":", 1)[1].strip("/")))
     assert shown is not None
     assert np.abs(shown.astype(int) - picture).mean() < 6
+
+
+def test_an_mcap_file_holds_every_frame_for_another_reader(profile: Path, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    path = tmp_path / "out" / "live.mcap"
+    words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--every", "--mcap", path)
+    assert run("live", *words) == 0
+    counts: dict[str, int] = {}
+    wrenches, schemas = [], {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+            schemas[channel.topic] = "" if schema is None else schema.name
+            if channel.topic == "/wrench":
+                wrenches.append(json.loads(message.data))
+            if channel.topic == "/depth":
+                assert len(message.data) > 4 * SHAPE[0] * SHAPE[1]
+    assert counts == dict.fromkeys(("/picture", "/depth", "/state", "/tractions", "/wrench"), 10)
+    assert (schemas["/picture"], schemas["/depth"]) == ("foxglove.RawImage", "foxglove.Grid")
+    assert wrenches[0]["force_N"] == [0.0, 0.0, 0.0]
+    assert wrenches[7]["force_N"][:2] == [None, None]
+    assert wrenches[7]["force_N"][2] > 0.1
+    assert [name.name for name in path.parent.iterdir()] == ["live.mcap"]
+
+
+def test_an_mcap_file_is_whole_where_the_camera_went(
+    profile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mcap.reader import make_reader
+
+    with_camera(monkeypatch, frames() * 7)
+    path = tmp_path / "out" / "live.mcap"
+    assert run("live", "--camera", 0, "--sensor", profile, "--mcap", path) == 2
+    with path.open("rb") as file:
+        assert any(True for _ in make_reader(file).iter_messages(topics=["/wrench"]))
+    assert [name.name for name in path.parent.iterdir()] == ["live.mcap"]
+
+
+def test_without_its_package_foxglove_is_refused_in_a_sentence(
+    profile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--foxglove")
+    assert run("live", *words) == 2
+    assert "pip install 'tactilevision[foxglove]'" in capsys.readouterr().err
