@@ -38,8 +38,13 @@ class Shot:
 class Source(Protocol):
     """What gives shots until it ends; a camera never does. Raises InputError where it is gone."""
 
-    name: str
-    waits: bool  # whether it can wait for its reader: a camera cannot
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def waits(self) -> bool:
+        """Whether it can wait for its reader: a camera cannot."""
+        ...
 
     def shots(self) -> Iterator[Shot]: ...
 

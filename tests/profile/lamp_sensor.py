@@ -19,6 +19,22 @@ from tactilevision.records import Bytes, Gel, Indenter, Sensor
 sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
 from lamp_room import BALL_MM, SENSOR, SHAPE, ball, ball_pictures, flat, picture, presses
 
+__all__ = [
+    "GEL",
+    "PUNCH",
+    "SHAPE",
+    "TOML",
+    "flat",
+    "free",
+    "method",
+    "picture",
+    "pressed",
+    "profile",
+    "saved",
+    "write_ball_folder",
+    "write_frames",
+]
+
 GEL = Gel(3.0, poisson_ratio=0.48, poisson_ratio_std=0.01, youngs_modulus_MPa=0.2, youngs_modulus_std_MPa=0.004)
 PUNCH = Indenter("A1", radius_mm=2.5)
 TOML = """\

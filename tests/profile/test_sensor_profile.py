@@ -120,7 +120,7 @@ def test_a_frame_of_another_kind_is_refused(sensor: CalibratedSensor) -> None:
     with pytest.raises(InputError, match="not as its sensor"):
         sensor.read(free()[:-2])
     with pytest.raises(InputError, match="uint8"):
-        sensor.read(free().astype(np.float32))  # type: ignore[arg-type]
+        sensor.read(free().astype(np.float32))
 
 
 def test_stream_and_force_field_take_the_sensor(sensor: CalibratedSensor) -> None:
