@@ -100,13 +100,10 @@ class Foxglove:
         stamp = _stamp(at_ns)
         rgb = rectify(self.reconstructor.sensor, told.shot.rgb)
         height, width = rgb.shape[:2]
-        self._picture.log(
-            RawImage(
-                timestamp=stamp, frame_id=PAD, width=width, height=height, encoding="rgb8", step=3 * width,
-                data=np.ascontiguousarray(rgb).tobytes(),
-            ),
-            log_time=at_ns,
-        )  # fmt: skip
+        size: dict[str, Any] = {"width": width, "height": height, "step": 3 * width}
+        data = np.ascontiguousarray(rgb).tobytes()
+        picture = RawImage(timestamp=stamp, frame_id=PAD, encoding="rgb8", data=data, **size)
+        self._picture.log(picture, log_time=at_ns)
         depth = moment.height
         known = np.where(depth.valid, depth.depth_mm * MM, np.nan)
         self._depth.log(_grid({"elevation": known}, depth.mm_per_px, stamp=stamp), log_time=at_ns)

@@ -16,10 +16,14 @@ from tactilevision.errors import InputError
 from tactilevision.live import EDGES_MS, Moment, Stream
 from tactilevision.records import Frame
 
+AXES = ("x", "y", "z")
 COLUMNS = (
-    "frame", "time_s", "contact", "peak_mm", "fx_N", "fy_N", "fz_N", "fx_std_N", "fy_std_N", "fz_std_N",
-    "mx_Nmm", "my_Nmm", "mz_Nmm", "age_ms", "flags",
-)  # fmt: skip
+    *("frame", "time_s", "contact", "peak_mm"),
+    *(f"f{axis}_N" for axis in AXES),
+    *(f"f{axis}_std_N" for axis in AXES),
+    *(f"m{axis}_Nmm" for axis in AXES),
+    *("age_ms", "flags"),
+)
 KEPT = 2000  # ages of the last frames, from which the 95th percentile is taken
 
 

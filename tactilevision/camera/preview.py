@@ -55,8 +55,8 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
     lines = [f"{told.shot.name}: {touch}; colours from 0 to {DEEPEST_MM:g} mm, grey unknown"]
     if wrench is not None:
-        known = [f"f{axis} {force:+.3f} N" for axis, force in zip("xyz", wrench.force_N, strict=True)
-                 if math.isfinite(force)]  # fmt: skip
+        forces = zip("xyz", wrench.force_N, strict=True)
+        known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]
         lines.append(", ".join(known) + f" (fz +- {wrench.force_std_N[2]:.3f})")
     lines.append(f"{rate_Hz:.0f} frames a second, {told.age_ms:.0f} ms old")
     return (*lines, *(f"flag: {flag}" for flag in moment.height.flags))

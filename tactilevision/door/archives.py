@@ -46,7 +46,8 @@ def _check(members: list[zipfile.ZipInfo], path: Path) -> None:
         raise InputError("the archive holds more files than ours do, or one twice", where=path, value=len(names))
     for about in members:
         stored = about.compress_type == zipfile.ZIP_STORED and about.compress_size == about.file_size
-        if not stored or about.flag_bits & _ENCRYPTED or about.is_dir():
+        named = about.filename and not about.is_dir()
+        if not stored or about.flag_bits & _ENCRYPTED or not named:
             raise InputError(
                 "the archive holds what is not stored as it is",
                 where=path,
