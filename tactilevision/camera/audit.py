@@ -74,12 +74,15 @@ class Audit:
         }
 
 
-def audit(shots: Sequence[Shot]) -> Audit:
-    """The audit of shots that came one after the other. Raises InputError for fewer than two."""
+def audit(shots: Sequence[Shot], *, timed: bool = True) -> Audit:
+    """The audit of shots that came one after the other; not `timed`, when they came tells nothing of a camera.
+
+    Raises InputError for fewer than two.
+    """
     if len(shots) < 2:
         raise InputError("an audit needs frames", where="audit", value=len(shots))
     steps = np.diff([shot.time_s for shot in shots])
-    usual = float(np.median(steps))
+    usual = float(np.median(steps)) if timed else 0.0
     lost = int(np.sum(np.maximum(np.rint(steps / usual) - 1, 0)[steps > LOST * usual])) if usual > 0 else 0
     alike = [np.array_equal(a.rgb, b.rgb) for a, b in pairwise(shots)]
     return Audit(

@@ -36,6 +36,7 @@ _STATE = {
         "contact": {"type": "boolean"},
         "peak_mm": {"type": "number"},
         "age_ms": {"type": "number"},
+        "rate_Hz": {"type": "number"},
         "flags": {"type": "array", "items": {"type": "string"}},
     },
 }
@@ -92,7 +93,7 @@ class Foxglove:
                 with suppress(OSError):
                     self._scratch.unlink(missing_ok=True)
 
-    def show(self, told: Told) -> None:
+    def show(self, told: Told, rate_Hz: float) -> None:
         """Send one moment on all topics."""
         from foxglove.messages import RawImage
 
@@ -107,7 +108,7 @@ class Foxglove:
         depth = moment.height
         known = np.where(depth.valid, depth.depth_mm * MM, np.nan)
         self._depth.log(_grid({"elevation": known}, depth.mm_per_px, stamp=stamp), log_time=at_ns)
-        state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": told.age_ms}
+        state = {"contact": moment.contact, "peak_mm": moment.peak_mm, "age_ms": told.age_ms, "rate_Hz": rate_Hz}
         self._state.log(state | {"flags": list(depth.flags)}, log_time=at_ns)
         found, wrench = moment.tractions, moment.wrench
         if found is None or wrench is None:

@@ -95,9 +95,9 @@ class Counts:
         return rows
 
 
-def run(shots: Iterable[Shot], stream: Stream, *, tell: Callable[[Told, Counts], bool]) -> Counts:
+def run(shots: Iterable[Shot], stream: Stream, *, counts: Counts, tell: Callable[[Told], bool]) -> None:
     """Read shots until they end, or `tell` says False. A frame that cannot be read is counted, and passed over."""
-    counts = Counts()
+    counts.began_s = time.monotonic()
     for shot in shots:
         try:
             moment = stream.take(Frame(shot.rgb, shot.time_s, shot.name))
@@ -106,6 +106,5 @@ def run(shots: Iterable[Shot], stream: Stream, *, tell: Callable[[Told, Counts],
             continue
         age_ms = 1e3 * (time.monotonic() - shot.time_s)
         counts.add(age_ms)
-        if not tell(Told(shot, moment, age_ms), counts):
+        if not tell(Told(shot, moment, age_ms)):
             break
-    return counts

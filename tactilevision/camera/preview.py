@@ -26,7 +26,8 @@ WAIT_S = 0.1  # s between two pictures: ten a second are enough to look at
 TEXT_PX = 22  # px of a line of text
 QUALITY = 85  # of the JPEGs that are shown; nothing is measured on them
 BOUNDARY = "frame"
-INK, PAPER = (32, 32, 32), (250, 250, 250)  # blue, green, red
+INK = (32, 32, 32)  # of the text, near black
+PAPER = (250, 250, 250)  # below the text, near white
 UNKNOWN = (150, 150, 150)  # where no depth is known; no colour of the map is grey
 PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>tactilevision live</title>
 <style>body{margin:1em;background:#fafafa;font:16px sans-serif}img{max-width:100%}</style>
@@ -41,7 +42,10 @@ def draw(rgb_rectified: Bytes, told: Told, *, rate_Hz: float) -> Bytes:
     coloured = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
     coloured[~height.valid] = UNKNOWN
     pair = np.hstack([cv2.cvtColor(rgb_rectified, cv2.COLOR_RGB2BGR), coloured])
-    lines = words(told, rate_Hz=rate_Hz)
+    lines = [
+        *words(told, rate_Hz=rate_Hz),
+        f"right: depth, from 0 (dark) to {DEEPEST_MM:g} mm (bright); grey: unknown",
+    ]
     below = np.full((TEXT_PX * len(lines) + 8, pair.shape[1], 3), PAPER, np.uint8)
     for number, line in enumerate(lines, start=1):
         place = (6, TEXT_PX * number - 4)
@@ -53,7 +57,7 @@ def words(told: Told, *, rate_Hz: float) -> tuple[str, ...]:
     """What is written below the pictures."""
     moment, wrench = told.moment, told.moment.wrench
     touch = f"contact, {moment.peak_mm:.3f} mm deep" if moment.contact else "nothing touches"
-    lines = [f"{told.shot.name}: {touch}; colours from 0 to {DEEPEST_MM:g} mm, grey unknown"]
+    lines = [f"{told.shot.name}: {touch}"]
     if wrench is not None:
         forces = zip("xyz", wrench.force_N, strict=True)
         known = [f"f{axis} {force:+.3f} N" for axis, force in forces if math.isfinite(force)]

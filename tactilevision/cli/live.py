@@ -64,20 +64,24 @@ def live(
 ) -> None:
     """Read frames live: depth, contact and wrench, rate and latency. Frames are dropped, never queued."""
     from tactilevision.camera.audit import audit
-    from tactilevision.camera.loop import run
+    from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
     chosen = source.Choice(sensor, reference, method, mm_per_px)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
-    found = audit(opened.first)
+    found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)
-    with ExitStack() as stack:
-        shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
-        teller = _Teller(shows, _table(stack, out), frames, seconds)
-        newest = stack.enter_context(Newest(opened.source, every=every))
-        counts = run(newest, opened.stream, tell=teller)
-    _tell_end(counts, newest.came, newest.dropped)
-    console.hand_over(_as_json(counts, found, newest.dropped), json)
+    counts, newest = Counts(), Newest(opened.source, every=every)
+    try:
+        with ExitStack() as stack:
+            shows = _shows(stack, opened.stream, preview, foxglove=foxglove, mcap=mcap)
+            teller = _Teller(counts, shows, _table(stack, out), frames, seconds)
+            run(stack.enter_context(newest), opened.stream, counts=counts, tell=teller)
+    finally:  # also where the camera went, or Ctrl-C was typed
+        _tell_end(counts, newest.came, newest.dropped)
+        console.hand_over(_as_json(counts, found, newest.dropped), json)
+    if not counts.read:
+        raise InputError("no frame could be read", where="live", value=counts.why or f"{newest.came} frames came")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,30 +138,27 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
     look = opened.stream.sensor.look if opened.stream.sensor is not None else None
     before = reader.warnings
     said = look(pictures) if look is not None else ()
-    told = () if opened.source.waits else (f"{found.rate_Hz:.1f} frames a second",)
-    console.say(
-        f"{opened.source.name}: "
-        + ", ".join((*told, f"{found.lost} lost and {found.repeated} repeated of {found.frames} frames"))
-    )
+    timed = "" if opened.source.waits else f"{found.rate_Hz:.1f} frames a second, {found.lost} lost, "
+    console.say(f"{opened.source.name}: {timed}{found.repeated} of {found.frames} frames repeat the one before")
     console.warn([*before, *opened.doubts, *found.warnings, *said])
 
 
 def _shows(
     stack: ExitStack, stream: Stream, preview: int | None, *, foxglove: bool, mcap: Path | None
-) -> list[Callable[[Told, Counts], None]]:
+) -> list[Callable[[Told, float], None]]:
     """What each moment is handed to: a page, Foxglove, a file; open until the stack ends."""
-    found: list[Callable[[Told, Counts], None]] = []
+    found: list[Callable[[Told, float], None]] = []
     if preview is not None:
         from tactilevision.camera.preview import Preview
 
         page = stack.enter_context(Preview(stream.reconstructor, preview))
         console.say(f"preview: {page.address}")
-        found.append(lambda told, counts: page.show(told, counts.rate_Hz))
+        found.append(page.show)
     if foxglove or mcap is not None:
         from tactilevision.camera.foxglove import Foxglove
 
         outlet = stack.enter_context(Foxglove(stream.reconstructor, serve=foxglove, mcap=mcap))
-        found.append(lambda told, counts: outlet.show(told))
+        found.append(outlet.show)
     return found
 
 
@@ -177,26 +178,27 @@ def _table(stack: ExitStack, out: Path | None) -> Path | None:
 class _Teller:
     """Hands each frame to what shows it, the table, and now and then the terminal; says when it is enough."""
 
-    shows: list[Callable[[Told, Counts], None]]
+    counts: Counts
+    shows: list[Callable[[Told, float], None]]
     table: Path | None
     frames: int | None
     seconds: float | None
     spoken_s: float = 0.0
 
-    def __call__(self, told: Told, counts: Counts) -> bool:
+    def __call__(self, told: Told) -> bool:
         from tactilevision.camera.preview import words
         from tactilevision.files import append_text
 
         for show in self.shows:
-            show(told, counts)
+            show(told, self.counts.rate_Hz)
         if self.table is not None:
             append_text(self.table, told.as_row())
         now_s = time.monotonic()
         if now_s - self.spoken_s >= EVERY_S:
             self.spoken_s = now_s
-            console.say("; ".join(words(told, rate_Hz=counts.rate_Hz)))
-        enough = self.frames is not None and counts.read >= self.frames
-        return not (enough or (self.seconds is not None and now_s - counts.began_s >= self.seconds))
+            console.say("; ".join(words(told, rate_Hz=self.counts.rate_Hz)))
+        enough = self.frames is not None and self.counts.read >= self.frames
+        return not (enough or (self.seconds is not None and now_s - self.counts.began_s >= self.seconds))
 
 
 def _tell_end(counts: Counts, came: int, dropped: int) -> None:
@@ -207,8 +209,6 @@ def _tell_end(counts: Counts, came: int, dropped: int) -> None:
     )
     if counts.refused:
         console.warn([f"{counts.refused} frames were refused, the last because {counts.why}"])
-    if not counts.read:
-        raise InputError("no frame could be read", where="live", value=counts.why or f"{came} frames came")
 
 
 def _as_json(counts: Counts, found: Audit, dropped: int) -> dict[str, Any]:

@@ -230,3 +230,21 @@ def test_without_its_package_foxglove_is_refused_in_a_sentence(
     words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--foxglove")
     assert run("live", *words) == 2
     assert "pip install 'tactilevision[foxglove]'" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_with_the_sums_of_what_was_read(
+    profile: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    take, calls = Stream.take, []
+
+    def interrupted(stream: Stream, frame: Frame) -> Any:
+        calls.append(frame.name)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return take(stream, frame)
+
+    monkeypatch.setattr(Stream, "take", interrupted)
+    words = ("--camera", folder(tmp_path / "f"), "--sensor", profile, "--every", "--out", tmp_path / "out")
+    assert run("live", *words) == 130
+    assert "3 frames read of " in capsys.readouterr().out
+    assert len(rows(tmp_path / "out" / "live.csv")) == 3
