@@ -201,3 +201,16 @@ def test_force_takes_the_thickness_from_the_calibration_where_nothing_describes_
     told = capsys.readouterr().err
     assert "forces need the gel's thickness" in told
     assert "a profile, with --sensor" in told
+
+
+def test_a_ready_network_and_one_picture_of_the_gel_make_a_profile(tmp_path: Path) -> None:
+    frames, out = write_frames(tmp_path / "frames"), tmp_path / "a.tvs"
+    words = ("--sensor", "gelslim3", "--mm-per-px", 0.08, "--reference", frames / "0.png", "--out", out)
+    assert run("calibrate-sensor", frames, *words) == 0
+    profile = read_profile(out)
+    assert profile.method.name == "network"
+    assert any("depth rests on the light of a usual gelslim3" in said for said in profile.warnings)
+    one = load_sensor(out).read(pressed())
+    assert run("depth", frames, *words[:-2], "--out", tmp_path / "d", "--pictures", 0) == 0
+    assert isinstance(one, Seen)
+    np.testing.assert_array_equal(one.height.depth_mm, read_tiff(tmp_path / "d" / "depth" / "1.tiff").depth_mm)
