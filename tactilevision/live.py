@@ -118,7 +118,9 @@ class Stream:
         self._last = self._footprint(height) if contact else None
         tractions = None
         if self.sensor is not None:
-            height = self.sensor.held(height, self._last)
+            held = self.sensor.held(height, self._last)
+            if held is not height:
+                height, peak_mm = held, float(held.depth_mm[held.valid].max())
             tractions = self.sensor.tractions(height, rgb)
         if not contact and least_mm < CONTACT.live_blind_mm and self.renew > 0:
             self.reconstructor.follow(rgb, self.renew)

@@ -9,6 +9,8 @@ from typing import Self
 
 from tactilevision.camera.sources import Shot, Source
 
+LAST_S = 15.0  # s that a source may take over its last frame; drivers give up after ten
+
 
 class Newest:
     """A source read in a thread of its own: `for shot in newest` gives the newest one each time.
@@ -36,7 +38,7 @@ class Newest:
         with self._turn:
             self._stopped = True
             self._turn.notify_all()
-        self._thread.join()
+        self._thread.join(LAST_S)
         self.source.close()
 
     def __iter__(self) -> Iterator[Shot]:

@@ -146,6 +146,9 @@ def test_an_indenter_is_looked_for_and_its_face_held_as_deep_as_certified_ones(p
     assert seen.footprint is not None
     assert deeper.footprint is not None
     assert deeper.height.depth_mm.max() > seen.height.depth_mm.max() + 0.09 * seen.footprint.depth_mm
+    moment = Stream(held).take(Frame(pressed(4, 2.0)))
+    assert moment.peak_mm == pytest.approx(float(moment.height.depth_mm.max()))
+    assert moment.peak_mm > seen.height.depth_mm.max() + 0.09 * seen.footprint.depth_mm
     with pytest.raises(InputError, match=r"no indenter of that name \(got 'B7'\)\. It has: A1"):
         load_sensor(path, indenter="B7")
     ball = Indenter("ball", "sphere", 4.0)
