@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from benchmarks.rendered.sets import TRUTH
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.reconstruct.unshadowed import with_shadows
+from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import Recording, read_frame, read_image, read_recording
 from tactilevision.records import HeightMap
 

@@ -122,7 +122,7 @@ class Choice:
         With `shadows`, those that lamps cast are undone where the frames show them.
         """
         from tactilevision.reconstruct import build_reconstructor
-        from tactilevision.reconstruct.unshadowed import with_shadows
+        from tactilevision.reconstruct.shadows_seen import with_shadows
 
         sensor = self.calibrated(recording)
         if sensor is not None:

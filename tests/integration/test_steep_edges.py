@@ -31,9 +31,8 @@ def lit(p: Floats, q: Floats) -> Floats:
     """Light (3, ...): what lamps all round give together, and to either side; none where a surface turns away."""
     up = 1.0 / np.sqrt(1.0 + p * p + q * q)
     each = [np.maximum(up * (1.0 - x * p - y * q), 0.0) for x, y in LAMPS]
-    aside = [-2.0 / 2.1**2 * np.mean([lamp[k] * one for lamp, one in zip(LAMPS, each, strict=True)], axis=0)
-             for k in (0, 1)]  # fmt: skip
-    return np.stack([np.mean(each, axis=0), *aside])
+    aside = [np.mean([lamp[k] * one for lamp, one in zip(LAMPS, each, strict=True)], axis=0) for k in (0, 1)]
+    return np.stack([np.mean(each, axis=0), *(-2.0 / 2.1**2 * one for one in aside)])
 
 
 def photographed(depth: Floats, blur_px: float = 0.7, top: float = 0.8) -> SlopeMap:
@@ -41,7 +40,7 @@ def photographed(depth: Floats, blur_px: float = 0.7, top: float = 0.8) -> Slope
 
     `top` is read at most.
     """
-    q, p = np.gradient(depth, STEP / FINER)
+    q, p = (np.asarray(one) for one in np.gradient(depth, STEP / FINER))
     light = [cv2.GaussianBlur(v, (0, 0), blur_px * FINER) for v in lit(p, q)]
     up, p, q = (cv2.resize(v, SHAPE[::-1], interpolation=cv2.INTER_AREA) for v in light)
     known, shown = lit(STEEP, 0.0 * STEEP)[:2]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from tactilevision.quality.reference_match import some_frames
@@ -24,7 +25,7 @@ SETS = {
     "taxim_gelsight_mini": "f0.png",
 }
 
-Picture = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+Picture = npt.NDArray[np.floating]
 
 
 @pytest.fixture(scope="module", params=["gelslim3", "rendered_shadows"])

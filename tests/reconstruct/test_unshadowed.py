@@ -12,7 +12,7 @@ from shared_scenes import shared
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
 from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
-from tactilevision.reconstruct.unshadowed import with_shadows
+from tactilevision.reconstruct.shadows_seen import with_shadows
 from tactilevision.recording import read_frame, read_image, read_recording
 from tactilevision.records import Floats
 
