@@ -8,13 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import repeat_groups
-from calibration.tasks.compare import Comparison
+from calibration.repeats.pure_error import repeatability_rms
+from calibration.tasks.compare import Compared, Comparison
 from tactilevision.records import Pair
 from tactilevision.records.misfit import ErrorFall
 
 BASE = "plain law"  # the model that all others add to
+AS_READ = "as read"  # the picture's depth with nothing added
 MIN_DOF = 2  # like presses, less one a group, that a repeatability has to stand on
 
 
@@ -45,6 +48,37 @@ def error_fall_of_comparison(found: Comparison) -> ErrorFall:
         repeatability_band(last.fitted, last.repeatability_N),
         held_out,
     )
+
+
+def error_fall_of_picture(found: Sequence[Compared]) -> tuple[ErrorFall, ...]:
+    """Of the depth that the picture reads, from as it is read on; nothing where no effect was added to it."""
+    if not found:
+        return ()
+    last = found[-1]
+    band = repeatability_band(last.fitted, last.repeatability_N)
+    errors = tuple(one.held_out_N for one in found)
+    return (
+        ErrorFall(
+            (AS_READ, *model_names([one.effects for one in found[1:]])),
+            errors,
+            last.repeatability_N,
+            band,
+            True,
+            "mm",
+        ),
+    )
+
+
+def error_fall_of_sight(found: Diagnosis) -> tuple[ErrorFall, ...]:
+    """Of the depth that the picture reads, where effects on it were named."""
+    if found.sight is None or not any(e.key not in found.fitted.model.keys for e in found.effects):
+        return ()
+    fits = [found.sight.base, *(step.fitted for step in found.sight.steps)]
+    keys = [step.best.effect.key for step in found.sight.steps]
+    floor = repeatability_rms(fits[-1])
+    names = (AS_READ, *model_names([keys[: k + 1] for k in range(len(keys))]))
+    errors = tuple(reading_error_mm(one) for one in fits)
+    return (ErrorFall(names, errors, floor, repeatability_band(fits[-1], floor), True, "mm"),)
 
 
 def error_fall_of_diagnosis(found: Diagnosis) -> ErrorFall:

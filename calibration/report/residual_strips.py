@@ -12,6 +12,7 @@ from calibration.inputs.conditions import Covariate, bins
 from calibration.inputs.denoised_depth import BRANCHES
 from calibration.inputs.observations import Observations
 from calibration.repeats.at_denoised_depth import at_denoised_depth
+from calibration.report import wording
 from calibration.report.force_curves import same_samples
 from tactilevision.records import Floats
 from tactilevision.records.misfit import ResidualStrips, Strip
@@ -58,6 +59,7 @@ def _strip(covariate: Covariate, data: Observations, residual_N: Floats, p: tupl
     spread = np.array([[one[row].std(ddof=1) if row.size > 1 else np.nan for row in rows] for one in residual_N])
     return Strip(
         name=covariate.name,
+        words=wording.covariate(covariate.name),
         unit=covariate.unit,
         levels=levels(covariate.name, data),
         values=covariate.values,

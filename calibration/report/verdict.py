@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.model.parameters import Parameter
 from calibration.report import wording
 
@@ -57,6 +58,24 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def stopped_sentence(found: Diagnosis) -> list[str]:
+    """That the time was over before the search was, where it was."""
+    if not found.stopped:
+        return []
+    return ["The time was over before the search was: this is the best answer so far, and others may be better."]
+
+
+def reading_sentence(found: Diagnosis) -> list[str]:
+    """What a wrong scale of the picture's depth is, beside what steep walls hide, so that one number stands."""
+    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key == "photometric_gain"), None)
+    if found.sight is None or gain is None or gain.value is None:
+        return []
+    before, after = (1e3 * reading_error_mm(fitted) for fitted in (found.sight.base, found.sight.current))
+    fall = f"The error of the depth that the picture reads goes from {before:.0f} to {after:.0f} um"
+    hidden = " Punch faces read less still: steep walls hide part of their depth, which is no gain."
+    return [f"{fall} on presses left out.{hidden if found.sight.base.data.slopes is not None else ''}"]
 
 
 def unseen_sentence(found: Diagnosis) -> str:
@@ -112,7 +131,7 @@ def _odd(found: Diagnosis) -> str:
         parts.append(f"{many} {', '.join(odd.presses)} {why}")
     if odd.wanders:
         since = f", since press {found.change_point}" if found.change_point else ""
-        on = " and ".join(_said(name) for name, _ in odd.wanders[:2])
+        on = " and ".join(wording.covariate(name) for name, _ in odd.wanders[:2])
         parts.append(f"the presses' zeros change with {on}{since}")
     if odd.scattered:
         noise = found.fitted.noise
@@ -126,7 +145,7 @@ def _left(found: Diagnosis) -> str:
     left = found.left
     if left is None:
         return ""
-    on = " and ".join(list(dict.fromkeys(_said(key) for key in left.covariates))[:2])
+    on = " and ".join(list(dict.fromkeys(wording.covariate(key) for key in left.covariates))[:2])
     parts = [f"it depends on {on}"] if on else []
     if left.size_N > 0:
         over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
@@ -156,24 +175,6 @@ def _nearest(found: Diagnosis) -> str:
     keys, share = found.nearest
     named = " with ".join(in_words(key) for key in keys.split("+"))
     return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
-
-
-def _said(name: str) -> str:
-    """A covariate's name as a person says it."""
-    return {
-        "w": "the depth",
-        "w/h": "the depth",
-        "1/w": "the depth",
-        "P": "the force",
-        "t": "the time in the press",
-        "a": "the punch's radius",
-        "T": "the temperature",
-        "x": "the place in x",
-        "y": "the place in y",
-        "log rate": "the speed",
-        "wait": "the wait before",
-        "load/unload": "loading or unloading",
-    }.get(name, name)
 
 
 def shown_size(found: Diagnosis, key: str) -> str:

@@ -66,12 +66,13 @@ class ForceCurves:
 class Strip:
     """The residuals of m models against one thing that was recorded, N samples, k bins.
 
-    `values` (N,) in `unit`; `levels` the words for 0, 1, 2 ... where the values only count; `centre` (k,) of the
-    bins, `mean_N` and `reach95_N` (m, k) the mean residual there and its 95 % interval's half width; `p_adjusted`
-    (m,) that each model's dependence on it is chance, for all looks.
+    `words` what it is as a person says it; `values` (N,) in `unit`; `levels` the words for 0, 1, 2 ... where the
+    values only count; `centre` (k,) of the bins, `mean_N` and `reach95_N` (m, k) the mean residual there and its
+    95 % interval's half width; `p_adjusted` (m,) that each model's dependence on it is chance, for all looks.
     """
 
     name: str
+    words: str
     unit: str
     levels: tuple[str, ...]
     values: Floats
