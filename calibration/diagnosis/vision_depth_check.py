@@ -131,6 +131,13 @@ def reading_error_mm(fitted: Fit) -> float:
     return float(np.sqrt(np.mean(np.concatenate(error) ** 2)))
 
 
+def read_alone(fitted: Fit) -> Floats:
+    """What the picture would read (N,), mm, with the fitted effects and nothing else wrong."""
+    values = fitted.values.copy()
+    values[fitted.model.slices(fitted.data)["law"]] = 0.0
+    return fitted.model.predict(values, fitted.data)
+
+
 def depth_ratio(fitted: Fit) -> Floats:
     """Seen over certified depth (N,)."""
     return np.asarray(fitted.data.normal_N / fitted.data.depth_mm)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from calibration.diagnosis.diagnosis import Added, Diagnosis
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.score_test import FAILED
-from calibration.effects import get_effect
+from calibration.effects import PLAIN, get_effect
 from calibration.model.stages import EffectBase
 from calibration.report import page, wording
 from calibration.report.drawing import Card
@@ -105,12 +105,7 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
     return page.page(
         title,
         _head(found),
-        page.section(
-            "Where the model fails",
-            *_figures(shown.misfit),
-            page.folded("Every press", *_figures(shown.every_press)),
-        ),
-        page.section("Where the picture's depth fails", *_figures(shown.picture)),
+        *_misfit(found, shown),
         page.section(
             _explains(found),
             *plain,
@@ -128,6 +123,19 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
     )
 
 
+def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
+    """Where the model fails: of the force, unless the picture's depth alone does; the other folded away."""
+    force = [*_figures(shown.misfit), page.folded("Every press", *_figures(shown.every_press))]
+    seen = _figures(shown.picture)
+    if found.effects and not any(effect.key in found.fitted.model.keys for effect in found.effects):
+        quiet = page.folded("The forces, which the model explains as well as they repeat", *force)
+        return [page.section("Where the picture's depth fails", *seen, quiet)]
+    return [
+        page.section("Where the model fails", *force),
+        page.folded("The depth that the picture reads, against the certified one", *seen),
+    ]
+
+
 def _figures(pictures: Sequence[Picture]) -> list[str]:
     return [page.figure(one.data_uri, one.caption) for one in pictures]
 
@@ -142,7 +150,8 @@ def _explains(found: Diagnosis) -> str:
 def _plain(drawn: Drawn) -> str:
     """The plain error nearest to what no effect explains."""
     rows = [(_parameter(name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
-    words = in_words(drawn.card.key)
+    effect = PLAIN[drawn.card.key]
+    words = getattr(effect, "words", in_words(effect.key))
     said = page.paragraph(
         "No effect of the catalogue has this form. A plain error of an instrument comes nearest; a rig has it or "
         "not, and only another measurement says which."
@@ -224,7 +233,7 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
             rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
             rows += [
                 ("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
-                ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %"),
+                *_fall_of(found, key),
             ]
     if about is not None:
         rows += [
@@ -238,6 +247,15 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
     )
     picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
     return page.block("card", page.heading(title), picture, page.table(("", ""), [row for row in rows if row[1]]))
+
+
+def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
+    """What adding an effect of the force did to the error, as in the picture of its fall."""
+    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
+    if key not in keys or len(found.held_out) <= len(keys):
+        return []
+    before, after = (1e3 * found.held_out[keys.index(key) + k] for k in (0, 1))
+    return [("error on presses left out", f"from {before:.1f} to {after:.1f} mN")]
 
 
 def _material(found: Diagnosis) -> str:

@@ -12,7 +12,7 @@ from calibration.diagnosis.diagnosis import Diagnosis
 from calibration.diagnosis.forward_selection import TOLD_APART
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
 from calibration.diagnosis.score_test import seen_covariates
-from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
+from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.least_squares import Fit
 from calibration.fit.minimise import Box, differentiate
@@ -23,12 +23,13 @@ from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from calibration.repeats.outlying_presses import own_zero_mm
 from calibration.report import wording
-from calibration.report.residual_strips import levels
+from calibration.report.residual_strips import levels, most_bins
 from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
 STEPS = 60  # depths of a drawn curve
+PLAIN_ERROR = "the_plain_error"  # its name in a figure
 BINS = 8  # of a covariate, over which residuals are averaged in figures
 
 
@@ -135,21 +136,24 @@ def _parted(base: Fit, one: Candidate, other: Effect) -> float:
 
 
 def sighting(found: Diagnosis) -> Sighting | None:
-    """Seen over certified depth of each sample, with what the found effects make of it; None without a picture."""
+    """Seen over certified depth of each sample, as read and corrected; None where no picture gave a depth."""
     if found.sight is None:
         return None
     base, last = found.sight.base, found.sight.current
     data = base.data
-    against = [("certified depth (mm)", data.depth_mm), ("press", data.presses.order[data.press] + 1)]
+    against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
         against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    else:
+        against.append(("press", data.presses.order[data.press] + 1))
     if data.slopes is not None:
         against += [
             ("slope beside the punch face (mm/mm)", data.slopes.slope),
             ("azimuth beside the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))
+    corrected = data.normal_N / read_alone(last) if found.sight.steps else None
+    return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
 def picture_lacks(found: Diagnosis) -> str:
@@ -194,7 +198,7 @@ def plain_card(found: Diagnosis) -> Card | None:
     one = found.plain
     pairs = zip(one.effect.parameters, one.own_values, strict=True)
     values = tuple((p.name, float(v), p.unit) for p, v in pairs)
-    return Card(one.effect.key, values, _overlay(found.fitted, one))
+    return Card(one.effect.key, values, replace(_overlay(found.fitted, one), key=PLAIN_ERROR))
 
 
 def _card(base: Fit, effect: Effect) -> Card:
@@ -211,7 +215,7 @@ def _overlay(base: Fit, candidate: Candidate) -> Overlay:
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
     best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
-    number = bins(best, BINS)
+    number = bins(best, most_bins(best.name))
     rows = [row for k in range(int(number.max()) + 1) if (row := np.flatnonzero(number == k)).size]
 
     def mean(values: Floats) -> Floats:

@@ -18,8 +18,9 @@ from tactilevision.records import Floats
 from tactilevision.records.misfit import ResidualStrips, Strip
 
 BINS = 8  # of a strip, each with about as many residuals
+DEPTH_BINS = 16  # of the depth, as the score test has: what comes and goes along it shows
 HELD = 0.98  # share of all residuals that the common scale shows
-DEPTHS = ("w", "w/h", "1/w")  # one thing in three forms: the most telling is shown
+DEPTHS = ("w", "w/h", "1/w")  # one thing in three forms: drawn as the first, by the most telling one's p
 
 
 def residual_strips(
@@ -36,7 +37,7 @@ def residual_strips(
     p = [{one.key: one.p_adjusted for one in own} for own in scored]
     seen = {one.name: one for one in seen_covariates(at_denoised_depth(fitted[0]))}
     strips = [
-        _strip(seen[key], data, residual, tuple(own.get(key, float("nan")) for own in p))
+        _strip(seen["w" if key in DEPTHS else key], data, residual, tuple(own.get(key, float("nan")) for own in p))
         for key in _once(scored[0])
         if key in seen
     ]
@@ -52,7 +53,7 @@ def _once(scored: Sequence[Scored]) -> list[str]:
 
 
 def _strip(covariate: Covariate, data: Observations, residual_N: Floats, p: tuple[float, ...]) -> Strip:
-    number = bins(covariate, BINS)
+    number = bins(covariate, most_bins(covariate.name))
     rows = [np.flatnonzero(number == k) for k in range(int(number.max()) + 1)]
     count = np.array([row.size for row in rows])
     mean = np.array([[one[row].mean() for row in rows] for one in residual_N])
@@ -68,6 +69,11 @@ def _strip(covariate: Covariate, data: Observations, residual_N: Floats, p: tupl
         reach95_N=1.96 * spread / np.sqrt(count),
         p_adjusted=p,
     )
+
+
+def most_bins(name: str) -> int:
+    """How many bins a covariate has at most."""
+    return DEPTH_BINS if name in DEPTHS else BINS
 
 
 def levels(name: str, data: Observations) -> tuple[str, ...]:

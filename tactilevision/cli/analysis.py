@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
-    from calibration.session import Step
+    from calibration.session import History, Step
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
@@ -63,7 +63,7 @@ def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dic
     return effects, files
 
 
-def compare_command(recordings: Sequence[Path], names: Sequence[str], files: dict[str, str]) -> str:
+def compare_command(recordings: Sequence[Path | str], names: Sequence[str], files: Mapping[str, str]) -> str:
     """The command that adds these effects, as a shell takes it."""
     options = [
         word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
@@ -71,14 +71,22 @@ def compare_command(recordings: Sequence[Path], names: Sequence[str], files: dic
     return shlex.join(["tactilevision", "compare", *map(str, recordings), *options])
 
 
-def keep_history(recordings: Sequence[Path], steps: Sequence[Step], folder: Path, out: Path) -> None:
+def keep_history(
+    recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, seed: int, applied: bool = False
+) -> None:
     """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
     from calibration.session import History
-    from tactilevision.files import write_text
 
-    history = History(tuple(str(path.resolve()) for path in recordings))
+    history = History(tuple(str(path.resolve()) for path in recordings), applied=applied, seed=seed)
     for step in steps:
         history = history.add(step)
+    write_history(history, folder, out)
+
+
+def write_history(history: History, folder: Path, out: Path) -> None:
+    """The same of a history that is there."""
+    from tactilevision.files import write_text
+
     history.save(folder / "history.json")
     write_text(folder / "repeat.sh", history.script(again_in(out)))
 
@@ -88,9 +96,12 @@ def again_in(folder: Path) -> Path:
     return folder.resolve() / "repeated"
 
 
-def commands_of(recordings: Sequence[Path], found: Diagnosis, files: dict[str, str]) -> list[str]:
+def commands_of(recordings: Sequence[Path], found: Diagnosis, files: Mapping[str, str]) -> list[str]:
     """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
-    named = [effect.key for effect in found.effects]
+    from calibration.effects import written
+
+    fitted = {effect.key: written(effect) for effect in found.fitted.model.effects}
+    named = [fitted.get(effect.key, effect.key) for effect in found.effects]
     plain = [found.plain.effect.key] if found.plain is not None else []
     sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
     return [compare_command(recordings, keys, files) for keys in (*sets, plain) if keys]

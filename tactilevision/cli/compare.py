@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +22,7 @@ from tactilevision.cli.analysis import (
     with_nu,
 )
 from tactilevision.cli.measure import take
+from tactilevision.cli.steps import forget_found
 
 if TYPE_CHECKING:
     from calibration.session import Step
@@ -69,7 +69,8 @@ def compare(
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     with staged(out) as stage:
         write_comparison(found, FigureFolder(stage, form), title=title, try_next=commands)
-        keep_history(recordings, steps_of(found, files), stage, out)
+        keep_history(recordings, steps_of(found, files), stage, out=out, seed=seed)
+    forget_found(out)
     console.warn(left_out)
     console.say(*lines_of(found), *left_out, *(f"to try next: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
@@ -78,14 +79,17 @@ def compare(
 
 def steps_of(found: Comparison, files: Mapping[str, str]) -> list[Step]:
     """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
+    from calibration.effects import written
     from calibration.session import Step
 
-    every = [*pairwise(found.models), *pairwise(found.pictured)]
-    return [
-        Step(model.effects[-1], files.get(model.effects[-1], ""), before.rms_N, model.rms_N,
-             before.held_out_N, model.held_out_N, model.repeatability_N)
-        for before, model in every
-    ]  # fmt: skip
+    steps = []
+    for before, model in (*pairwise(found.models), *pairwise(found.pictured)):
+        key = model.effects[-1]
+        named = next(written(effect) for effect in model.fitted.model.effects if effect.key == key)
+        rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
+        unit = "mm" if model.material is None else "N"
+        steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
+    return steps
 
 
 def lines_of(found: Comparison) -> list[str]:
@@ -108,13 +112,3 @@ def _model_line(name: str, model: Compared) -> str:
     error = wording.fit_error(model.held_out_N, model.rms_N)
     E = "" if model.material is None else f", E {wording.estimate(model.material.youngs_modulus)}"
     return f"{name:24s} {error}, {wording.repeatability(model.repeatability_N)}{E}"
-
-
-def step_errors(step: Step) -> str:
-    """What a step did to the error; on the presses fitted where none could be left out, or none was on file."""
-    from calibration.report import wording
-
-    if not isfinite(step.held_out_after_N):
-        return f"rms {1e3 * step.rms_before_N:.2f} -> {1e3 * step.rms_after_N:.2f} mN"
-    after = wording.fit_error(step.held_out_after_N, step.rms_after_N)
-    return f"from {1e3 * step.held_out_before_N:.1f} to {after}, {wording.repeatability(step.repeatability_N)}"

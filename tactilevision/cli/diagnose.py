@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,7 @@ from tactilevision.cli.analysis import (
     with_nu,
 )
 from tactilevision.cli.measure import take
+from tactilevision.cli.steps import forget_found, keep_calibration
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -71,13 +73,15 @@ def diagnose(
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
         write_json(stage / "diagnosis.json", content)
-        keep_history(recordings, steps, stage, out)
+        keep_history(recordings, steps, stage, out=out, seed=seed, applied=apply)
         if apply:
+            keep_calibration(out, stage)
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
         write_diagnosis(
             found, FigureFolder(stage, form), title=title, private=own, reliefs=surfaces, commands=commands
         )
+    forget_found(out)
     console.warn(found.after.warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
@@ -87,14 +91,20 @@ def diagnose(
 def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:
     """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
     from calibration.effects import written
+    from calibration.report.error_fall import error_fall_of_sight
     from calibration.session import Step
 
     named = {e.key: e for e in found.fitted.model.effects}
     errors, added = found.errors, [e.key for e in found.effects if e.key in named]
-    return [
+    steps = [
         Step(written(named[key]), files.get(key, ""), errors.before, errors.after, *held, errors.floor)
         for key, held in zip(added, pairwise(found.held_out), strict=True)
     ]
+    for fall in error_fall_of_sight(found):
+        keys = [e.key for e in found.effects if e.key not in named]
+        for key, held in zip(keys, pairwise(fall.error), strict=True):
+            steps.append(Step(key, "", nan, nan, *held, fall.repeatability, fall.unit))
+    return steps
 
 
 def new_effect(

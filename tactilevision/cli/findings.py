@@ -43,14 +43,15 @@ def evidence(
     """Every picture of the page."""
     from calibration.report.diagnosis_report import Evidence
     from calibration.report.drawing import cards, plain_card
-    from calibration.report.error_fall import error_fall_of_diagnosis, error_fall_of_sight
+    from calibration.report.error_fall import BASE, error_fall_of_diagnosis, error_fall_of_sight
     from calibration.report.force_curves import force_curves
 
     fits = shown_fits(found)
     curves = force_curves(fits)
     fall = error_fall_of_diagnosis(found)
     plain = plain_card(found)
-    before_after = {"before": found.before.youngs_modulus, "after": found.after.youngs_modulus}
+    last = "with what was found" if found.effects else "with all that may be missing"
+    before_after = {BASE: found.before.youngs_modulus, last: found.after.youngs_modulus}
     with console.progress_bar("drawing") as progress:
         return Evidence(
             misfit=[
@@ -118,9 +119,10 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Fi
     kept, seen = [], sighting(found)
     if seen is not None:
         words = (
-            "The depth that the picture gives over the certified one; 1 is right. Blue squares: punch faces; blue "
-            "dots: slopes beside them; red: the fit with what was found."
+            "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "
+            "slopes beside them. Red: as read"
         )
+        words += "; blue: corrected by what was found." if seen.corrected is not None else "."
         words = f"{words} {picture_lacks(found)}".strip()
         kept.append(folder.keep(draw.draw_sighting(seen), "reconstructed.png", caption=words))
     for number, one in enumerate(reliefs):
@@ -140,7 +142,7 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
 
     if card.overlay is None:
         return Drawn(card, None)
-    name = _words(card.key)
+    name = _words(card.overlay.key)
     words = f"Red: left by the plain law; black: what {name} alone would leave; blue: left with {name}."
     return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
 

@@ -39,8 +39,9 @@ def keep_presses(curves: ForceCurves, thickness_mm: float, folder: FigureFolder)
     kept = []
     if curves.whole:
         shown = curves.telling(TELLING)
+        chosen = "on which most changes" if len(curves.models) > 1 else "that the model misses most"
         words = (
-            f"The {len(shown)} presses on which most changes. Black dots: measured. {coloured(curves.models)} "
+            f"The {len(shown)} presses {chosen}. Black dots: measured. {coloured(curves.models)} "
             "On the right what each model leaves, on one scale."
         )
         kept.append(folder.keep(draw_presses(curves, shown), "presses.png", caption=words))

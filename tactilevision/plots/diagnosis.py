@@ -50,12 +50,13 @@ class Overlay:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """Of each sample (N,): seen over certified depth, the fit's, and whether it is a face (or a slope beside one);
-    `against` what it is drawn, by its label (N,), NaN where a sample has none.
+    """Of each sample (N,): seen over certified depth, as read and corrected by what was found (None: nothing was),
+    and whether it is a face (or a slope beside one); `against` what it is drawn, by its label (N,), NaN where a
+    sample has none.
     """
 
     ratio: Floats
-    fitted: Floats
+    corrected: Floats | None
     face: Bools
     against: tuple[tuple[str, Floats], ...]
 
@@ -142,28 +143,24 @@ def draw_sighting(seen: Sighting) -> Figure:
     columns = min(2, len(seen.against))
     rows = -(-len(seen.against) // columns)
     figure, places = style.new_figure(style.WIDTH_IN, 0.5 + 2.4 * rows, rows=rows, columns=columns)
-    low, high = np.quantile(seen.ratio, [0.02, 0.98])
-    low, high, beside = min(low, seen.fitted.min(), 1), max(high, seen.fitted.max(), 1), ~seen.face
+    shown = [(seen.ratio, style.RED, "as read")]
+    if seen.corrected is not None:
+        shown.append((seen.corrected, style.BLUE, "corrected"))
+    every = np.concatenate([ratio for ratio, *_ in shown])
+    low, high = min(float(np.quantile(every, 0.005)), 1.0), max(float(np.quantile(every, 0.995)), 1.0)
     for axes, (label, values) in zip(places, seen.against, strict=False):
-        axes.plot(
-            values[seen.face], seen.ratio[seen.face], "s", ms=4, color=style.BLUE, mfc="none", label="punch faces"
-        )
-        if beside.any():
-            axes.plot(
-                values[beside],
-                seen.ratio[beside],
-                ".",
-                ms=4,
-                color=style.BLUE,
-                alpha=0.6,
-                label="slopes beside them",
-            )
-        axes.plot(values, seen.fitted, "_", ms=7, color=style.RED, label="with what was found")
+        for ratio, colour, name in shown:
+            for mine, mark, what in ((seen.face, "s", "punch faces"), (~seen.face, ".", "slopes beside them")):
+                if mine.any():
+                    axes.plot(
+                        values[mine], ratio[mine], mark, ms=4, color=colour, mfc="none" if mark == "s" else colour,
+                        alpha=0.8, label=f"{what}, {name}",
+                    )  # fmt: skip
         axes.axhline(1, color=style.GREY, lw=0.8)
-        axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(low - 0.05, high + 0.05))
+        axes.set(xlabel=label, ylabel="read / certified depth", ylim=(low - 0.05, high + 0.05))
     for axes in places[len(seen.against) :]:
         axes.set_axis_off()
-    style.legend_below(figure)
+    style.legend_below(figure, columns=2)
     return figure
 
 
