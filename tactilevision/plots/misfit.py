@@ -25,7 +25,7 @@ CERTAIN = 1e-4  # p below which a pattern is called certain; its digits say noth
 CHANCE = 0.05  # p above which a pattern may be chance
 SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing
 FINE = 2.0  # decades; over fewer a logarithmic axis has ticks between them
-ROW_IN = 1.45  # inches of height for a press
+ROW_IN = 1.7  # inches of height for a press
 
 
 def model_colours(count: int) -> tuple[str, ...]:
@@ -50,15 +50,15 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     height_in = ROW_IN * rows + 1.15
     figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
     figure.subplots_adjust(
-        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.45
+        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.75
     )
     grid = figure.subplots(rows, 3, squeeze=False)
     reach = 1.05e3 * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
         row[2].set_ylim(-reach, reach)
-    for axes, label in zip(grid[-1], ("time (s)", "depth w (mm)", "time (s)"), strict=True):
-        axes.set_xlabel(label)
+    for axes, label in zip(grid.ravel(), ("time (s)", "depth w (mm)", "time (s)") * rows, strict=True):
+        axes.set_xlabel(label, fontsize=9, labelpad=1)
     style.legend_below(figure, columns=4)
     return figure
 
@@ -103,8 +103,7 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
                 depth / thickness_mm, one.modelled_N[k][kept] / depth, line, ms=9, lw=0.6, color="black",
                 label="model",
             )  # fmt: skip
-        axes.set(xlabel="w / h", ylim=(bottom, top), title=curves.models[k])
-    places[0].set_ylabel("P / w (N/mm)")
+        axes.set(xlabel="w / h", ylabel="P / w (N/mm)", ylim=(bottom, top), title=curves.models[k])
     style.legend_below(figure, columns=4)
     return figure
 
@@ -115,7 +114,8 @@ def _secant_range(curves: ForceCurves, shallow_mm: float) -> tuple[float, float]
     )
     every = (force / np.maximum(depth, 1e-9))[depth > shallow_mm]
     low, high = np.quantile(every, [0.005, 0.995])
-    return float(low - 0.1 * (high - low)), float(high + 0.1 * (high - low))
+    margin = 0.1 * max(high - low, 0.01 * abs(high), 1e-12)
+    return float(low - margin), float(high + margin)
 
 
 @style.house_look
@@ -215,6 +215,8 @@ def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate]) -> Figure:
         if estimate.value is not None:
             axes.plot(estimate.value, place, "o", ms=6, color=colour)
     axes.set_yticks(range(len(names)), list(names))
+    for tick, colour in zip(axes.get_yticklabels(), model_colours(len(names)), strict=True):
+        tick.set_color(colour)
     axes.invert_yaxis()
     axes.margins(y=0.25)
     axes.set(xlabel="Young's modulus E (MPa)")
