@@ -50,6 +50,7 @@ def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointC
         thickness_mm=data.gel.thickness_mm,
         used=np.arange(data.size + len(extra)) < data.size,
         bars=not data.is_curves,
+        radius_mm=np.concatenate([data.radius_mm, np.full(len(extra), np.nan)]),
     )
 
 

@@ -76,10 +76,11 @@ def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
     left.axhline(0, color=style.GREY, lw=0.8)
     where = f"{one.label}, {one.indenter}" if one.indenter else one.label
     over_time.set_title(where, fontsize=9)
-    over_time.set_ylabel("force (N)", fontsize=9)
+    for axes in (over_time, over_depth):
+        axes.set_ylabel("force (N)", fontsize=9, labelpad=1)
     errors = " → ".join(f"{1e3 * rms:.1f}" for rms in one.rms_N)
     left.set_title(f"rms {errors} mN", fontsize=9)
-    left.set_ylabel("meas. − model (mN)", fontsize=8.5)
+    left.set_ylabel("meas. − model (mN)", fontsize=8.5, labelpad=1)
 
 
 @style.house_look

@@ -65,7 +65,9 @@ def press(height: HeightMap | None) -> Figure:
 
 def fit() -> Figure:
     used = np.arange(12) > 2
-    cloud = indentation.PointCloud(X, 0.01 * ONES, X, 0.01 * ONES, X, 3.0, used)
+    cloud = indentation.PointCloud(
+        X, 0.01 * ONES, X, 0.01 * ONES, X, 3.0, used, radius_mm=np.where(X > 0.3, 2.0, 1.0)
+    )
     lines = [indentation.FittedLine(name, X, X, HALF, 3.0) for name in ("a = 1 mm", "a = 2 mm")]
     return indentation.draw_fit(cloud, lines)
 
