@@ -32,7 +32,7 @@ from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
-from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress, Watch
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import outlying_presses
@@ -57,18 +57,16 @@ def diagnose(
     effects: Sequence[Effect] = (),
     known: Sequence[Effect] = (),
     bulge: Estimate | None = None,
-    progress: Progress = SILENT,
-    deadline: Deadline = NEVER,
+    watch: Watch = UNWATCHED,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
     `bulge`: nu from the rise beside the punch; forces are fitted with it, and the picture is held against none of
-    its own. A candidate that cannot be fitted is passed over. After the `deadline` nothing new is looked for: the
-    answer is the best so far, `stopped`. Raises InputError where no law can be fitted at all.
+    its own. A candidate that cannot be fitted is passed over. Where the time of `watch` is over, nothing new is
+    looked for: the answer is the best so far, `stopped`. Raises InputError where no law can be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    watch = Watch(progress, deadline)
     fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, watch=watch)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
@@ -137,7 +135,6 @@ def _determine(
     suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
     after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
-    flags += ["stopped"] if any(one.searched.stopped for one in both) else []
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
@@ -162,7 +159,7 @@ def _determine(
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
         alternative_explanation=force.alternative_explanation,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
-        plain=force.plain, stopped="stopped" in flags,
+        plain=force.plain, stopped=any(one.searched.stopped for one in both),
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
     )  # fmt: skip
 

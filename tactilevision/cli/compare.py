@@ -60,9 +60,13 @@ def compare(
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("fitting") as progress:
         found = method.compare(
-            observed(taken), effects, rng=np.random.default_rng(seed), bulge=bulge, progress=progress,
+            observed(taken),
+            effects,
+            rng=np.random.default_rng(seed),
+            bulge=bulge,
+            progress=progress,
             deadline=deadline,
-        )  # fmt: skip
+        )
     added = [step.key for step in steps_of(found, files)]
     commands = [compare_command(recordings, [*added, key], files) for key in found.suggested]
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)

@@ -50,7 +50,7 @@ def diagnose(
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     import numpy as np
 
-    from calibration.inputs.deadline import Deadline
+    from calibration.inputs.deadline import Deadline, Watch
     from calibration.report.diagnosis_report import summary
     from calibration.session import Step
     from calibration.tasks import diagnose as method
@@ -62,10 +62,8 @@ def diagnose(
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("diagnosing") as progress:
-        found = method.diagnose(
-            observed(taken), np.random.default_rng(seed), effects=own, known=sure, bulge=bulge,
-            progress=progress, deadline=deadline,
-        )  # fmt: skip
+        watch, data, rng = Watch(progress, deadline), observed(taken), np.random.default_rng(seed)
+        found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, watch=watch)
     files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files)
@@ -78,9 +76,8 @@ def diagnose(
             keep_calibration(out, stage)
             write_json(stage / "calibration.json", found.after.as_json())
         title = "Diagnosis of " + ", ".join(one.recording.name for one in taken)
-        write_diagnosis(
-            found, FigureFolder(stage, form), title=title, private=own, reliefs=surfaces, commands=commands
-        )
+        figures = FigureFolder(stage, form)
+        write_diagnosis(found, figures, title=title, private=own, reliefs=surfaces, commands=commands)
     forget_found(out)
     console.warn(found.after.warnings)
     console.say(*summary(found), *(f"to try: {text}" for text in commands))

@@ -23,9 +23,19 @@ FOUND = "as_found"  # folder with the results of all steps, while some are taken
 BEFORE = "calibration_before.json"  # the calibration that --apply replaced
 PAGES = ("report.html", "diagnosis.json", "comparison.json")
 FIGURES = (
-    "error", "error_depth", "presses", "secant", "residuals", "modulus", "offsets", "reconstructed",
-    "confusability", "height_map_*", "presses/sheet_*", "candidates/*",
-)  # fmt: skip
+    "error",
+    "error_depth",
+    "presses",
+    "secant",
+    "residuals",
+    "modulus",
+    "offsets",
+    "reconstructed",
+    "confusability",
+    "height_map_*",
+    "presses/sheet_*",
+    "candidates/*",
+)
 
 
 def steps(

@@ -70,8 +70,15 @@ def draw_offsets(shown: Offsets) -> Figure:
     axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE, label="like the others")
     axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED, label="cannot be one of them")
     for k in place[odd]:
-        axes.annotate(shown.labels[k], (k, shown.offset_um[k]), xytext=(7, 0), textcoords="offset points",
-                      color=style.RED, weight="bold", va="center")  # fmt: skip
+        axes.annotate(
+            shown.labels[k],
+            (k, shown.offset_um[k]),
+            xytext=(7, 0),
+            textcoords="offset points",
+            color=style.RED,
+            weight="bold",
+            va="center",
+        )
     if shown.since is not None:
         axes.axvline(shown.since - 0.5, color=style.RED, ls="--", lw=1.2)
         axes.text(
@@ -122,9 +129,13 @@ def draw_overlay(overlay: Overlay) -> Figure:
     figure, (axes,) = style.new_figure(5.2, 3.6)
     order, name = np.argsort(overlay.values), overlay.key.replace("_", " ")
     axes.plot(
-        overlay.values[order], 1e3 * overlay.predicted[order], "-", color="black", lw=1.2,
+        overlay.values[order],
+        1e3 * overlay.predicted[order],
+        "-",
+        color="black",
+        lw=1.2,
         label=f"what {name} would leave",
-    )  # fmt: skip
+    )
     for values, reach, colour, label in (
         (overlay.before, overlay.before_reach, style.RED, "left by the plain law, 95 %"),
         (overlay.after, overlay.after_reach, style.BLUE, f"left with {name}, 95 %"),
@@ -153,9 +164,15 @@ def draw_sighting(seen: Sighting) -> Figure:
             for mine, mark, what in ((seen.face, "s", "punch faces"), (~seen.face, ".", "slopes beside them")):
                 if mine.any():
                     axes.plot(
-                        values[mine], ratio[mine], mark, ms=4, color=colour, mfc="none" if mark == "s" else colour,
-                        alpha=0.8, label=f"{what}, {name}",
-                    )  # fmt: skip
+                        values[mine],
+                        ratio[mine],
+                        mark,
+                        ms=4,
+                        color=colour,
+                        mfc="none" if mark == "s" else colour,
+                        alpha=0.8,
+                        label=f"{what}, {name}",
+                    )
         axes.axhline(1, color=style.GREY, lw=0.8)
         axes.set(xlabel=label, ylabel="read / certified depth", ylim=(low - 0.05, high + 0.05))
     for axes in places[len(seen.against) :]:

@@ -101,9 +101,14 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
             axes.plot(depth / thickness_mm, measured, mark, ms=size, alpha=pale, color=colour, label=label)
             line = "-" if curves.whole else "_"
             axes.plot(
-                depth / thickness_mm, one.modelled_N[k][kept] / depth, line, ms=9, lw=0.6, color="black",
+                depth / thickness_mm,
+                one.modelled_N[k][kept] / depth,
+                line,
+                ms=9,
+                lw=0.6,
+                color="black",
                 label="model",
-            )  # fmt: skip
+            )
         axes.set(xlabel="w / h", ylabel="P / w (N/mm)", ylim=(bottom, top), title=curves.models[k])
     style.legend_below(figure, columns=4)
     return figure
@@ -143,9 +148,15 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
         aside = 0.012 * width * (place - 0.5) * (len(kept) - 1)
         axes.plot(strip.values + aside, 1e3 * shown.residual_N[k], ".", ms=size, mew=0, color=colour, alpha=0.18)
         axes.errorbar(
-            strip.centre + aside, 1e3 * strip.mean_N[k], yerr=1e3 * strip.reach95_N[k], fmt="o", ms=4.5,
-            color=colour, elinewidth=1.1, label=f"{shown.models[k]}: mean of a bin, 95 %",
-        )  # fmt: skip
+            strip.centre + aside,
+            1e3 * strip.mean_N[k],
+            yerr=1e3 * strip.reach95_N[k],
+            fmt="o",
+            ms=4.5,
+            color=colour,
+            elinewidth=1.1,
+            label=f"{shown.models[k]}: mean of a bin, 95 %",
+        )
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.set_ylim(-1.15e3 * shown.reach_N, 1.15e3 * shown.reach_N)
     words = [evidence(strip.p_adjusted[k]) for k in kept]
