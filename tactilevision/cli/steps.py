@@ -83,6 +83,8 @@ def _follow(history: History, folder: Path, private: Sequence[Path] | None, form
     for path in before:
         if path not in kept:
             path.unlink(missing_ok=True)
+            if path.parent != folder and not any(path.parent.iterdir()):
+                path.parent.rmdir()
     if whole:
         forget_found(folder)
 
