@@ -93,10 +93,11 @@ def coloured(models: Sequence[str], *, ends: bool = False) -> str:
     from tactilevision.plots.misfit import model_colours
     from tactilevision.plots.style import COLOUR_WORDS
 
-    pairs = list(zip(model_colours(len(models)), models, strict=True))
+    names = [name.replace("+ ", "with " if place == 1 else "and with ", 1) for place, name in enumerate(models)]
+    pairs = list(zip(model_colours(len(models)), names, strict=True))
     if ends and len(pairs) > 2:
-        pairs = [pairs[0], pairs[-1]]
-    said = "; ".join(f"{COLOUR_WORDS[colour]}: {name.replace('+ ', 'with ')}" for colour, name in pairs)
+        pairs = [pairs[0], (pairs[-1][0], "with all that was added")]
+    said = "; ".join(f"{COLOUR_WORDS[colour]}: {name}" for colour, name in pairs)
     return f"{said[0].upper()}{said[1:]}." if said else ""
 
 

@@ -25,7 +25,7 @@ CERTAIN = 1e-4  # p below which a pattern is called certain; its digits say noth
 CHANCE = 0.05  # p above which a pattern may be chance
 SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing
 FINE = 2.0  # decades; over fewer a logarithmic axis has ticks between them
-ROW_IN = 1.7  # inches of height for a press
+ROW_IN = 1.6  # inches of height for a press
 
 
 def model_colours(count: int) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     height_in = ROW_IN * rows + 1.15
     figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
     figure.subplots_adjust(
-        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.75
+        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.62
     )
     grid = figure.subplots(rows, 3, squeeze=False)
     reach = 1.05e3 * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)

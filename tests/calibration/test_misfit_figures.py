@@ -10,8 +10,10 @@ from made_presses import indenter, observations
 from scipy.stats import chi2
 from test_screen import MODEL
 
+from calibration.effects import get_effect
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit
+from calibration.inputs.deadline import Deadline
 from calibration.inputs.observations import Observations
 from calibration.report.error_fall import error_fall_of_comparison, repeatability_band
 from calibration.report.force_curves import force_curves, force_of_effect
@@ -22,6 +24,7 @@ from tactilevision.records import Floats
 from tactilevision.records.misfit import ForceCurves
 
 ZERO_MM = 0.03  # planted
+LAW = np.array([0.2, 0.48, 0.6, 0.85])
 
 
 def presses(count: int = 12) -> Observations:
@@ -47,7 +50,7 @@ def noisy(data: Observations, force_N: Floats, rng: np.random.Generator) -> Obse
 def found() -> Comparison:
     data, effect = presses(), DepthZero()
     model = MODEL + effect
-    values = np.array([0.2, 0.48, 0.6, 0.85, 0.0])
+    values = np.append(LAW, 0.0)
     values[model.slices(data)[effect.key]] = ZERO_MM
     seen = noisy(data, model.predict(values, data), np.random.default_rng(3))
     return compare(seen, ["depth_zero"], rng=np.random.default_rng(0))
@@ -140,3 +143,30 @@ def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:
         force_curves({"a": one, "b": fewer})
     with pytest.raises(InputError, match="no model"):
         force_curves({})
+
+
+def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
+    """Lost motion of 20 um: the depth reads otherwise on the way back."""
+    data, effect = presses(), get_effect("depth_way_back")
+    model = MODEL + effect
+    force = model.predict(np.append(LAW, 0.02), data)
+    seen = noisy(data, force, np.random.default_rng(4))
+    alone = compare(seen, [], rng=np.random.default_rng(0))
+    assert alone.suggested[0] == "depth_way_back"
+    found = compare(seen, [alone.suggested[0]], rng=np.random.default_rng(0))
+    assert found.suggested == ()
+    low, high = dict(found.models[1].parameters)["depth_way_back.size_mm"].interval95 or (0.0, 0.0)
+    assert low < 0.02 < high
+    assert found.models[1].held_out_N < 0.5 * found.models[0].held_out_N
+    material = found.models[1].material
+    assert material is not None
+    assert material.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
+
+
+def test_no_effect_is_added_after_the_time() -> None:
+    seen = noisy(presses(), MODEL.predict(LAW, presses()), np.random.default_rng(5))
+    late = compare(seen, ["depth_zero"], rng=np.random.default_rng(0), deadline=Deadline(0.0))
+    assert late.left_out == (("depth_zero", "the time was over"),)
+    assert len(late.models) == 1
+    assert not Deadline.after(None).passed
+    assert not Deadline.after(60).passed
