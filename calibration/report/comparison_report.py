@@ -62,7 +62,8 @@ def _head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
     lines = [page.paragraph(text, kind="lead") for text in (fall_sentence(fall) for fall in falls) if text]
     lines += [page.paragraph(state)] if state else []
     lines += [page.paragraph(f"{in_words(key).capitalize()} is left out: {why}.") for key, why in found.left_out]
-    return page.block("verdict", *lines)
+    explained = all(fall.band is not None and fall.error[-1] <= fall.band[1] for fall in falls)
+    return page.block("verdict clean" if explained else "verdict", *lines)
 
 
 def fall_sentence(fall: ErrorFall) -> str:
@@ -93,10 +94,9 @@ def _beside_repeats(fall: ErrorFall, last: float) -> str:
 def _parameters(found: Comparison) -> str:
     """A row a parameter, a column a model."""
     models = [*found.models, *found.pictured[1:]]
-    names = dict.fromkeys(name for model in models for name, _ in model.parameters)
-    rows = [
-        (parameter(name), *(_value(model, name) for model in models)) for name in names if name not in OF_MATERIAL
-    ]
+    meanings = {p.name: p.meaning for model in models for p in model.fitted.parameters}
+    names = dict.fromkeys(name for model in models for name, _ in model.parameters if name not in OF_MATERIAL)
+    rows = [(parameter(name, meanings[name]), *(_value(model, name) for model in models)) for name in names]
     return page.table(("", *(column(model) for model in models)), rows)
 
 
@@ -111,16 +111,12 @@ def column(model: Compared) -> str:
     return name if model.material is not None else f"{name} (the picture's depth)"
 
 
-def parameter(name: str) -> str:
-    """A parameter as a person says it: an effect's with the effect's name before it."""
+def parameter(name: str, meaning: str) -> str:
+    """A parameter as a person says it: an effect's by what it means, with the effect's name before it."""
     if name.startswith("beta["):
         return f"slope β, a = {name[5:-1]} mm"
-    if name in LAW:
-        return LAW[name]
-    effect, _, own = name.rpartition(".")
-    for unit in ("_MPa", "_mm_per_N", "_N_per_mm", "_per_mm", "_rad", "_days", "_mm", "_N", "_s"):
-        own = own.removesuffix(unit)
-    return f"{in_words(effect)}: {in_words(own)}" if effect else in_words(own)
+    effect = name.rpartition(".")[0]
+    return f"{in_words(effect)}: {meaning}" if effect else LAW.get(name, meaning)
 
 
 def _material(found: Comparison) -> str:

@@ -24,6 +24,7 @@ from calibration.report.verdict import (
 )
 from tactilevision.errors import InputError
 
+MISFIT = 0.05  # p of the most telling covariate, below which the page says that the model fails
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -111,7 +112,7 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
             *plain,
             *_figures(shown.fall),
             *(_card(one, found) for one in standing),
-            page.folded("What a slope outside theory could be instead", _outside(found)),
+            _outside(found),
         ),
         page.folded("Tried, and does not explain it", *(_card(one, found) for one in failed)),
         page.section("E before and after", *_figures(shown.material), _material(found)),
@@ -130,8 +131,9 @@ def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
     if found.effects and not any(effect.key in found.fitted.model.keys for effect in found.effects):
         quiet = page.folded("The forces, which the model explains as well as they repeat", *force)
         return [page.section("Where the picture's depth fails", *seen, quiet)]
+    fails = min((one.p_adjusted for one in found.covariates_before), default=1.0) < MISFIT
     return [
-        page.section("Where the model fails", *force),
+        page.section("Where the model fails" if fails else "Measured and modelled force", *force),
         page.folded("The depth that the picture reads, against the certified one", *seen),
     ]
 
@@ -258,6 +260,11 @@ def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
     return [("error on presses left out", f"from {before:.1f} to {after:.1f} mN")]
 
 
+def after_words(found: Diagnosis) -> str:
+    """What E after a diagnosis is of."""
+    return "with what was found" if found.effects else "with all that may be missing"
+
+
 def _material(found: Diagnosis) -> str:
     names = (
         ("Young's modulus E", "youngs_modulus"),
@@ -269,7 +276,7 @@ def _material(found: Diagnosis) -> str:
         (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
         for title, name in names
     ]
-    return page.table(("", "before", "after"), rows)
+    return page.table(("", "plain law", after_words(found)), rows)
 
 
 def _outside(found: Diagnosis) -> str:

@@ -9,7 +9,7 @@ from tactilevision.cli import console
 
 if TYPE_CHECKING:
     from calibration.report.comparison_report import Pictures
-    from calibration.tasks.compare import Comparison
+    from calibration.tasks.compare import Compared, Comparison
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.records.misfit import ErrorFall
 
@@ -31,10 +31,24 @@ def write_comparison(
 
 
 def content_of(found: Comparison) -> list[dict[str, object]]:
-    """The content of comparison.json: the last model's entry names the plain errors worth a try."""
+    """The content of comparison.json: the last model of the force names the plain errors worth a try."""
     content = found.as_json()
     content[-1]["suggested"] = list(found.suggested)
-    return content
+    return [*content, *(_of_picture(model, found.pictured[0]) for model in found.pictured)]
+
+
+def _of_picture(model: Compared, base: Compared) -> dict[str, object]:
+    """A model of the depth that the picture reads."""
+    return {
+        "name": model.name,
+        "effects": list(model.effects),
+        "parameters": {name: estimate.as_json() for name, estimate in model.parameters},
+        "rms_error_mm": {
+            "held_out_before": base.held_out_N,
+            "held_out_after": model.held_out_N,
+            "floor": model.repeatability_N,
+        },
+    }
 
 
 def _pictures(found: Comparison, falls: Sequence[ErrorFall], folder: FigureFolder) -> Pictures:

@@ -41,7 +41,7 @@ def evidence(
     found: Diagnosis, private: Sequence[Effect], reliefs: Sequence[ResidualMap], *, folder: FigureFolder
 ) -> Evidence:
     """Every picture of the page."""
-    from calibration.report.diagnosis_report import Evidence
+    from calibration.report.diagnosis_report import Evidence, after_words
     from calibration.report.drawing import cards, plain_card
     from calibration.report.error_fall import BASE, error_fall_of_diagnosis, error_fall_of_sight
     from calibration.report.force_curves import force_curves
@@ -50,8 +50,7 @@ def evidence(
     curves = force_curves(fits)
     fall = error_fall_of_diagnosis(found)
     plain = plain_card(found)
-    last = "with what was found" if found.effects else "with all that may be missing"
-    before_after = {BASE: found.before.youngs_modulus, last: found.after.youngs_modulus}
+    before_after = {BASE: found.before.youngs_modulus, after_words(found): found.after.youngs_modulus}
     with console.progress_bar("drawing") as progress:
         return Evidence(
             misfit=[
