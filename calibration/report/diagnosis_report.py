@@ -114,7 +114,10 @@ def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: S
             *(_card(one, found) for one in standing),
             _outside(found),
         ),
-        page.folded("Tried, and does not explain it", *(_card(one, found) for one in failed)),
+        page.folded(
+            "Looked at so far" if found.stopped else "Tried, and does not explain it",
+            *(_card(one, found) for one in failed),
+        ),
         page.section("E before and after", *_figures(shown.material), _material(found)),
         page.section("What to measure next", _next(found)),
         page.section("To try, ready to run", *(page.command(text) for text in commands)),

@@ -12,6 +12,7 @@ from calibration.model.parameters import Parameter
 from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
+SHOWN = 0.05  # adjusted p of an effect that stands out
 WIDER = 0.1  # of an interval: less need not be said
 SHARES = ("relative", "gain")  # parameters that are said in per cent
 
@@ -28,6 +29,8 @@ def verdict_sentence(found: Diagnosis) -> str:
         many = "it" if len(found.set_aside) == 1 else "them"
         alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
         return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+    if found.stopped and not found.effects:
+        return _so_far(found)
     named = " and ".join(in_words(effect.key) for effect in found.effects)
     held = 1e3 * found.errors.held_out_before, 1e3 * found.errors.held_out_after
     way = "falls" if held[1] < held[0] else "goes"
@@ -58,6 +61,16 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def _so_far(found: Diagnosis) -> str:
+    """What a search that was stopped before it named anything has seen."""
+    shown = [one.key for one in found.score_test if one.p_adjusted < SHOWN]
+    if not shown:
+        return "No effect stands out so far."
+    most = ", then ".join(in_words(key) for key in shown[:2])
+    seen = f"Something is missing from the model{_left(found)}"
+    return f"{seen}; so far it looks most like {most}, which is not confirmed."
 
 
 def stopped_sentence(found: Diagnosis) -> list[str]:
