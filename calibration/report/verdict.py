@@ -25,10 +25,7 @@ def in_words(key: str) -> str:
 def verdict_sentence(found: Diagnosis) -> str:
     """What is wrong with the rig or the gel, in one sentence; with presses set aside, also what holds without."""
     if found.set_aside:
-        rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
-        many = "it" if len(found.set_aside) == 1 else "them"
-        alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
-        return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+        return _without(found)
     if found.stopped and not found.effects:
         return _so_far(found)
     named = " and ".join(in_words(effect.key) for effect in found.effects)
@@ -61,6 +58,14 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def _without(found: Diagnosis) -> str:
+    """Which presses are set aside, and what holds without them."""
+    rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
+    many = "it" if len(found.set_aside) == 1 else "them"
+    alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
+    return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
 
 
 def _so_far(found: Diagnosis) -> str:
