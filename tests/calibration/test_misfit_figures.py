@@ -147,7 +147,7 @@ def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:
 
 def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
     """Lost motion of 20 um: the depth reads otherwise on the way back."""
-    data, effect = presses(), get_effect("depth_way_back")
+    data, effect = presses(6), get_effect("depth_way_back")
     model = MODEL + effect
     force = model.predict(np.append(LAW, 0.02), data)
     seen = noisy(data, force, np.random.default_rng(4))
@@ -164,7 +164,8 @@ def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
 
 
 def test_no_effect_is_added_after_the_time() -> None:
-    seen = noisy(presses(), MODEL.predict(LAW, presses()), np.random.default_rng(5))
+    data = presses(4)
+    seen = noisy(data, MODEL.predict(LAW, data), np.random.default_rng(5))
     late = compare(seen, ["depth_zero"], rng=np.random.default_rng(0), deadline=Deadline(0.0))
     assert late.left_out == (("depth_zero", "the time was over"),)
     assert len(late.models) == 1
