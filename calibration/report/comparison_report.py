@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from calibration.report import page, wording
+from calibration.report.error_fall import AS_READ, BASE
 from calibration.report.report import Picture
 from calibration.report.verdict import in_words
 from calibration.tasks.compare import Compared, Comparison
@@ -107,8 +108,10 @@ def _value(model: Compared, name: str) -> str:
 
 def column(model: Compared) -> str:
     """A model's heading: what it adds, and that it is of the picture's depth where it is."""
-    name = f"+ {in_words(model.effects[-1])}" if model.effects else "plain law"
-    return name if model.material is not None else f"{name} (the picture's depth)"
+    added = f"+ {in_words(model.effects[-1])}" if model.effects else ""
+    if model.material is None:
+        return f"{added or AS_READ} (the picture's depth)"
+    return added or BASE
 
 
 def parameter(name: str, meaning: str) -> str:

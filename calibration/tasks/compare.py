@@ -171,7 +171,9 @@ def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
     return Compared(
         name=" + ".join((fitted.model.law.key, *keys)),
         effects=keys,
-        parameters=tuple((p.name, fitted.estimate(p.name)) for p in fitted.parameters if "." in p.name),
+        parameters=tuple(
+            (p.name, fitted.estimate(p.name)) for p in fitted.parameters if p.name.partition(".")[0] in keys
+        ),
         rms_N=float(np.sqrt(np.mean((data.normal_N - data.depth_mm) ** 2))) if not keys else fitted.rms_error_N,
         held_out_N=error,
         repeatability_N=repeatability_rms(fitted),

@@ -23,7 +23,8 @@ def write_comparison(
     from tactilevision.files import write_json, write_text
 
     write_json(folder.path / "comparison.json", content_of(found))
-    falls = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    falls = sorted(both, key=lambda fall: len(fall.models) == 1)  # what changes first
     page = comparison_page(
         title, found, falls, pictures=_pictures(found, falls, folder), try_next=try_next, state=state
     )
