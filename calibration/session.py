@@ -41,7 +41,8 @@ class Step:
 class History:
     """The steps taken on these recordings, and those undone, which can be redone.
 
-    `applied`: the folder's calibration.json is that of these steps; `seed` of the score tests.
+    `applied`: the folder's calibration.json is that of these steps; `seed` of the score tests; `prior`: nu was
+    held to what elastomers have.
     """
 
     recordings: tuple[str, ...]
@@ -49,6 +50,7 @@ class History:
     undone: tuple[Step, ...] = field(default=())
     applied: bool = False
     seed: int = 0
+    prior: bool = True
 
     def add(self, step: Step) -> History:
         """One more step; what was undone is forgotten."""
@@ -81,6 +83,7 @@ class History:
             "undone": rows(self.undone),
             "applied": self.applied,
             "seed": self.seed,
+            "prior": self.prior,
         }
 
     def save(self, path: Path | str) -> None:
@@ -93,8 +96,8 @@ class History:
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
         names = " ".join(_quoted(name) for name in self.recordings)
-        seed = f" --seed {self.seed}" if self.seed else ""
-        command = f"tactilevision compare {names} {options}".rstrip() + f"{seed} --out {_quoted(str(out))}"
+        how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
+        command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
 
 
@@ -115,6 +118,7 @@ def load_history(path: Path | str) -> History:
             undone,
             applied=content.get("applied") is True,
             seed=_seed(content.get("seed", 0)),
+            prior=content.get("prior") is not False,
         )
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault

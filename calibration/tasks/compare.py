@@ -18,7 +18,7 @@ from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.pure_error import repeatability_rms
@@ -28,7 +28,7 @@ from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.fit_errors import fit_errors
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records import Estimate, Floats
+from tactilevision.records import Estimate, Floats, Pair
 
 LEFT = 0.01  # p of what the last model leaves, below which plain errors are tried on it: as in a diagnosis
 MANY = 8  # starts of an effect that are all fitted; of more the most promising
@@ -113,16 +113,17 @@ def compare(
     bulge: Estimate | None = None,
     progress: Progress = SILENT,
     deadline: Deadline = NEVER,
+    bound: Pair | None = SILICONE_NU,
 ) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
     and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one. `bulge`: nu from the rise beside the punch. After the `deadline` no effect is added any more. Raises
-    InputError for unusable data.
+    one. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
+    any more. Raises InputError for unusable data.
     """
     stated = clear_of_touch(usable(data))
-    data = informed(stated, bulge)
+    data = informed(stated, bulge, bound=bound)
     model = base_model(data)
     progress(0, len(effects) + 1, "the plain law")
     found = [judge(fit_alone(model, data), rng)]

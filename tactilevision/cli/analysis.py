@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,15 @@ TimeLimit = Annotated[
     float | None,
     typer.Option("--time-limit", min=1, metavar="SECONDS", help="End with the best answer so far, and say so."),
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How an analysis was asked for, as its history keeps it."""
+
+    seed: int
+    prior: bool
+    applied: bool = False
 
 
 def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
@@ -63,21 +73,25 @@ def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dic
     return effects, files
 
 
-def compare_command(recordings: Sequence[Path | str], names: Sequence[str], files: Mapping[str, str]) -> str:
+def compare_command(
+    recordings: Sequence[Path | str], names: Sequence[str], files: Mapping[str, str], *, prior: bool = True
+) -> str:
     """The command that adds these effects, as a shell takes it."""
     options = [
         word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
     ]
-    return shlex.join(["tactilevision", "compare", *map(str, recordings), *options])
+    held = [] if prior else ["--no-prior"]
+    return shlex.join(["tactilevision", "compare", *map(str, recordings), *options, *held])
 
 
 def keep_history(
-    recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, seed: int, applied: bool = False
+    recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, settings: Settings
 ) -> None:
     """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
     from calibration.session import History
 
-    history = History(tuple(str(path.resolve()) for path in recordings), applied=applied, seed=seed)
+    names, how = tuple(str(path.resolve()) for path in recordings), settings
+    history = History(names, applied=how.applied, seed=how.seed, prior=how.prior)
     for step in steps:
         history = history.add(step)
     write_history(history, folder, out)
@@ -96,7 +110,9 @@ def again_in(folder: Path) -> Path:
     return folder.resolve() / "repeated"
 
 
-def commands_of(recordings: Sequence[Path], found: Diagnosis, files: Mapping[str, str]) -> list[str]:
+def commands_of(
+    recordings: Sequence[Path], found: Diagnosis, files: Mapping[str, str], *, prior: bool
+) -> list[str]:
     """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
     from calibration.effects import written
 
@@ -104,4 +120,4 @@ def commands_of(recordings: Sequence[Path], found: Diagnosis, files: Mapping[str
     named = [fitted.get(effect.key, effect.key) for effect in found.effects]
     plain = [found.plain.effect.key] if found.plain is not None else []
     sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
-    return [compare_command(recordings, keys, files) for keys in (*sets, plain) if keys]
+    return [compare_command(recordings, keys, files, prior=prior) for keys in (*sets, plain) if keys]

@@ -14,6 +14,7 @@ from tactilevision.cli.analysis import (
     ANSWERED,
     Recordings,
     Seed,
+    Settings,
     TimeLimit,
     compare_command,
     keep_history,
@@ -41,6 +42,7 @@ def compare(
     recordings: Recordings,
     out: console.OutOption = Path("comparison_out"),
     chosen: Chosen = None,
+    prior: console.PriorOption = True,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
@@ -50,6 +52,7 @@ def compare(
     import numpy as np
 
     from calibration.inputs.deadline import Deadline
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks import compare as method
     from tactilevision.cli.comparison import content_of, write_comparison
     from tactilevision.cli.pictures import FigureFolder
@@ -59,21 +62,17 @@ def compare(
     effects, files = named_effects(chosen)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("fitting") as progress:
+        data, rng, bound = observed(taken), np.random.default_rng(seed), elastomer_bound(prior)
         found = method.compare(
-            observed(taken),
-            effects,
-            rng=np.random.default_rng(seed),
-            bulge=bulge,
-            progress=progress,
-            deadline=deadline,
+            data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress, deadline=deadline
         )
     added = [step.key for step in steps_of(found, files)]
-    commands = [compare_command(recordings, [*added, key], files) for key in found.suggested]
+    commands = [compare_command(recordings, [*added, key], files, prior=prior) for key in found.suggested]
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     with staged(out) as stage:
         write_comparison(found, FigureFolder(stage, form), title=title, try_next=commands)
-        keep_history(recordings, steps_of(found, files), stage, out=out, seed=seed)
+        keep_history(recordings, steps_of(found, files), stage, out=out, settings=Settings(seed, prior))
     forget_found(out)
     console.warn(left_out)
     console.say(*lines_of(found), *left_out, *(f"to try next: {text}" for text in commands))

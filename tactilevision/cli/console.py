@@ -34,6 +34,13 @@ FormatOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
+PriorOption = Annotated[
+    bool,
+    typer.Option(
+        "--prior/--no-prior", help="Hold Poisson's ratio to what elastomers have, where nothing is stated of it."
+    ),
+]
+
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 LINE_EVERY_S = 10.0  # s between two lines of progress where there is no terminal: none for what is done sooner

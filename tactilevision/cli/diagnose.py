@@ -16,6 +16,7 @@ from tactilevision.cli.analysis import (
     Private,
     Recordings,
     Seed,
+    Settings,
     TimeLimit,
     commands_of,
     keep_history,
@@ -42,6 +43,7 @@ def diagnose(
     known: With = None,
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
+    prior: console.PriorOption = True,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
@@ -51,6 +53,7 @@ def diagnose(
     import numpy as np
 
     from calibration.inputs.deadline import Deadline, Watch
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.report.diagnosis_report import summary
     from calibration.session import Step
     from calibration.tasks import diagnose as method
@@ -58,20 +61,20 @@ def diagnose(
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files import staged, write_json
 
-    deadline = Deadline.after(time_limit)
+    deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("diagnosing") as progress:
         watch, data, rng = Watch(progress, deadline), observed(taken), np.random.default_rng(seed)
-        found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, watch=watch)
+        found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
     files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
-    commands = commands_of(recordings, found, files)
+    commands = commands_of(recordings, found, files, prior=prior)
     surfaces = reliefs(taken)
     content = found.as_json() | {"height_map": [c.as_json() for one in surfaces for c in one.covariates]}
     with staged(out) as stage:
         write_json(stage / "diagnosis.json", content)
-        keep_history(recordings, steps, stage, out=out, seed=seed, applied=apply)
+        keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, apply))
         if apply:
             keep_calibration(out, stage)
             write_json(stage / "calibration.json", found.after.as_json())

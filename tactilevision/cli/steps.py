@@ -93,6 +93,7 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     """The recordings again, with the steps that stand."""
     import numpy as np
 
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.compare import compare
     from tactilevision.cli.comparison import write_comparison
     from tactilevision.cli.pictures import FigureFolder
@@ -101,7 +102,8 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
     rng = np.random.default_rng(history.seed)
     with console.progress_bar("fitting") as progress:
-        result = compare(observed(taken), effects, rng=rng, bulge=bulge, progress=progress)
+        data, bound = observed(taken), elastomer_bound(history.prior)
+        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
     if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():
