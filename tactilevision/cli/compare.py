@@ -32,10 +32,12 @@ if TYPE_CHECKING:
 Chosen = Annotated[
     list[str] | None,
     typer.Option(
-        "--with", "--effect", metavar="KEY|FILE.py",
+        "--with",
+        "--effect",
+        metavar="KEY|FILE.py",
         help="An effect to add, in this order: a key, or the file of one of your own, which is run.",
     ),
-]  # fmt: skip
+]
 
 
 def compare(

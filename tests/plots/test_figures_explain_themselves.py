@@ -115,10 +115,19 @@ def strips() -> Figure:
         ("way", "loading or unloading", "", ("load", "hold")),
     ]
     shown = [
-        misfit_records.Strip(name, said, unit, levels, np.repeat([0.0, 0.5, 1.0], 4), np.array([0.0, 0.5, 1.0]),
-                             mean, np.full((2, 3), 1e-3), (1e-9, 0.5))
+        misfit_records.Strip(
+            name,
+            said,
+            unit,
+            levels,
+            np.repeat([0.0, 0.5, 1.0], 4),
+            np.array([0.0, 0.5, 1.0]),
+            mean,
+            np.full((2, 3), 1e-3),
+            (1e-9, 0.5),
+        )
         for name, said, unit, levels in told
-    ]  # fmt: skip
+    ]
     residual = np.array([1e-3 * X, -1e-3 * X])
     return misfit.draw_strips(
         misfit_records.ResidualStrips(("plain law", "+ creep"), tuple(shown), residual, X, 2e-3)
