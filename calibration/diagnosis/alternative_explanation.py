@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.forward_selection import AS_GOOD, Searched
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.fit.least_squares import Fit
 from calibration.model.parameters import Parameter
 from calibration.model.stages import Effect
@@ -50,12 +50,21 @@ class AlternativeExplanation:
         }
 
 
-def alternative_explanation(searched: Searched) -> AlternativeExplanation | None:
-    """The plain error that does as well as all that was added and better than each part of it; else None."""
-    named, start = [step.best.effect for step in searched.steps], searched.start
-    begin = replace(start, noise=searched.current.noise)
+def plain_errors(searched: Searched) -> tuple[Candidate, ...]:
+    """Each plain error on what a search began with, under the noise that it ended with, the nearest first."""
+    return tuple(sorted(_fitted(_begin(searched), INSTRUMENT_ERRORS), key=lambda one: one.cost))
+
+
+def alternative_explanation(
+    searched: Searched, plain: Sequence[Candidate] | None = None
+) -> AlternativeExplanation | None:
+    """The plain error that does as well as all that was added and better than each part of it; else None.
+
+    `plain`: the plain errors where they have been fitted already.
+    """
+    named, start, begin = [step.best.effect for step in searched.steps], searched.start, _begin(searched)
     paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
-    best = min(_fitted(begin, INSTRUMENT_ERRORS), key=lambda one: one.cost, default=None)
+    best = next(iter(plain_errors(searched) if plain is None else plain), None)
     if best is None or best.cost >= paid + (AS_GOOD if named else -AS_GOOD):
         return None
     if best.cost >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
@@ -71,6 +80,17 @@ def alternative_explanation(searched: Searched) -> AlternativeExplanation | None
         paid - best.cost,
         float(best.values[0]),
     )
+
+
+def _begin(searched: Searched) -> Fit:
+    return replace(searched.start, noise=searched.current.noise)
+
+
+def suggested(fitted: Fit) -> tuple[Candidate, ...]:
+    """Plain errors that take more off a fit than they cost, the best first: what to try, not what is there."""
+    others = [one for one in INSTRUMENT_ERRORS if one.key not in fitted.model.keys]
+    better = [one for one in _fitted(fitted, others) if one.cost < fitted.chi2 - AS_GOOD]
+    return tuple(sorted(better, key=lambda one: one.cost))
 
 
 def _fitted(begin: Fit, effects: Sequence[Effect]) -> Iterator[Candidate]:

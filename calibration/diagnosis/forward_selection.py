@@ -22,6 +22,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, 
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
@@ -68,6 +69,7 @@ class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    `stopped`: the time was over before the search was.
     """
 
     base: Fit
@@ -75,6 +77,7 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
+    stopped: bool = False
 
     @property
     def current(self) -> Fit:
@@ -93,15 +96,25 @@ class Searched:
 
 
 def forward_selection(
-    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float
+    base: Fit,
+    catalogue: Sequence[Effect],
+    *,
+    rng: np.random.Generator,
+    level: float,
+    watch: Watch = UNWATCHED,
 ) -> Searched:
-    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
-    start = current = base
+    """Search on top of `base`. A candidate that cannot be fitted is passed over.
+
+    Where the time of `watch` is over, the search ends with what it has, `stopped`.
+    """
+    start = current = looked_at = base
     rounds, steps = list[Round](), list[Step]()
-    while len(steps) < MOST:
+    while len(steps) < MOST and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
-        turn = _look(current, catalogue, rng, now)
+        turn, looked_at = _look(current, catalogue, rng, now, watch), current
         rounds.append(turn)
+        if watch.over:
+            break
         if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
             current = room
             steps = [_with_own(step, room) for step in steps]
@@ -110,13 +123,14 @@ def forward_selection(
             else:
                 start = room
             continue
+        watch.tell("weighing the best against the others")
         step = _confirmed(current, turn, now)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng)
-    return Searched(base, start, tuple(rounds), tuple(steps), last)
+    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng)
+    return Searched(base, start, tuple(rounds), tuple(steps), last, watch.over)
 
 
 def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
@@ -200,8 +214,11 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
     return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
-def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+def _look(
+    current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float, watch: Watch
+) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
+    watch.tell("looking for what stands out")
     seen = score_test(current, catalogue, rng=rng)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
@@ -209,6 +226,9 @@ def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, l
     chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
     candidates = []
     for key in chosen:
+        if watch.over:
+            break
+        watch.tell(f"fitting {key.replace('_', ' ')}")
         try:
             candidates.append(refit_with(current, by_key[key]))
         except CANNOT_FIT:

@@ -13,17 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
 from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
+from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
+from calibration.diagnosis.forward_selection import TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.outcome import LEVEL, Outcome, against_instrument_errors, outcome
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
@@ -32,10 +32,11 @@ from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
+from calibration.repeats.outlying_presses import outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
@@ -45,37 +46,9 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
-LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.01  # of saying that something unknown is left
-MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
-
-
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
-    well, and p of what is left.
-    """
-
-    searched: Searched
-    steps: tuple[Step, ...]
-    tried: tuple[str, ...]
-    left: float
-    unknown: bool
-    flags: tuple[str, ...]
-    odd: OutlyingPresses = NOTHING_ODD
-    alternative_explanation: AlternativeExplanation | None = None
-
-    @property
-    def sets(self) -> list[tuple[Candidate, ...]]:
-        """The candidates of each step that stands."""
-        return [step.equals for step in self.steps]
-
-    @property
-    def fitted(self) -> Fit:
-        """The last fit that stands."""
-        return self.steps[-1].fitted if self.steps else self.searched.start
 
 
 def diagnose(
@@ -86,19 +59,21 @@ def diagnose(
     known: Sequence[Effect] = (),
     bulge: Estimate | None = None,
     bound: Pair | None = SILICONE_NU,
+    watch: Watch = UNWATCHED,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
     `bulge`: nu from the rise beside the punch, held within `bound`; forces are fitted with it, and the picture is
-    held against none of its own. A candidate that cannot be fitted is passed over. Raises InputError where no
-    law can be fitted at all.
+    held against none of its own. A candidate that cannot be fitted is passed over. Where the time of `watch` is
+    over, nothing new is looked for: the answer is the best so far, `stopped`. Raises InputError where no law can
+    be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound)
+    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
-    while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
+    while not watch.over and found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
         aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
         found = fitted(data.take(others))
@@ -113,6 +88,7 @@ def _diagnosed(
     rng: np.random.Generator,
     bulge: Estimate | None,
     bound: Pair | None,
+    watch: Watch,
 ) -> Diagnosis:
     """These presses, all of them."""
     seen, data = fit_vision_depth(data), informed(data, bulge, bound=bound)
@@ -120,15 +96,18 @@ def _diagnosed(
     for effect in known:
         model = model + effect
     parts = 1 if seen is None else 2
-    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts)
-    force = _against_instrument_errors(
-        _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
+    watch.tell("fitting the plain law")
+    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts, watch=watch)
+    force = against_instrument_errors(
+        outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng)), watch
     )
     sight = None
     if seen is not None:
-        sight = _outcome(
-            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
+        sight = outcome(
+            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts, watch=watch),
+            LEFT_LEVEL / parts,
         )
+    watch.tell("what it does to the material")
     return _determine(force, sight, catalogue, rng)
 
 
@@ -148,36 +127,8 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     )
 
 
-def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
-    """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
-    left, steps = searched.last.lack_of_fit, searched.steps
-    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
-    flags += ["press_stands_out"] if odd.presses else []
-    flags += ["presses_wander"] if odd.wanders else []
-    flags += ["presses_scatter"] if odd.scattered else []
-    odd_alone = odd or (odd.scattered and not steps)
-    if left >= level and not odd_alone:
-        return _Outcome(searched, steps, (), left, False, tuple(flags))
-    if 0 < len(steps) < MOST and searched.explained > MOSTLY and not odd_alone:  # named; its form is not exact
-        return _Outcome(searched, steps, (), left, False, (*flags, "small_remainder"))
-    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
-
-
-def _against_instrument_errors(force: _Outcome) -> _Outcome:
-    """With the plain error that does as well as what was named, which then stands no more, or better than what was
-    tried.
-    """
-    found = alternative_explanation(force.searched) if force.steps or (force.unknown and not force.odd) else None
-    if found is None:
-        return force
-    return replace(
-        force, steps=(), tried=force.tried or found.instead_of, unknown=True, alternative_explanation=found
-    )
-
-
 def _determine(
-    force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
@@ -212,13 +163,12 @@ def _determine(
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
         alternative_explanation=force.alternative_explanation,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
+        plain=force.plain, stopped=any(one.searched.stopped for one in both),
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
     )  # fmt: skip
 
 
-def _moduli(
-    force: _Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]
-) -> list[float]:
+def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
     """What else E may be, over that of the base fit."""
     moduli = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
@@ -236,7 +186,7 @@ def _concluded(fitted: Fit) -> CalibrationResult:
 
 def _material(
     alone: CalibrationResult,
-    both: tuple[_Outcome, _Outcome | None],
+    both: tuple[Outcome, Outcome | None],
     catalogue: Sequence[Effect],
     shares: Sequence[float],
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
@@ -252,7 +202,7 @@ def _material(
     return (after if sight is None else _risen(after, sight)), unseen
 
 
-def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
+def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
     if any(one.unknown for one in both):
         return "UNKNOWN"
     if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
@@ -260,7 +210,7 @@ def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
     return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
 
 
-def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
+def _testable(both: Sequence[Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
     looks = [
@@ -274,7 +224,7 @@ def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float
     return missing, visible
 
 
-def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
+def _looked_for(catalogue: Sequence[Effect], sight: Outcome | None) -> list[Effect]:
     """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
     seen = () if sight is None else in_picture(sight.searched.base.data)
     return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
@@ -312,7 +262,7 @@ def _spanning(
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
 
 
-def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
+def _risen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
     share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
     E = after.youngs_modulus

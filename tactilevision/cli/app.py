@@ -12,12 +12,14 @@ import typer
 from tactilevision.cli import (
     calibrate,
     calibrate_sensor,
+    compare,
     depth,
     diagnose,
     force,
     live,
     plan,
     simulate,
+    steps,
     tabulate,
     train,
     validate,
@@ -50,8 +52,8 @@ app.command("calibrate-sensor")(alone(calibrate_sensor.calibrate_sensor, file=Tr
 app.command("depth")(alone(depth.depth))
 app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))
-app.command("compare")(alone(diagnose.compare))
-app.command("steps")(alone(diagnose.steps, into="folder"))
+app.command("compare")(alone(compare.compare))
+app.command("steps")(alone(steps.steps, into="folder"))
 app.command("new-effect")(diagnose.new_effect)
 app.command("live")(live.live)
 app.command("force")(alone(force.force))
