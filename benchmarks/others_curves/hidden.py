@@ -128,7 +128,9 @@ def _pull(gel: Gel, protocol: Protocol, press: Press) -> Array:
     if not gel.size("adhesion"):
         return np.zeros(press.depth_mm.size)
     k = slope_N_per_mm(gel.modulus_MPa, gel.nu, press.radius_mm, protocol.thickness_mm)
-    pull_off = np.sqrt(8 * np.pi * press.radius_mm**3 * gel.modulus_MPa / (1 - gel.nu**2) * gel.size("adhesion") * 1e-3)
+    pull_off = np.sqrt(
+        8 * np.pi * press.radius_mm**3 * gel.modulus_MPa / (1 - gel.nu**2) * gel.size("adhesion") * 1e-3
+    )
     below = np.minimum(press.depth_mm, 0.0) * k
     back = np.array([name == UNLOAD for name in press.phase])
     return np.where(back & (-below < pull_off), below, 0.0)
@@ -155,7 +157,9 @@ def misread(gel: Gel, press: Press, force_N: Array, *, row: int, share: float, r
     force = force + gel.size("vibration") * np.sin(2 * np.pi * 0.9 * time + row)
     if gel.size("stick_slip"):
         slips = rng.uniform(0.3, 0.9) * press.depth_mm.max()
-        force = force - gel.size("stick_slip") * force_N.max() * np.exp(-np.abs(press.depth_mm - slips) / 0.02) * ~back
+        force = (
+            force - gel.size("stick_slip") * force_N.max() * np.exp(-np.abs(press.depth_mm - slips) / 0.02) * ~back
+        )
     if gel.size("bubble") and row == 4:
         force = force * (1 - gel.size("bubble") * 3)
     return np.asarray(depth), np.asarray(force), cross

@@ -34,7 +34,12 @@ def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False) -> R
         said = _screened(data) if screen else _diagnosed(data)
     except Exception as fault:  # whatever is raised is a finding, and the rest goes on
         said = {"verdict": "RAISED", "failed": f"{type(fault).__name__}: {fault}"}
-    return {"seed": seed, "rich": rich, "screen": screen} | asdict(made) | said | {"cpu_s": time.process_time() - begin}
+    return (
+        {"seed": seed, "rich": rich, "screen": screen}
+        | asdict(made)
+        | said
+        | {"cpu_s": time.process_time() - begin}
+    )
 
 
 def _diagnosed(data: Observations) -> Row:
@@ -64,14 +69,17 @@ def _screened(data: Observations) -> Row:
     from calibration.diagnosis.score_test import score_test
     from calibration.effects import EFFECTS
     from calibration.inputs.checks import clear_of_touch, usable
-    from calibration.tasks.compare import base_model, fit_alone
+    from calibration.tasks.compare import base_model
+    from calibration.tasks.diagnose import base_fit
 
     data = clear_of_touch(usable(data))
-    found = score_test(fit_alone(base_model(data), data), list(EFFECTS.values()), rng=np.random.default_rng(SEED))
+    fitted = base_fit(base_model(data), data)
+    found = score_test(fitted, list(EFFECTS.values()), rng=np.random.default_rng(SEED), of_rig=True)
     return {
         "verdict": "SCREENED",
         "screen_p": [[s.key, s.p_adjusted] for s in found.effects[:3]],
-        "left": [[s.key, s.p_adjusted] for s in found.covariates[:3]],
+        "left": [[s.key, s.p_adjusted] for s in (*found.covariates, *found.others) if s.p_adjusted < 1],
+        "family_p": found.family_p,
     }
 
 

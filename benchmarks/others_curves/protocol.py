@@ -54,10 +54,21 @@ def draw(rng: np.random.Generator, *, rich: bool) -> Protocol:
         clock += rest + (86400.0 * float(days[k] - days[k - 1]) if k else 0.0)
         speed, hold = float(rng.choice(speeds)), float(rng.choice(holds))
         place = tuple(np.round(rng.uniform(-6, 6, 2), 2)) if rich else (0.0, 0.0)
-        path = _path(rng, float(rng.choice(depths)), speed=speed, hold=hold, back=back, samples=samples, uneven=uneven)
+        path = _path(
+            rng, float(rng.choice(depths)), speed=speed, hold=hold, back=back, samples=samples, uneven=uneven
+        )
         warm = float(np.round(22 + rng.normal(0, 2.5), 1)) if rich else float("nan")
         one = Press(
-            float(rng.choice(radii)), clock + path[0], path[1], path[2], rest, speed, hold, place, int(days[k]), warm
+            float(rng.choice(radii)),
+            clock + path[0],
+            path[1],
+            path[2],
+            rest,
+            speed,
+            hold,
+            place,
+            int(days[k]),
+            warm,
         )
         presses.append(one)
         clock = float(one.time_s[-1])
@@ -65,7 +76,14 @@ def draw(rng: np.random.Generator, *, rich: bool) -> Protocol:
 
 
 def _path(
-    rng: np.random.Generator, deepest_mm: float, *, speed: float, hold: float, back: bool, samples: int, uneven: bool
+    rng: np.random.Generator,
+    deepest_mm: float,
+    *,
+    speed: float,
+    hold: float,
+    back: bool,
+    samples: int,
+    uneven: bool,
 ) -> tuple[Array, Array, tuple[str, ...]]:
     down = (deepest_mm + LEAD_MM) / speed
     ends = np.cumsum([down, hold, down + LEAD_MM / speed if back else 0.0])

@@ -47,7 +47,9 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool) -> Made:
     _write(folder, plan, reader, gel, rows)
     strength = _strength(plan, reader, truth) if gel.sizes else 0.0
     size = sum(one.time_s.size for one in plan.presses)
-    return Made(kind, dict(gel.sizes), strength, gel.modulus_MPa, reader.kind, reader.stated, len(plan.presses), size)
+    return Made(
+        kind, dict(gel.sizes), strength, gel.modulus_MPa, reader.kind, reader.stated, len(plan.presses), size
+    )
 
 
 Read = tuple[Array, Array, float]
@@ -93,7 +95,14 @@ def _strength(plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[A
 def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hidden.Gel, rows: list[Read]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     radii = sorted({press.radius_mm for press in plan.presses})
-    text = ["format = 1", 'name = "others"', "date = 2026-11-02", "[sensor]", 'kind = "custom"', "mm_per_px = 0.06"]
+    text = [
+        "format = 1",
+        'name = "others"',
+        "date = 2026-11-02",
+        "[sensor]",
+        'kind = "custom"',
+        "mm_per_px = 0.06",
+    ]
     text += ["width_px = 400", "height_px = 300", "[sensor.gel]", f"thickness_mm = {plan.thickness_mm}"]
     text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", "poisson_ratio_std = 0.005"]
     if reader.stated:

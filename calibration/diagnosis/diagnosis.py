@@ -13,6 +13,7 @@ from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.model_averaging import UndetectedEffect
+from calibration.diagnosis.remainder import Remainder
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
@@ -84,7 +85,7 @@ class Diagnosis:
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
     on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
     `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
-    fit of all.
+    fit of all; `left_over` what stands out of the last fit, whether it matters or not.
     """
 
     verdict: str
@@ -120,6 +121,7 @@ class Diagnosis:
     whole: Fit | None = None
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
     alternative_explanation: AlternativeExplanation | None = None
+    left_over: Remainder | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -141,6 +143,7 @@ class Diagnosis:
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
             "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
+            "left_over": None if self.left_over is None else self.left_over.as_json(),
             "left": None if self.left is None else self.left.as_json(),
             "possible_bias_of_E": dict(self.possible_bias),
             "unseen": {

@@ -93,14 +93,17 @@ class Searched:
 
 
 def forward_selection(
-    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float
+    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float, of_rig: bool = False
 ) -> Searched:
-    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
+    """Search on top of `base`; with `of_rig` the rig's plain errors and odd presses are looked at as well.
+
+    A candidate that cannot be fitted is passed over.
+    """
     start = current = base
     rounds, steps = list[Round](), list[Step]()
     while len(steps) < MOST:
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
-        turn = _look(current, catalogue, rng, now)
+        turn = _look(current, catalogue, rng, now, of_rig)
         rounds.append(turn)
         if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
             current = room
@@ -115,7 +118,7 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng)
+    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng, of_rig=of_rig)
     return Searched(base, start, tuple(rounds), tuple(steps), last)
 
 
@@ -200,9 +203,11 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
     return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
-def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+def _look(
+    current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float, of_rig: bool
+) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
-    seen = score_test(current, catalogue, rng=rng)
+    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]

@@ -1,19 +1,22 @@
-"""Which directions stand out of the residual, with error rates that hold for presses that are no repeats.
+"""One test of everything that may end in anything but ADEQUATE, at one level, on presses that are no repeats.
 
-A direction is the change of the force that an effect would bring (from each of its starts), or a step function
-of a covariate. Whitened and freed of what the fit can absorb, its score is t = d.z/|d|. For an effect the
-largest t^2 over its starts counts, for a covariate the sum over its bins. Both are calibrated by a parametric
-bootstrap in which the error model is estimated anew each time; the smallest p over all effects (or covariates)
-is calibrated by the same bootstrap, which gives p_adjusted a family-wise meaning.
+A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
+starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is t = d.z/|d|.
+Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a
+covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how
+presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn with
+the tails that they have and the error model is estimated anew. The level is shared: effects have `SHARE` of it,
+everything else the rest, each by its own smallest p. p_adjusted is p for having looked at all of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Effect
@@ -21,14 +24,20 @@ from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
+from calibration.repeats.outlying_presses import TAILS, PressLooks, press_dof
 from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
+LEVEL = 0.05  # of all that may end in anything but ADEQUATE
+SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
+ONE_WAY = 0.9999  # cosine from which two directions are one
+NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
+LEAST_DOF = 2.5  # with 2 a t has no variance
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
 OTHER_BINS = 6  # steps of every other covariate
@@ -56,7 +65,7 @@ class Scored:
 class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
-    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
+    `others` are plain errors of the rig and what is odd among presses. `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
     (3.6 std); inf where the base model absorbs it.
     """
 
@@ -64,48 +73,100 @@ class ScoreTest:
     covariates: tuple[Scored, ...]
     not_testable: Mapping[str, str]
     visible: Mapping[str, float]
+    others: tuple[Scored, ...] = ()
 
     @property
     def lack_of_fit(self) -> float:
-        """Adjusted p of the most telling covariate; 1 where there is none."""
-        return min((c.p_adjusted for c in self.covariates), default=1.0)
+        """Adjusted p of the most telling of all but effects; 1 where there is none."""
+        return min((c.p_adjusted for c in (*self.covariates, *self.others)), default=1.0)
+
+    @property
+    def family_p(self) -> float:
+        """p of all that was looked at: what anything but ADEQUATE begins with."""
+        return min([self.lack_of_fit, *(s.p_adjusted for s in self.effects)])
 
 
 def score_test(
-    fitted: Fit, effects: Sequence[Effect], *, rng: np.random.Generator, draws: int = DRAWS
+    fitted: Fit,
+    effects: Sequence[Effect],
+    *,
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    of_rig: bool = False,
 ) -> ScoreTest:
-    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
+    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own; with
+    `of_rig` plain errors of the rig and presses that are odd as well.
+    """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
-    seen = seen_covariates(fitted)
-    steps = {c.name: _steps(fitted, c) for c in seen} | _of_one_size(fitted, seen)
-    cast = _Cast(fitted, [*tables.values(), *steps.values()])
-    real = cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None])[0]
+    plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
+    plain = {key: _either_way(table) for key, table in plain.items()}
+    steps = covariate_steps(fitted)
+    cast = _Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
     drawn = cast.null(rng, draws)
-    null = cast.scores(*drawn)
+    real, null = (
+        cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None]),
+        cast.scores(*drawn),
+    )
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
-    count = len(tables)
-    largest = [float(np.max(s**2, initial=0.0)) for s in real[:count]]
-    sums = [float(np.sum(s**2)) for s in real[count:]]
-    null_largest = np.array([[np.max(s**2, initial=0.0) for s in row[:count]] for row in null]).reshape(
-        draws, count
+    searched = len(tables) + len(plain)
+    table = np.array([[*(np.max(s**2, initial=0.0) for s in row[:searched]), *(np.sum(s**2) for s in row[searched:])]
+                      for row in (*real, *null)]).reshape(1 + draws, -1)  # fmt: skip
+    more = _Looks(cast, of_rig)
+    table = np.column_stack([table, more.table(fitted, drawn)])
+    keys = [*tables, *plain, *steps, *more.names]
+    parts = (range(len(tables)), range(len(tables), table.shape[1])) if effects else ((), range(table.shape[1]))
+    shares = (SHARE, 1 - SHARE) if effects else (1.0, 1.0)
+    named, rest = (
+        _ranked([keys[k] for k in part], table[:, list(part)], skip=missing, share=share)
+        for part, share in zip(parts, shares, strict=True)
     )
-    null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
-    looks, scatter = list(steps), Scatter(fitted.data)
-    if scatter.seen:
-        white = [cast.white(noise, drawn[1][:, k], priors=drawn[2][:, k]) for k, noise in enumerate(drawn[0])]
-        usual = float(np.mean([scatter.differences(one).mean() for one in white]))
-        looks.append(SCATTER)
-        sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, priors=cast.own_priors), usual))
-        null_sums = np.column_stack([null_sums, [scatter.statistic(one, usual) for one in white]])
+    of_residual = {*steps, SCATTER}
     return ScoreTest(
-        effects=_ranked(list(tables), largest, null_largest, skip=missing),
-        covariates=_ranked(looks, sums, null_sums, skip={}),
+        effects=named,
+        covariates=tuple(s for s in rest if s.key in of_residual),
         not_testable=missing,
         visible=_visible(fitted, effects, tables, cast),
+        others=tuple(s for s in rest if s.key not in of_residual),
     )
+
+
+class _Looks:
+    """What is no direction: the scatter of loading, and with `of_rig` the presses."""
+
+    def __init__(self, cast: _Cast, of_rig: bool) -> None:
+        self._cast, self._scatter = cast, Scatter(cast.fitted.data)
+        self._presses = PressLooks(cast.fitted) if of_rig else None
+        self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
+
+    def table(self, fitted: Fit, drawn: tuple[Sequence[Noise], Floats, Floats]) -> Floats:
+        """Statistics (1 + draws, n) of the residual itself and of each draw."""
+        noises, errors, priors = [fitted.noise, *drawn[0]], *(
+            np.column_stack([own, many]) for own, many in zip((fitted.residual_N, self._cast.own_priors), drawn[1:],
+                                                              strict=True))  # fmt: skip
+        columns = []
+        if self._scatter.seen:
+            each = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
+            usual = float(np.mean([self._scatter.differences(one).mean() for one in each[1:]]))
+            columns.append([self._scatter.statistic(one, usual) for one in each])
+        if self._presses is not None:
+            columns += list(self._presses.statistics(self._cast.left_of(errors, priors)))
+        return np.array(columns).reshape(len(columns), len(noises)).T
+
+
+def _either_way(table: Floats) -> Floats:
+    """Directions (N, s) without those that are another's opposite, or the same."""
+    unit = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
+    return np.asarray(table[:, ~alike])
+
+
+def covariate_steps(steady: Fit) -> dict[str, Floats]:
+    """Step functions (N, k) of everything recorded, and of effects' sizes that have to be one, by name."""
+    seen = seen_covariates(steady)
+    return {c.name: _steps(steady, c) for c in seen} | _of_one_size(steady, seen)
 
 
 def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
@@ -249,31 +310,73 @@ class _Cast:
         own = jacobian.T @ white + self._priors.T @ priors
         return np.asarray(white - jacobian @ np.linalg.solve(within, own))
 
+    def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
+        """What the fit leaves of residuals (N, k) with priors (q, k), in N."""
+        own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
+        return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
+
     def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
         """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
         fitted = self.fitted
-        whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-        errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))
+        errors = draw_errors(fitted, rng, draws)
         priors = rng.standard_normal((len(self._priors), draws))
         return renewed_noise(fitted, errors), errors, priors
 
 
-def _ranked(
-    keys: Sequence[str], real: Sequence[float], null: Floats, skip: Mapping[str, str]
-) -> tuple[Scored, ...]:
-    """p of each, and adjusted for the smallest of all, from the same draws."""
+def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int) -> Floats:
+    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have."""
+    noise, about, press = fitted.noise, fitted.about, fitted.data.press
+    own = replace(noise, gain=0.0, zero_mm=0.0)
+    of_samples = student(rng, sample_dof(fitted), (fitted.data.size, draws))
+    errors = Whitener(fitted.data, own, about).colour(of_samples)
+    if noise.gain or noise.zero_mm:
+        gain, zero = student(rng, press_dof(fitted), (2, fitted.data.count, draws))
+        errors += noise.gain * about.force_N[:, None] * gain[press]
+        errors += noise.zero_mm * about.slope_N_per_mm[:, None] * zero[press]
+    return errors
+
+
+def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Floats:
+    """Student's t of this shape, unit variance; normal from 100 degrees of freedom on."""
+    if dof > NORMAL_DOF:
+        return rng.standard_normal(shape)
+    dof = max(dof, LEAST_DOF)
+    return np.asarray(rng.standard_t(dof, shape) * np.sqrt((dof - 2) / dof))
+
+
+def sample_dof(fitted: Fit) -> float:
+    """The likeliest degrees of freedom of white residuals, of unit variance; normal unless it brings its cost."""
+    from scipy.stats import t
+
+    white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
+    white = white / max(float(np.std(white)), 1e-300)
+
+    def likelihood(dof: float) -> float:
+        size = float(np.sqrt((dof - 2) / dof))
+        return float(np.sum(t.logpdf(white / size, dof)) - white.size * np.log(size))
+
+    tails = [dof for dof in TAILS if dof > LEAST_DOF]
+    best = max(tails, key=likelihood)
+    return best if likelihood(best) - likelihood(tails[-1]) > np.log(white.size) else tails[-1]
+
+
+def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:
+    """p of each statistic, real in the first row of `table` and drawn in the others, and adjusted for the smallest
+    of all by the same draws and for the `share` of the level that they have.
+    """
     kept = [k for k, key in enumerate(keys) if key not in skip]
     if not kept:
         return ()
+    real, null = table[0], table[1:]
     tails = {k: _Tail(null[:, k]) for k in kept}
     smallest = np.min([[tails[k](float(x)) for x in null[:, k]] for k in kept], axis=0)
-    typical = min(float(np.quantile(smallest, 0.05)), 1 - 1e-12)
-    looks = max(float(np.log(0.95) / np.log1p(-typical)), 1.0)
+    typical = min(float(np.quantile(smallest, LEVEL * share)), 1 - 1e-12)
+    looks = max(float(np.log1p(-LEVEL * share) / np.log1p(-typical)), 1.0)
     scored = []
     for k in kept:
-        p = tails[k](real[k])
-        adjusted = float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12))))
-        scored.append(Scored(keys[k], real[k], p, adjusted, float(np.mean(null[:, k]))))
+        p = tails[k](float(real[k]))
+        adjusted = min(float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12)))) / share, 1.0)
+        scored.append(Scored(keys[k], float(real[k]), p, adjusted, float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
 
 

@@ -1,12 +1,13 @@
 """From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
 
-    testable? -> base model -> search (screen, refit, confirm, add) -> is anything left?
+    testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
 
-Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
-decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
-error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
-AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect
-of the catalogue explains).
+Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
+at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches share
+it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing stands out,
+or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit as well,
+or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue explains, and E,
+a force or a depth may be off by more than its interval says).
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, 
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
+from calibration.diagnosis.remainder import Remainder, remainder
+from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
@@ -33,9 +36,11 @@ from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
+from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
+from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.repeats.sample_noise import with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -44,8 +49,6 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate
 
-LEVEL = 0.05  # family-wise chance of naming an effect where there is none
-LEFT_LEVEL = 0.01  # of saying that something unknown is left
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
@@ -54,7 +57,7 @@ FEW = 0.1  # of the presses: what can be set aside as accidents
 @dataclass(frozen=True, slots=True)
 class _Outcome:
     """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
-    well, and p of what is left.
+    well, p of what is left, and what it is.
     """
 
     searched: Searched
@@ -64,6 +67,7 @@ class _Outcome:
     unknown: bool
     flags: tuple[str, ...]
     odd: OutlyingPresses = NOTHING_ODD
+    remainder: Remainder | None = None
     alternative_explanation: AlternativeExplanation | None = None
 
     @property
@@ -115,17 +119,28 @@ def _diagnosed(
     model = base_model(data)
     for effect in known:
         model = model + effect
-    parts = 1 if seen is None else 2
-    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts)
-    force = _against_instrument_errors(
-        _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
-    )
+    level = LEVEL if seen is None else LEVEL / 2
+    found_there = forward_selection(base_fit(model, data), catalogue, rng=rng, level=level, of_rig=True)
+    force = _against_instrument_errors(_outcome(found_there, level, _odd(found_there, level)), level)
     sight = None
     if seen is not None:
-        sight = _outcome(
-            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
-        )
+        sight = _outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level), level)
     return _determine(force, sight, catalogue, rng)
+
+
+def base_fit(model: Model, data: Observations) -> Fit:
+    """The fit that all is held against, its samples' noise shaped as the data show where nobody stated it."""
+    first = fit_alone(model, data)
+    shaped = with_sample_noise(first)
+    return first if shaped is first.data else fit_alone(model, shaped)
+
+
+def _odd(searched: Searched, level: float) -> OutlyingPresses:
+    """What is odd among the presses, as far as the test says so."""
+    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
+    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
+    odd = outlying_presses(searched.current, wanders=wanders)
+    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -145,26 +160,28 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
 
 
 def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
-    """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
+    """Whether the steps stand: not where they leave what matters and explain but a part of it, or are all used up."""
     left, steps = searched.last.lack_of_fit, searched.steps
+    over = remainder(searched.current, searched.last, level=level) if left <= level else None
     flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
     flags += ["press_stands_out"] if odd.presses else []
     flags += ["presses_wander"] if odd.wanders else []
     flags += ["presses_scatter"] if odd.scattered else []
-    odd_alone = odd or (odd.scattered and not steps)
-    if left >= level and not odd_alone:
-        return _Outcome(searched, steps, (), left, False, tuple(flags))
-    if 0 < len(steps) < MOST and searched.explained > MOSTLY and not odd_alone:  # named; its form is not exact
-        return _Outcome(searched, steps, (), left, False, (*flags, "small_remainder"))
+    flags += ["small_remainder"] if over else []
+    mostly = 0 < len(steps) < MOST and searched.explained > MOSTLY  # named; its form is not exact
+    matters = over is not None and over.matters and not mostly
+    if not (matters or odd.presses or (odd.scattered and not steps)):
+        return _Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)
     tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
+    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over)
 
 
-def _against_instrument_errors(force: _Outcome) -> _Outcome:
+def _against_instrument_errors(force: _Outcome, level: float) -> _Outcome:
     """With the plain error that does as well as what was named, which then stands no more, or better than what was
     tried.
     """
-    found = alternative_explanation(force.searched) if force.steps or (force.unknown and not force.odd) else None
+    looked = force.steps or (force.unknown and not force.odd)
+    found = alternative_explanation(force.searched, level=level) if looked else None
     if found is None:
         return force
     return replace(
@@ -177,7 +194,8 @@ def _determine(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, alone = determine_material(base), _concluded(fitted)
+    before = determine_material(base)
+    alone = _concluded(fitted, before if fitted is base else determine_material(fitted))
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
@@ -205,6 +223,7 @@ def _determine(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
+        left_over=force.remainder,
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
         alternative_explanation=force.alternative_explanation,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
@@ -221,9 +240,9 @@ def _moduli(
     return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 
 
-def _concluded(fitted: Fit) -> CalibrationResult:
+def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """The material of the last fit, with a word where samples scatter by more than was stated of them."""
-    result, times = determine_material(fitted), beyond_stated(fitted)
+    times = beyond_stated(fitted)
     if times is None:
         return result
     said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
@@ -243,9 +262,16 @@ def _material(
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-        warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())),
+        warnings=(*after.warnings, *_remarks(force)),
     )
     return (after if sight is None else _risen(after, sight)), unseen
+
+
+def _remarks(force: _Outcome) -> tuple[str, ...]:
+    """What is to be said of E beside its value, where something is left."""
+    if force.unknown:
+        return (NOT_TRUSTED,)
+    return () if force.remainder is None else (force.remainder.sentence,)
 
 
 def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
