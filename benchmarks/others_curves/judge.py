@@ -24,9 +24,11 @@ Row = dict[str, Any]
 
 
 def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False) -> Row:
-    """Make one recording, look at it, and only then open the truth."""
+    """Make one recording, look at it, and only then open the truth. A screen tests the straight law alone, so it is
+    given one; a curve that theory allows is the search's business.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        made = make(Path(folder), kind, seed, rich=rich)
+        made = make(Path(folder), kind, seed, rich=rich, straight=screen)
         recording = read_recording(Path(folder))
         data = observe_curves(Measured(recording, curves=recording.curves))
     begin = time.process_time()

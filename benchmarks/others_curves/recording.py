@@ -28,8 +28,8 @@ class Made:
     samples: int
 
 
-def make(folder: Path, kind: str, seed: int, *, rich: bool) -> Made:
-    """Write the recording of this seed into `folder`."""
+def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False) -> Made:
+    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     plan, reader = protocol.draw(rng, rich=rich or kind != "clean"), noise.draw(rng)
     table = hidden.OUTSIDE if kind == "outside" else hidden.SINGLE
@@ -38,7 +38,7 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool) -> Made:
         modulus_MPa=float(np.round(np.exp(rng.uniform(np.log(0.08), np.log(0.8))), 4)),
         nu=float(rng.choice([0.45, 0.48, 0.49])),
         bend=BEND * float(rng.uniform(0.92, 1.1)),
-        curve=float(rng.uniform(-0.3, 0.3)),
+        curve=float(rng.uniform(-0.3, 0.3)) * (not straight),
         sizes={str(k): float(np.exp(rng.uniform(*np.log(table[k])))) for k in keys},
         tau_s=float(rng.choice([0.5, 2.0, 8.0])),
         at=float(rng.uniform(0.3, 0.7)),
