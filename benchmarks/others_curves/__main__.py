@@ -70,11 +70,11 @@ def _kept(log: Path | None) -> dict[Task, Row]:
 def _line(row: Row) -> str:
     hidden = " + ".join(row["sizes"]) or "nothing"
     left, screened = (", ".join(f"{k} {p:.2g}" for k, p in row.get(name, [])[:2]) for name in ("left", "screen_p"))
-    end = f"{row.get('plain') or ''} {row.get('odd') or ''} {row.get('wanders') or ''} {row.get('failed', '')}".strip()
+    end = " ".join(str(row[name]) for name in ("plain", "odd", "wanders", "failed") if row.get(name))
+    noise = row["noise"] + ("" if row["stated"] else " unstated")
     return (
-        f"{row['kind']} {row['seed']} {row['noise']}{'' if row['stated'] else ' unstated'} {row['presses']} presses: "
-        f"{hidden} ({row['strength']:.0f} sigma) -> {row['verdict']} {row.get('named', '')} | {left} | {screened} | "
-        f"{end} {row['cpu_s']:.0f} s"
+        f"{row['kind']} {row['seed']} {noise} {row['presses']} presses: {hidden} ({row['strength']:.0f} sigma) -> "
+        f"{row['verdict']} {row.get('named', '')} | {left} | {screened} | {end} {row['cpu_s']:.0f} s"
     )
 
 

@@ -24,8 +24,9 @@ Row = dict[str, Any]
 
 
 def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False) -> Row:
-    """Make one recording, look at it, and only then open the truth. A screen tests the straight law alone, so it is
-    given one; a curve that theory allows is the search's business.
+    """Make one recording, look at it, and only then open the truth.
+
+    A screen tests the straight law alone, so it is given one; a curve that theory allows is the search's business.
     """
     with tempfile.TemporaryDirectory() as folder:
         made = make(Path(folder), kind, seed, rich=rich, straight=screen)
@@ -99,7 +100,8 @@ def share(what: str, hits: Sequence[bool]) -> str:
     if not hits:
         return f"{what:52s} -"
     low, high = exact(sum(hits), len(hits))
-    return f"{what:52s} {sum(hits):4d} of {len(hits):4d} = {100 * np.mean(hits):5.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+    said = f"{sum(hits):4d} of {len(hits):4d} = {100 * np.mean(hits):5.1f} %"
+    return f"{what:52s} {said} ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def report(rows: Sequence[Row]) -> str:
@@ -123,7 +125,7 @@ def report(rows: Sequence[Row]) -> str:
             r["verdict"] == "IDENTIFIED" and not set(r["named"]) <= h for r, h in zip(loud, hidden, strict=True)
         ]
         lines += [
-            share(f"{kind} above {SEEN:.0f} sigma: truth in the set", [h <= s for h, s in zip(hidden, sets, strict=True)]),
+            share(f"{kind} above {SEEN:.0f} sigma: in the set", [h <= s for h, s in zip(hidden, sets, strict=True)]),
             share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
             share(f"{kind}: confidently wrong", wrong),
             share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),

@@ -1,7 +1,8 @@
 """Force of a flat punch, radius a, pressed w into a layer, thickness h, that is glued to its base.
 
     P = 2 a E kappa w / (1 - nu^2) * g(w/h),    kappa = integral of phi over 0..1
-    phi(x) - (1/pi) int_0^1 phi(t) [k(x - t) + k(x + t)] dt = 1,   k(u) = (a/h) int_0^inf (1 - L(s)) cos(s u a/h) ds
+    phi(x) - (1/pi) int_0^1 phi(t) [k(x - t) + k(x + t)] dt = 1
+    k(u) = (a/h) int_0^inf (1 - L(s)) cos(s u a/h) ds
     L(s) = [(3 - 4 nu) sinh 2s - 2s] / [(3 - 4 nu) cosh 2s + 2 s^2 + 5 - 12 nu + 8 nu^2]
 
 The face slides. Source: Lebedev, Ufliand, J. Appl. Math. Mech. 22 (1958) 442. g is 1 + b w/h + c (w/h)^2; b

@@ -11,8 +11,8 @@ from benchmarks.others_curves.law import Array
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """Noise of one rig. `tails`, `heavy`: degrees of freedom of the samples' and of the presses' Student t, inf for
-    a normal one; `step_N`: what the force is rounded to.
+    """Noise of one rig. `tails`, `heavy`: degrees of freedom of the samples' and of the presses' Student t, inf
+    for a normal one; `step_N`: what the force is rounded to.
     """
 
     force_N: float

@@ -14,7 +14,7 @@ LEAD_MM = 0.02  # mm of air before the touch
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """One press: its punch, path and place; `time_s` (n,) since the recording began, `depth_mm` (n,) in the gel."""
+    """One press: its punch, path, place; `time_s` (n,) since the recording began, `depth_mm` (n,) in the gel."""
 
     radius_mm: float
     time_s: Array

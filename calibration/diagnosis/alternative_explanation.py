@@ -4,8 +4,8 @@ Several effects can follow together what one function of one covariate does alon
 looks like a relaxation beside an adhesion), and then leave nothing. A plain error needs a reason: it stands out in
 the test of the fit that the search began with, its range searched in the null as in the data, and its fit lies
 inside its range. It is then fitted under the noise that the search ended with, and costs chi^2 + 2 q and what its
-range was searched for, 2 ln of the ways to begin. What was named is not identified where a plain error costs no more
-than an equally good fit may (AS_GOOD), and less by as much than each of the named effects does alone.
+range was searched for, 2 ln of the ways to begin. What was named is not identified where a plain error costs no
+more than an equally good fit may (AS_GOOD), and less by as much than each of the named effects does alone.
 """
 
 from __future__ import annotations

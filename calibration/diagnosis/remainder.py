@@ -5,9 +5,9 @@ What stands out of the residual is taken for a random function of what it follow
     y = f + J a + D b + noise,    b ~ N(0, s^2),
 
 D its steps, s the likeliest on a grid; a plain error is fitted instead. E may be off by the shift that it brings
-and by the std that it adds; forces by D b beside what J takes of it. It matters where a 95 % interval then holds in
-less than 90 %: where E is off by more than MATTERS std of its own, or, at one sample in ten, a force by more than
-MATTERS std of one press's reading (its gain, its zero and its sample). It is described, never repaired.
+and by the std that it adds; forces by D b beside what J takes of it. It matters where a 95 % interval then holds
+in less than 90 %: where E is off by more than MATTERS std of its own, or, at one sample in ten, a force by more
+than MATTERS std of one press's reading (its gain, its zero and its sample). It is described, never repaired.
 Source: Kennedy, O'Hagan, J. R. Stat. Soc. B 63 (2001) 425 (a discrepancy as a random function).
 """
 

@@ -1,9 +1,9 @@
 """One test of everything that may end in anything but ADEQUATE, at one level, on presses that are no repeats.
 
 A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
-starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is t = d.z/|d|.
-Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is searched; of a
-covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how
+starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
+t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
+searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how
 presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn with
 the tails that they have and the error model is estimated anew. The level is shared: effects have `SHARE` of it,
 everything else the rest, each by its own smallest p. p_adjusted is p for having looked at all of it.
@@ -30,6 +30,10 @@ from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
+FIRST_DRAWS = 99  # after which it ends where all is decided
+FAR_FROM = (
+    4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time
+)
 LEVEL = 0.05  # of all that may end in anything but ADEQUATE
 SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
@@ -65,7 +69,8 @@ class Scored:
 class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
-    `others` are plain errors of the rig and what is odd among presses. `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
+    `others` are plain errors of the rig and what is odd among presses.
+    `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
     (3.6 std); inf where the base model absorbs it.
     """
 
@@ -103,27 +108,17 @@ def score_test(
     plain = {key: _either_way(table) for key, table in plain.items()}
     steps = covariate_steps(fitted)
     cast = _Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
-    drawn = cast.null(rng, draws)
-    real, null = (
-        cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None]),
-        cast.scores(*drawn),
-    )
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
-    searched = len(tables) + len(plain)
-    table = np.array([[*(np.max(s**2, initial=0.0) for s in row[:searched]), *(np.sum(s**2) for s in row[searched:])]
-                      for row in (*real, *null)]).reshape(1 + draws, -1)  # fmt: skip
-    more = _Looks(cast, of_rig)
-    table = np.column_stack([table, more.table(fitted, drawn)])
-    keys = [*tables, *plain, *steps, *more.names]
-    parts = (range(len(tables)), range(len(tables), table.shape[1])) if effects else ((), range(table.shape[1]))
-    shares = (SHARE, 1 - SHARE) if effects else (1.0, 1.0)
-    named, rest = (
-        _ranked([keys[k] for k in part], table[:, list(part)], skip=missing, share=share)
-        for part, share in zip(parts, shares, strict=True)
-    )
-    of_residual = {*steps, SCATTER}
+    looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
+    keys = [*tables, *plain, *steps, *looks.names]
+    first = looks.table(rng, min(FIRST_DRAWS, draws))
+    found = _family(keys, first, len(tables), missing)
+    if draws > FIRST_DRAWS and min((s.p_adjusted for part in found for s in part), default=1.0) < FAR_FROM * LEVEL:
+        more = looks.table(rng, draws - FIRST_DRAWS)
+        found = _family(keys, np.vstack([first, more[1:]]), len(tables), missing)
+    named, rest, of_residual = *found, {*steps, SCATTER}
     return ScoreTest(
         effects=named,
         covariates=tuple(s for s in rest if s.key in of_residual),
@@ -133,27 +128,44 @@ def score_test(
     )
 
 
-class _Looks:
-    """What is no direction: the scatter of loading, and with `of_rig` the presses."""
+def _family(
+    keys: Sequence[str], table: Floats, effects: int, missing: Mapping[str, str]
+) -> tuple[tuple[Scored, ...], tuple[Scored, ...]]:
+    """The effects, the first so many of the statistics, and the rest; without effects the level is the rest's."""
+    share = SHARE if effects else 0.0
+    parts = ((slice(0, effects), share), (slice(effects, None), 1 - share))
+    named, rest = (_ranked(keys[part], table[:, part], skip=missing, share=own) for part, own in parts)
+    return named, rest
 
-    def __init__(self, cast: _Cast, of_rig: bool) -> None:
-        self._cast, self._scatter = cast, Scatter(cast.fitted.data)
-        self._presses = PressLooks(cast.fitted) if of_rig else None
+
+class _Looks:
+    """All statistics of one fit: of an effect and a plain error the largest score squared, of a covariate the sum,
+    the scatter of loading, and with `of_rig` the presses; `names` of the last two.
+    """
+
+    def __init__(self, cast: _Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
+        self._cast, self._fitted, self._searched = cast, fitted, searched
+        self._scatter = Scatter(fitted.data)
+        self._presses = PressLooks(fitted) if of_rig else None
         self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
 
-    def table(self, fitted: Fit, drawn: tuple[Sequence[Noise], Floats, Floats]) -> Floats:
+    def table(self, rng: np.random.Generator, draws: int) -> Floats:
         """Statistics (1 + draws, n) of the residual itself and of each draw."""
-        noises, errors, priors = [fitted.noise, *drawn[0]], *(
-            np.column_stack([own, many]) for own, many in zip((fitted.residual_N, self._cast.own_priors), drawn[1:],
-                                                              strict=True))  # fmt: skip
-        columns = []
+        noises, errors, priors = self._cast.null(rng, draws)
+        noises = [self._fitted.noise, *noises]
+        errors = np.column_stack([self._fitted.residual_N, errors])
+        priors = np.column_stack([self._cast.own_priors, priors])
+        scores, most = self._cast.scores(noises, errors, priors), self._searched
+        rows = [[*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
+                for row in scores]  # fmt: skip
+        columns = list(np.array(rows).reshape(1 + draws, -1).T)
         if self._scatter.seen:
-            each = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
-            usual = float(np.mean([self._scatter.differences(one).mean() for one in each[1:]]))
-            columns.append([self._scatter.statistic(one, usual) for one in each])
+            white = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
+            usual = float(np.mean([self._scatter.differences(one).mean() for one in white[1:]]))
+            columns.append(np.array([self._scatter.statistic(one, usual) for one in white]))
         if self._presses is not None:
             columns += list(self._presses.statistics(self._cast.left_of(errors, priors)))
-        return np.array(columns).reshape(len(columns), len(noises)).T
+        return np.array(columns).reshape(len(columns), 1 + draws).T
 
 
 def _either_way(table: Floats) -> Floats:

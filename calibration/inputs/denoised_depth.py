@@ -162,8 +162,8 @@ def clusters(values: Floats, apart: float) -> Ints:
 
 
 def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
-    """The mean of depths (n,), or the plainest polynomial in the time that does (Schwarz 1978); depths as read where
-    they are too few, or lie farther from it than readings scatter.
+    """The mean of depths (n,), or the plainest polynomial in the time that does (Schwarz 1978); depths as read
+    where they are too few, or lie farther from it than readings scatter.
 
     Terms that are not there would follow the readings' noise, which is in the residual too.
     """

@@ -4,13 +4,13 @@ Each press has an own offset, its residual e projected on what a depth zero does
 
     z = sum s e/b^2 / sum s^2/b^2,    s = df/dw, b the samples' noise
 
-The error model takes any scatter of z for granted, however large, so two things are asked beside it. How far is the
-farthest z from those of presses like it (of one radius, three at least), each over what its gain, zero and samples
-let expect: over their robust spread, 1.4826 times the median of |z|. And does z, or the force's own zero, jump or
-drift over the order, the date or the temperature: the largest cumulative sum along it over its own spread. What
-either is worth, the bootstrap of the residual says, of which these are two statistics. Which presses they are:
+The error model takes any scatter of z for granted, however large, so two things are asked beside it. How far is
+the farthest z from those of presses like it (of one radius, three at least), each over what its gain, zero and
+samples let expect: over their robust spread, 1.4826 times the median of |z|. And does z, or the force's own zero,
+jump or drift over the order, the date or the temperature: the largest cumulative sum along it over its own spread.
+What either is worth, the bootstrap of the residual says, of which these are two statistics. Which presses they are:
 those beyond Student's t, Bonferroni over the presses. A press is `foreign` if it is as far beyond what the tails of
-all the others let expect: some readings' noise is heavy-tailed, and then the likeliest t has few degrees of freedom.
+all the others let expect: readings' noise may be heavy-tailed, and the likeliest t then has few degrees of freedom.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def press_dof(fitted: Fit) -> float:
         return TAILS[-1]
     beside, far, dof = _standing_out(fitted)
     brings = _likelihood(dof, beside[~far]) - _likelihood(TAILS[-1], beside[~far])
-    return dof if 2 * brings > np.log(beside.size) else TAILS[-1]  # what a number costs: Schwarz (1978)
+    return dof if brings > np.log(beside.size) else TAILS[-1]  # twice what a number costs: Schwarz (1978)
 
 
 def _standing_out(fitted: Fit) -> tuple[Floats, Bools, float]:

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.fit.least_squares import Fit
+from calibration.inputs.checks import clear_of_touch
 from calibration.inputs.denoised_depth import ways
 from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
@@ -33,6 +34,17 @@ def with_sample_noise(fitted: Fit) -> Observations:
     if not stated_force:
         return replace(data, depth_over_force_noise=ratio)
     return replace(data, depth_std_mm=ratio * data.force_std_N) if ratio else data
+
+
+def clear_of_own_touch(fitted: Fit, data: Observations) -> Observations:
+    """`data` of a fit without samples that the fit's own zeros and readings' noise leave on neither side of the touch.
+
+    A depth's own noise is that of the fit at its middle slope, shared as in `data`.
+    """
+    ratio = data.depth_over_force_noise
+    slope = float(np.median(np.abs(fitted.about.slope_N_per_mm)))
+    own = ratio * fitted.noise.scale / np.hypot(1.0, ratio * slope)
+    return clear_of_touch(data, zero_mm=fitted.noise.zero_mm, noise_mm=float(own))
 
 
 def depth_over_force(fitted: Fit) -> float:

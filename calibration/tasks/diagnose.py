@@ -40,7 +40,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
-from calibration.repeats.sample_noise import with_sample_noise
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -129,9 +129,11 @@ def _diagnosed(
 
 
 def base_fit(model: Model, data: Observations) -> Fit:
-    """The fit that all is held against, its samples' noise shaped as the data show where nobody stated it."""
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear of
+    the touch by as much as these presses' zeros scatter.
+    """
     first = fit_alone(model, data)
-    shaped = with_sample_noise(first)
+    shaped = clear_of_own_touch(first, with_sample_noise(first))
     return first if shaped is first.data else fit_alone(model, shaped)
 
 
@@ -160,7 +162,7 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
 
 
 def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
-    """Whether the steps stand: not where they leave what matters and explain but a part of it, or are all used up."""
+    """Whether the steps stand: not where they leave what matters and explain but a part, or are all used up."""
     left, steps = searched.last.lack_of_fit, searched.steps
     over = remainder(searched.current, searched.last, level=level) if left <= level else None
     flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []

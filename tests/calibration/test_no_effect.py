@@ -151,7 +151,9 @@ def test_a_force_sensor_whose_zero_follows_the_temperature_is_told_by_the_air() 
     warmth = RICH.temperature_C - 22
     for per_K, follows in ((0.0, False), (0.003, True)):
         data = noisy(RICH, Model(FlatPunch()).predict(BASE, RICH) + per_K * warmth, 5)
-        found = score_test(fit_alone(base_model(data), data), (), rng=np.random.default_rng(0), draws=99, of_rig=True)
+        found = score_test(
+            fit_alone(base_model(data), data), (), rng=np.random.default_rng(0), draws=99, of_rig=True
+        )
         p = {one.key: one.p_adjusted for one in found.others}[f"{WANDERS}T of the force"]
         assert (p < 0.01) is follows
 

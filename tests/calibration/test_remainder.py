@@ -8,7 +8,7 @@ from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
 from calibration.diagnosis.remainder import MATTERS, remainder
-from calibration.diagnosis.score_test import ScoreTest, Scored, draw_errors, score_test
+from calibration.diagnosis.score_test import Scored, ScoreTest, draw_errors, score_test
 from calibration.fit.least_squares import Fit
 from calibration.inputs.observations import Observations
 from calibration.repeats.sample_noise import depth_over_force, with_sample_noise
@@ -50,7 +50,11 @@ def test_a_plain_error_and_a_press_of_its_own_are_in_the_one_test() -> None:
     data = presses(20)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, 0.05, 0.0)))
     found = score_test(
-        pure(measured(data, force, np.random.default_rng(1))), (), rng=np.random.default_rng(0), draws=99, of_rig=True
+        pure(measured(data, force, np.random.default_rng(1))),
+        (),
+        rng=np.random.default_rng(0),
+        draws=99,
+        of_rig=True,
     )
     told = {one.key: one.p_adjusted for one in found.others}
     assert told["a press of its own"] < 0.01
