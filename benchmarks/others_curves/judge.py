@@ -119,13 +119,13 @@ def report(rows: Sequence[Row]) -> str:
     for kind in ("single", "pair"):
         loud = [r for r in full if r["kind"] == kind and r["strength"] >= SEEN]
         hidden = [set(r["sizes"]) for r in loud]
-        sets = [set(r.get("set", ())) for r in loud]
+        within = [h <= set(r.get("set", ())) for h, r in zip(hidden, loud, strict=True)]
         first = [r.get("named", [])[:1] for r in loud]
         wrong = [
             r["verdict"] == "IDENTIFIED" and not set(r["named"]) <= h for r, h in zip(loud, hidden, strict=True)
         ]
         lines += [
-            share(f"{kind} above {SEEN:.0f} sigma: in the set", [h <= s for h, s in zip(hidden, sets, strict=True)]),
+            share(f"{kind} above {SEEN:.0f} sigma: truth in the set", within),
             share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
             share(f"{kind}: confidently wrong", wrong),
             share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.forward_selection import AS_GOOD, Searched
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import LEVEL
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.fit.least_squares import Fit
 from calibration.model.parameters import Parameter
 from calibration.model.stages import Effect

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS
 from calibration.diagnosis.refit import CANNOT_FIT, refit_with
 from calibration.diagnosis.score_test import SCATTER, ScoreTest, covariate_steps
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.inputs.conditions import bins, covariates

@@ -3,20 +3,20 @@
 A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
 starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
 t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
-searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from its like and how
-presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses are drawn with
-the tails that they have and the error model is estimated anew. The level is shared: effects have `SHARE` of it,
-everything else the rest, each by its own smallest p. p_adjusted is p for having looked at all of it.
+searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
+its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
+are drawn with the tails that they have and the error model is estimated anew. The level is shared: effects have
+`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Effect
@@ -24,7 +24,8 @@ from calibration.noise.heteroscedasticity import Scatter
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.repeats.outlying_presses import TAILS, PressLooks, press_dof
+from calibration.repeats.draws import draw_errors
+from calibration.repeats.outlying_presses import PressLooks
 from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
@@ -40,8 +41,6 @@ TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
-NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
-LEAST_DOF = 2.5  # with 2 a t has no variance
 SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
 OTHER_BINS = 6  # steps of every other covariate
@@ -333,43 +332,6 @@ class _Cast:
         errors = draw_errors(fitted, rng, draws)
         priors = rng.standard_normal((len(self._priors), draws))
         return renewed_noise(fitted, errors), errors, priors
-
-
-def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int) -> Floats:
-    """Errors (N, draws), N, of the fit's error model, with the tails that its samples and presses have."""
-    noise, about, press = fitted.noise, fitted.about, fitted.data.press
-    own = replace(noise, gain=0.0, zero_mm=0.0)
-    of_samples = student(rng, sample_dof(fitted), (fitted.data.size, draws))
-    errors = Whitener(fitted.data, own, about).colour(of_samples)
-    if noise.gain or noise.zero_mm:
-        gain, zero = student(rng, press_dof(fitted), (2, fitted.data.count, draws))
-        errors += noise.gain * about.force_N[:, None] * gain[press]
-        errors += noise.zero_mm * about.slope_N_per_mm[:, None] * zero[press]
-    return errors
-
-
-def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Floats:
-    """Student's t of this shape, unit variance; normal from 100 degrees of freedom on."""
-    if dof > NORMAL_DOF:
-        return rng.standard_normal(shape)
-    dof = max(dof, LEAST_DOF)
-    return np.asarray(rng.standard_t(dof, shape) * np.sqrt((dof - 2) / dof))
-
-
-def sample_dof(fitted: Fit) -> float:
-    """The likeliest degrees of freedom of white residuals, of unit variance; normal unless it brings its cost."""
-    from scipy.stats import t
-
-    white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
-    white = white / max(float(np.std(white)), 1e-300)
-
-    def likelihood(dof: float) -> float:
-        size = float(np.sqrt((dof - 2) / dof))
-        return float(np.sum(t.logpdf(white / size, dof)) - white.size * np.log(size))
-
-    tails = [dof for dof in TAILS if dof > LEAST_DOF]
-    best = max(tails, key=likelihood)
-    return best if likelihood(best) - likelihood(tails[-1]) > np.log(white.size) else tails[-1]
 
 
 def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:

@@ -206,11 +206,11 @@ def of_several_depths(data: Observations) -> Observations:
 
 
 def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0) -> Observations:
-    """Curves without the samples nearer to the first touch than three press zeros, as read and as presses go alike.
+    """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
-    `zero_mm` and `noise_mm`, std of presses' zeros and of a depth's reading, where they are known to be larger than
-    usual and stated.
+    `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
+    count as read and as presses go alike.
     """
     if not data.is_curves:
         return data

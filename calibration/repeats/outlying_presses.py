@@ -8,9 +8,9 @@ The error model takes any scatter of z for granted, however large, so two things
 the farthest z from those of presses like it (of one radius, three at least), each over what its gain, zero and
 samples let expect: over their robust spread, 1.4826 times the median of |z|. And does z, or the force's own zero,
 jump or drift over the order, the date or the temperature: the largest cumulative sum along it over its own spread.
-What either is worth, the bootstrap of the residual says, of which these are two statistics. Which presses they are:
-those beyond Student's t, Bonferroni over the presses. A press is `foreign` if it is as far beyond what the tails of
-all the others let expect: readings' noise may be heavy-tailed, and the likeliest t then has few degrees of freedom.
+What either is worth, the bootstrap of the residual says, of which these are two statistics. Which presses they
+are: those beyond Student's t, Bonferroni over the presses. A press is `foreign` if it is as far beyond what the
+tails of all the others let expect: readings' noise may be heavy-tailed, and the likeliest t is then a low one.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def with_sample_noise(fitted: Fit) -> Observations:
 
 
 def clear_of_own_touch(fitted: Fit, data: Observations) -> Observations:
-    """`data` of a fit without samples that the fit's own zeros and readings' noise leave on neither side of the touch.
+    """`data` of a fit without samples that its own zeros and readings' noise leave on neither side of the touch.
 
     A depth's own noise is that of the fit at its middle slope, shared as in `data`.
     """

@@ -129,8 +129,8 @@ def _diagnosed(
 
 
 def base_fit(model: Model, data: Observations) -> Fit:
-    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear of
-    the touch by as much as these presses' zeros scatter.
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
+    of the touch by as much as these presses' zeros scatter.
     """
     first = fit_alone(model, data)
     shaped = clear_of_own_touch(first, with_sample_noise(first))

@@ -12,10 +12,10 @@ from test_effects import BASE, RICH
 
 from calibration.diagnosis.alternative_explanation import alternative_explanation
 from calibration.diagnosis.forward_selection import Round, Searched, Step
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest
 from calibration.effects import EFFECTS
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
