@@ -67,6 +67,8 @@ class Step:
 class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
+    `bend_or` are the effects that explain as well what was taken for theory's own bend.
+
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
     """
 
@@ -75,6 +77,7 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
+    bend_or: tuple[Candidate, ...] = ()
 
     @property
     def current(self) -> Fit:
@@ -100,13 +103,14 @@ def forward_selection(
     A candidate that cannot be fitted is passed over.
     """
     start = current = base
-    rounds, steps = list[Round](), list[Step]()
+    rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
     while len(steps) < MOST:
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn = _look(current, catalogue, rng, now, of_rig)
         rounds.append(turn)
-        if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
-            current = room
+        room, as_good = _roomier(current, turn, now)
+        if room is not None and _takes(current, room, turn, rng):
+            current, bend_or = room, bend_or or as_good
             steps = [_with_own(step, room) for step in steps]
             if steps:
                 steps[-1] = replace(steps[-1], fitted=room)
@@ -119,25 +123,27 @@ def forward_selection(
         steps.append(step)
         current = step.fitted
     last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng, of_rig=of_rig)
-    return Searched(base, start, tuple(rounds), tuple(steps), last)
+    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or)
 
 
-def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
+def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
     """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
-    bend that theory allows, another term of a relaxation.
+    bend that theory allows, another term of a relaxation; and the effects that explain it as well.
     """
-    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.score_test.covariates)), default=1.0)
-    if stands_out > level:
-        return None
-    rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
-    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    if turn.score_test.family_p > level:
+        return None, ()
+    rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
+    enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
     best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
                 and _cost(found, current) < enough and (not rivals or _lawful(found))),
                key=lambda f: _cost(f, current), default=None)  # fmt: skip
+    if best is None:
+        return None, ()
+    as_good = tuple(c for c in rivals if c.cost < _cost(best, current) + AS_GOOD)
     try:
-        return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
+        return replace(refit_with_pure_noise(best), warnings=current.warnings), as_good
     except CANNOT_FIT:
-        return None
+        return None, ()
 
 
 def _lawful(found: Fit) -> bool:

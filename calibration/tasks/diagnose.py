@@ -261,6 +261,7 @@ def _material(
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
+    after = _bent_or(after, force.searched)
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
@@ -334,6 +335,20 @@ def _spanning(
     low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
     warning = "E's interval spans the candidates that these data cannot tell apart"
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
+
+
+def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
+    """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
+    E, start = after.youngs_modulus, searched.start
+    others = {c.effect.key: float(c.values[0] / start.values[0]) for c in searched.bend_or}
+    if not others or E.interval95 is None:
+        return after
+    key = max(others, key=lambda one: abs(np.log(others[one])))
+    low, high = E.interval95[0] * min(1.0, *others.values()), E.interval95[1] * max(1.0, *others.values())
+    what, off = key.replace("_", " "), 100 * (others[key] - 1)
+    warning = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
+    wide = replace(E, interval95=(low, high))
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
 def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
