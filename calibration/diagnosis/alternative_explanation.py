@@ -55,15 +55,24 @@ class AlternativeExplanation:
         }
 
 
-def alternative_explanation(searched: Searched, *, level: float = LEVEL) -> AlternativeExplanation | None:
-    """The plain error that does as well as all that was added and better than each part of it; else None."""
-    standing = {s.key for s in searched.first.others if s.p_adjusted <= level}
-    errors = [error for error in INSTRUMENT_ERRORS if error.key in standing]
-    named, start = [step.best.effect for step in searched.steps], searched.start
-    begin = replace(start, noise=searched.current.noise)
+def plain_errors(searched: Searched) -> tuple[Candidate, ...]:
+    """Each plain error on what a search began with, under the noise that it ended with, the nearest first."""
+    begin = _begin(searched)
+    return tuple(sorted(_fitted(begin, INSTRUMENT_ERRORS), key=lambda one: _cost(one, begin)))
+
+
+def alternative_explanation(
+    searched: Searched, plain: Sequence[Candidate] | None = None, *, level: float = LEVEL
+) -> AlternativeExplanation | None:
+    """The plain error that does as well as all that was added and better than each part of it; else None.
+
+    `plain`: the plain errors where they have been fitted already.
+    """
+    named, start, begin = [step.best.effect for step in searched.steps], searched.start, _begin(searched)
     paid = searched.current.chi2 + 2 * (searched.current.values.size - start.values.size)
-    inside = [one for one in _fitted(begin, errors) if _inside(one, begin)]
-    best = min(inside, key=lambda one: _cost(one, begin), default=None)
+    standing = {s.key for s in searched.first.others if s.p_adjusted <= level}
+    looked = plain_errors(searched) if plain is None else plain
+    best = next((one for one in looked if one.effect.key in standing and _inside(one, begin)), None)
     if best is None or _cost(best, begin) >= paid + (AS_GOOD if named else -AS_GOOD):
         return None
     if _cost(best, begin) >= min((one.cost for one in _fitted(begin, named)), default=np.inf) - AS_GOOD:
@@ -98,6 +107,17 @@ def _clear(value: float, bounds: Pair) -> bool:
     low, high = bounds
     near_low, near_high = (EDGE * abs(end) if low > 0 else EDGE * (high - low) / 10 for end in bounds)
     return low + near_low < value < high - near_high
+
+
+def _begin(searched: Searched) -> Fit:
+    return replace(searched.start, noise=searched.current.noise)
+
+
+def suggested(fitted: Fit) -> tuple[Candidate, ...]:
+    """Plain errors that take more off a fit than they cost, the best first: what to try, not what is there."""
+    others = [one for one in INSTRUMENT_ERRORS if one.key not in fitted.model.keys]
+    better = [one for one in _fitted(fitted, others) if one.cost < fitted.chi2 - AS_GOOD]
+    return tuple(sorted(better, key=lambda one: one.cost))
 
 
 def _fitted(begin: Fit, effects: Sequence[Effect]) -> Iterator[Candidate]:

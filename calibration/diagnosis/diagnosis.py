@@ -13,6 +13,7 @@ from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.model_averaging import UndetectedEffect
+from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.remainder import Remainder
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Unexplained
@@ -85,7 +86,8 @@ class Diagnosis:
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
     on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
     `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
-    fit of all; `left_over` what stands out of the last fit, whether it matters or not.
+    fit of all; `plain` the plain error nearest to what no effect explains; `stopped` that the time was over before
+    the search was; `left_over` what stands out of the last fit, whether it matters or not.
     """
 
     verdict: str
@@ -122,6 +124,8 @@ class Diagnosis:
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
     alternative_explanation: AlternativeExplanation | None = None
     left_over: Remainder | None = None
+    plain: Candidate | None = None
+    stopped: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -136,6 +140,8 @@ class Diagnosis:
             "measure_next": [action.as_json() for action in self.measure_next],
             "change_point": self.change_point,
             "flags": list(self.flags),
+            "stopped": self.stopped,
+            "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
             "odd_presses": list(self.odd.presses),
             "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],

@@ -22,6 +22,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, 
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
@@ -70,6 +71,7 @@ class Searched:
     `bend_or` are the effects that explain as well what was taken for theory's own bend.
 
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    `stopped`: the time was over before the search was.
     """
 
     base: Fit
@@ -78,6 +80,7 @@ class Searched:
     steps: tuple[Step, ...]
     last: ScoreTest
     bend_or: tuple[Candidate, ...] = ()
+    stopped: bool = False
 
     @property
     def current(self) -> Fit:
@@ -96,18 +99,27 @@ class Searched:
 
 
 def forward_selection(
-    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float, of_rig: bool = False
+    base: Fit,
+    catalogue: Sequence[Effect],
+    *,
+    rng: np.random.Generator,
+    level: float,
+    of_rig: bool = False,
+    watch: Watch = UNWATCHED,
 ) -> Searched:
     """Search on top of `base`; with `of_rig` the rig's plain errors and odd presses are looked at as well.
 
-    A candidate that cannot be fitted is passed over.
+    A candidate that cannot be fitted is passed over. Where the time of `watch` is over, the search ends with what
+    it has, `stopped`.
     """
-    start = current = base
+    start = current = looked_at = base
     rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
-    while len(steps) < MOST:
+    while len(steps) < MOST and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
-        turn = _look(current, catalogue, rng, now, of_rig)
+        turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
         rounds.append(turn)
+        if watch.over:
+            break
         room, as_good = _roomier(current, turn, now)
         if room is not None and _takes(current, room, turn, rng):
             current, bend_or = room, bend_or or as_good
@@ -117,13 +129,14 @@ def forward_selection(
             else:
                 start = room
             continue
+        watch.tell("weighing the best against the others")
         step = _confirmed(current, turn, now)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng, of_rig=of_rig)
-    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or)
+    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
+    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
 
 
 def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
@@ -210,9 +223,16 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
 
 
 def _look(
-    current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float, of_rig: bool
+    current: Fit,
+    catalogue: Sequence[Effect],
+    rng: np.random.Generator,
+    level: float,
+    *,
+    of_rig: bool,
+    watch: Watch,
 ) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
+    watch.tell("looking for what stands out")
     seen = score_test(current, catalogue, rng=rng, of_rig=of_rig)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
@@ -220,6 +240,9 @@ def _look(
     chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
     candidates = []
     for key in chosen:
+        if watch.over:
+            break
+        watch.tell(f"fitting {key.replace('_', ' ')}")
         try:
             candidates.append(refit_with(current, by_key[key]))
         except CANNOT_FIT:

@@ -99,9 +99,12 @@ def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) ->
     if not np.any(state.edge_mm > 0):
         return state
     radius, share = state.radius_mm.copy(), state.factor.copy()
-    kinds = np.column_stack([state.radius_mm, state.edge_mm, state.thickness_mm])
-    for outer, edge, thickness in np.unique(kinds[kinds[:, 1] > 0], axis=0):
-        mine = np.all(kinds == (outer, edge, thickness), axis=1)
+    left = state.edge_mm > 0
+    while left.any():  # kinds of punch are few: quicker than to sort all samples
+        k = int(np.argmax(left))
+        outer, edge, thickness = (float(one[k]) for one in (state.radius_mm, state.edge_mm, state.thickness_mm))
+        mine = left & (state.radius_mm == outer) & (state.edge_mm == edge) & (state.thickness_mm == thickness)
+        left &= ~mine
         radius[mine], met = rounded_contact(
             state.depth_mm[mine],
             outer,

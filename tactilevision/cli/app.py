@@ -9,7 +9,20 @@ from typing import Annotated, Any
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
+from tactilevision.cli import (
+    calibrate,
+    compare,
+    depth,
+    diagnose,
+    force,
+    plan,
+    simulate,
+    steps,
+    tabulate,
+    train,
+    validate,
+    view,
+)
 from tactilevision.runs import output_lock
 
 app = typer.Typer(
@@ -36,8 +49,8 @@ app.command("calibrate")(alone(calibrate.calibrate))
 app.command("depth")(alone(depth.depth))
 app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))
-app.command("compare")(alone(diagnose.compare))
-app.command("steps")(alone(diagnose.steps, into="folder"))
+app.command("compare")(alone(compare.compare))
+app.command("steps")(alone(steps.steps, into="folder"))
 app.command("new-effect")(diagnose.new_effect)
 app.command("force")(alone(force.force))
 app.command("plan")(plan.plan)

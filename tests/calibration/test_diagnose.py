@@ -161,7 +161,11 @@ def test_a_thickness_far_from_the_stated_one_is_flagged(relative: float, flagged
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "verdict", "keys"),
-    [("hidden_unknown", "UNKNOWN", []), ("hidden_material", "IDENTIFIED", ["viscoelasticity"])],
+    [
+        ("hidden_unknown", "UNKNOWN", []),
+        ("hidden_material", "IDENTIFIED", ["viscoelasticity"]),
+        ("hidden_two", "IDENTIFIED", ["viscoelasticity", "thickness_wedge"]),
+    ],
 )
 def test_the_samples_end_in_their_verdicts(name: str, verdict: str, keys: list[str]) -> None:
     recording = read_recording(Path(__file__).parents[2] / "sample_frames" / name)
