@@ -14,6 +14,7 @@ from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.model_averaging import UndetectedEffect
 from calibration.diagnosis.refit import Candidate
+from calibration.diagnosis.remainder import Remainder
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
@@ -86,7 +87,7 @@ class Diagnosis:
     on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
     `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
     fit of all; `plain` the plain error nearest to what no effect explains; `stopped` that the time was over before
-    the search was.
+    the search was; `left_over` what stands out of the last fit, whether it matters or not.
     """
 
     verdict: str
@@ -122,6 +123,7 @@ class Diagnosis:
     whole: Fit | None = None
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
     alternative_explanation: AlternativeExplanation | None = None
+    left_over: Remainder | None = None
     plain: Candidate | None = None
     stopped: bool = False
 
@@ -147,6 +149,7 @@ class Diagnosis:
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
             "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
+            "left_over": None if self.left_over is None else self.left_over.as_json(),
             "left": None if self.left is None else self.left.as_json(),
             "possible_bias_of_E": dict(self.possible_bias),
             "unseen": {

@@ -68,6 +68,8 @@ class Step:
 class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
+    `bend_or` are the effects that explain as well what was taken for theory's own bend.
+
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
     `stopped`: the time was over before the search was.
     """
@@ -77,6 +79,7 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
+    bend_or: tuple[Candidate, ...] = ()
     stopped: bool = False
 
     @property
@@ -101,22 +104,25 @@ def forward_selection(
     *,
     rng: np.random.Generator,
     level: float,
+    of_rig: bool = False,
     watch: Watch = UNWATCHED,
 ) -> Searched:
-    """Search on top of `base`. A candidate that cannot be fitted is passed over.
+    """Search on top of `base`; with `of_rig` the rig's plain errors and odd presses are looked at as well.
 
-    Where the time of `watch` is over, the search ends with what it has, `stopped`.
+    A candidate that cannot be fitted is passed over. Where the time of `watch` is over, the search ends with what
+    it has, `stopped`.
     """
     start = current = looked_at = base
-    rounds, steps = list[Round](), list[Step]()
+    rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
     while len(steps) < MOST and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
-        turn, looked_at = _look(current, catalogue, rng, now, watch), current
+        turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
         rounds.append(turn)
         if watch.over:
             break
-        if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
-            current = room
+        room, as_good = _roomier(current, turn, now)
+        if room is not None and _takes(current, room, turn, rng):
+            current, bend_or = room, bend_or or as_good
             steps = [_with_own(step, room) for step in steps]
             if steps:
                 steps[-1] = replace(steps[-1], fitted=room)
@@ -129,26 +135,28 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng)
-    return Searched(base, start, tuple(rounds), tuple(steps), last, watch.over)
+    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
+    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
 
 
-def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
+def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
     """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
-    bend that theory allows, another term of a relaxation.
+    bend that theory allows, another term of a relaxation; and the effects that explain it as well.
     """
-    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.score_test.covariates)), default=1.0)
-    if stands_out > level:
-        return None
-    rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
-    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
+    if turn.score_test.family_p > level:
+        return None, ()
+    rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
+    enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
     best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
                 and _cost(found, current) < enough and (not rivals or _lawful(found))),
                key=lambda f: _cost(f, current), default=None)  # fmt: skip
+    if best is None:
+        return None, ()
+    as_good = tuple(c for c in rivals if c.cost < _cost(best, current) + AS_GOOD)
     try:
-        return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
+        return replace(refit_with_pure_noise(best), warnings=current.warnings), as_good
     except CANNOT_FIT:
-        return None
+        return None, ()
 
 
 def _lawful(found: Fit) -> bool:
@@ -215,11 +223,17 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
 
 
 def _look(
-    current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float, watch: Watch
+    current: Fit,
+    catalogue: Sequence[Effect],
+    rng: np.random.Generator,
+    level: float,
+    *,
+    of_rig: bool,
+    watch: Watch,
 ) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
     watch.tell("looking for what stands out")
-    seen = score_test(current, catalogue, rng=rng)
+    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]

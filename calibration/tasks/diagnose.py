@@ -1,12 +1,13 @@
 """From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
 
-    testable? -> base model -> search (screen, refit, confirm, add) -> is anything left?
+    testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
 
-Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
-decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
-error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
-AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect
-of the catalogue explains).
+Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
+at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches share
+it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing stands out,
+or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit as well,
+or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue explains, and E,
+a force or a depth may be off by more than its interval says).
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
 from calibration.diagnosis.forward_selection import TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
-from calibration.diagnosis.outcome import LEVEL, Outcome, against_instrument_errors, outcome
+from calibration.diagnosis.outcome import Outcome, against_instrument_errors, outcome
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
+from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
@@ -35,9 +37,11 @@ from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
+from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import outlying_presses
+from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -46,7 +50,6 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
-LEFT_LEVEL = 0.01  # of saying that something unknown is left
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -95,20 +98,33 @@ def _diagnosed(
     model = base_model(data)
     for effect in known:
         model = model + effect
-    parts = 1 if seen is None else 2
+    level = LEVEL if seen is None else LEVEL / 2
     watch.tell("fitting the plain law")
-    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts, watch=watch)
-    force = against_instrument_errors(
-        outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng)), watch
-    )
+    begin = base_fit(model, data)
+    found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
+    force = against_instrument_errors(outcome(found_there, level, _odd(found_there, level)), watch, level=level)
     sight = None
     if seen is not None:
-        sight = outcome(
-            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts, watch=watch),
-            LEFT_LEVEL / parts,
-        )
+        sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     return _determine(force, sight, catalogue, rng)
+
+
+def base_fit(model: Model, data: Observations) -> Fit:
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
+    of the touch by as much as these presses' zeros scatter.
+    """
+    first = fit_alone(model, data)
+    shaped = clear_of_own_touch(first, with_sample_noise(first))
+    return first if shaped is first.data else fit_alone(model, shaped)
+
+
+def _odd(searched: Searched, level: float) -> OutlyingPresses:
+    """What is odd among the presses, as far as the test says so."""
+    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
+    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
+    odd = outlying_presses(searched.current, wanders=wanders)
+    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -132,7 +148,8 @@ def _determine(
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, alone = determine_material(base), _concluded(fitted)
+    before = determine_material(base)
+    alone = _concluded(fitted, before if fitted is base else determine_material(fitted))
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
@@ -160,6 +177,7 @@ def _determine(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
+        left_over=force.remainder,
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
         alternative_explanation=force.alternative_explanation,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
@@ -175,9 +193,9 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
     return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 
 
-def _concluded(fitted: Fit) -> CalibrationResult:
+def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """The material of the last fit, with a word where samples scatter by more than was stated of them."""
-    result, times = determine_material(fitted), beyond_stated(fitted)
+    times = beyond_stated(fitted)
     if times is None:
         return result
     said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
@@ -194,12 +212,20 @@ def _material(
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
+    after = _bent_or(after, force.searched)
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-        warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())),
+        warnings=(*after.warnings, *_remarks(force)),
     )
     return (after if sight is None else _risen(after, sight)), unseen
+
+
+def _remarks(force: Outcome) -> tuple[str, ...]:
+    """What is to be said of E beside its value, where something is left."""
+    if force.unknown:
+        return (NOT_TRUSTED,)
+    return () if force.remainder is None else (force.remainder.sentence,)
 
 
 def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
@@ -260,6 +286,20 @@ def _spanning(
     low, high = E.interval95[0] * min(1.0, *others), E.interval95[1] * max(1.0, *others)
     warning = "E's interval spans the candidates that these data cannot tell apart"
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
+
+
+def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
+    """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
+    E, start = after.youngs_modulus, searched.start
+    others = {c.effect.key: float(c.values[0] / start.values[0]) for c in searched.bend_or}
+    if not others or E.interval95 is None:
+        return after
+    key = max(others, key=lambda one: abs(np.log(others[one])))
+    low, high = E.interval95[0] * min(1.0, *others.values()), E.interval95[1] * max(1.0, *others.values())
+    what, off = key.replace("_", " "), 100 * (others[key] - 1)
+    warning = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
+    wide = replace(E, interval95=(low, high))
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
 def _risen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
