@@ -28,6 +28,13 @@ MethodOption = Annotated[
         help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
+ShadowsOption = Annotated[
+    bool,
+    typer.Option(
+        "--shadows/--no-shadows",
+        help="Undo cast shadows, where frames show them and balls tell the lamps; slower.",
+    ),
+]
 
 
 def open_source(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
@@ -55,15 +62,19 @@ def open_branch(path: Path, sensor: str | None, *, reference: Path | None) -> Re
     return open_source(path, None if own else sensor, reference=None if own else reference)
 
 
-def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
+def open_reconstructor(recording: Recording, method: str | None, *, shadows: bool = True) -> Reconstructor:
     """Calibrate the light from the recording's own references, or use the method file that was named.
+
+    With `shadows`, those that lamps cast are undone where the frames show them.
 
     Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default:
     its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
     """
     from tactilevision.reconstruct import build_reconstructor
+    from tactilevision.reconstruct.unshadowed import with_shadows
 
-    return build_reconstructor(recording, method or ("auto" if recording.balls else None))
+    made = build_reconstructor(recording, method or ("auto" if recording.balls else None))
+    return with_shadows(recording, made) if shadows else made
 
 
 def open_face_correction(
