@@ -14,19 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
 from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
+from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
+from calibration.diagnosis.forward_selection import TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
-from calibration.diagnosis.remainder import Remainder, remainder
 from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
@@ -39,7 +38,6 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
@@ -50,36 +48,8 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
-MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
-
-
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
-    well, p of what is left, and what it is.
-    """
-
-    searched: Searched
-    steps: tuple[Step, ...]
-    tried: tuple[str, ...]
-    left: float
-    unknown: bool
-    flags: tuple[str, ...]
-    odd: OutlyingPresses = NOTHING_ODD
-    remainder: Remainder | None = None
-    alternative_explanation: AlternativeExplanation | None = None
-
-    @property
-    def sets(self) -> list[tuple[Candidate, ...]]:
-        """The candidates of each step that stands."""
-        return [step.equals for step in self.steps]
-
-    @property
-    def fitted(self) -> Fit:
-        """The last fit that stands."""
-        return self.steps[-1].fitted if self.steps else self.searched.start
 
 
 def diagnose(
@@ -125,10 +95,10 @@ def _diagnosed(
         model = model + effect
     level = LEVEL if seen is None else LEVEL / 2
     found_there = forward_selection(base_fit(model, data), catalogue, rng=rng, level=level, of_rig=True)
-    force = _against_instrument_errors(_outcome(found_there, level, _odd(found_there, level)), level)
+    force = against_instrument_errors(outcome(found_there, level, odd_presses(found_there, level)), level)
     sight = None
     if seen is not None:
-        sight = _outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level), level)
+        sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level), level)
     return _determine(force, sight, catalogue, rng)
 
 
@@ -139,14 +109,6 @@ def base_fit(model: Model, data: Observations) -> Fit:
     first = fit_alone(model, data)
     shaped = clear_of_own_touch(first, with_sample_noise(first))
     return first if shaped is first.data else fit_alone(model, shaped)
-
-
-def _odd(searched: Searched, level: float) -> OutlyingPresses:
-    """What is odd among the presses, as far as the test says so."""
-    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
-    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
-    odd = outlying_presses(searched.current, wanders=wanders)
-    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -165,38 +127,8 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     )
 
 
-def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
-    """Whether the steps stand: not where they leave what matters and explain but a part, or are all used up."""
-    left, steps = searched.last.lack_of_fit, searched.steps
-    over = remainder(searched.current, searched.last, level=level) if left <= level else None
-    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
-    flags += ["press_stands_out"] if odd.presses else []
-    flags += ["presses_wander"] if odd.wanders else []
-    flags += ["presses_scatter"] if odd.scattered else []
-    flags += ["small_remainder"] if over else []
-    mostly = 0 < len(steps) < MOST and searched.explained > MOSTLY  # named; its form is not exact
-    matters = over is not None and over.matters and not mostly
-    if not (matters or odd.presses or (odd.scattered and not steps)):
-        return _Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)
-    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd, over)
-
-
-def _against_instrument_errors(force: _Outcome, level: float) -> _Outcome:
-    """With the plain error that does as well as what was named, which then stands no more, or better than what was
-    tried.
-    """
-    looked = force.steps or (force.unknown and not force.odd)
-    found = alternative_explanation(force.searched, level=level) if looked else None
-    if found is None:
-        return force
-    return replace(
-        force, steps=(), tried=force.tried or found.instead_of, unknown=True, alternative_explanation=found
-    )
-
-
 def _determine(
-    force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
@@ -237,9 +169,7 @@ def _determine(
     )  # fmt: skip
 
 
-def _moduli(
-    force: _Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]
-) -> list[float]:
+def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
     """What else E may be, over that of the base fit."""
     moduli = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
@@ -257,7 +187,7 @@ def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
 
 def _material(
     alone: CalibrationResult,
-    both: tuple[_Outcome, _Outcome | None],
+    both: tuple[Outcome, Outcome | None],
     catalogue: Sequence[Effect],
     shares: Sequence[float],
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
@@ -274,14 +204,14 @@ def _material(
     return (after if sight is None else _risen(after, sight)), unseen
 
 
-def _remarks(force: _Outcome) -> tuple[str, ...]:
+def _remarks(force: Outcome) -> tuple[str, ...]:
     """What is to be said of E beside its value, where something is left."""
     if force.unknown:
         return (NOT_TRUSTED,)
     return () if force.remainder is None else (force.remainder.sentence,)
 
 
-def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
+def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
     if any(one.unknown for one in both):
         return "UNKNOWN"
     if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
@@ -289,7 +219,7 @@ def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
     return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
 
 
-def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
+def _testable(both: Sequence[Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
     looks = [
@@ -303,7 +233,7 @@ def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float
     return missing, visible
 
 
-def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
+def _looked_for(catalogue: Sequence[Effect], sight: Outcome | None) -> list[Effect]:
     """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
     seen = () if sight is None else in_picture(sight.searched.base.data)
     return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
@@ -355,7 +285,7 @@ def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
     return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
 
 
-def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
+def _risen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
     share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
     E = after.youngs_modulus
