@@ -151,8 +151,10 @@ class _Looks:
         errors = np.column_stack([self._fitted.residual_N, errors])
         priors = np.column_stack([self._cast.own_priors, priors])
         scores, most = self._cast.scores(noises, errors, priors), self._searched
-        rows = [[*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in scores]  # fmt: skip
+        rows = [
+            [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
+            for row in scores
+        ]
         columns = list(np.array(rows).reshape(1 + draws, -1).T)
         if self._scatter.seen:
             white = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]

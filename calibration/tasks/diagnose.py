@@ -161,9 +161,8 @@ def _determine(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
-        left_over=force.remainder,
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
-        alternative_explanation=force.alternative_explanation,
+        alternative_explanation=force.alternative_explanation, left_over=force.remainder,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
     )  # fmt: skip
