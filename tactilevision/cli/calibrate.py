@@ -55,7 +55,7 @@ def calibrate(
     from tactilevision.cli import pictures
     from tactilevision.files import plain_name, staged
 
-    outcomes = [_calibrate_one(taken, law.value, prior=prior) for taken in take(recordings)]
+    outcomes = [calibrate_one(taken, law.value, prior=prior) for taken in take(recordings)]
     with staged(out) as stage:
         _write(outcomes[-1], stage, form)
         if not _holds_a_recording(out):
@@ -77,7 +77,7 @@ def calibrate(
         raise latest.fault
 
 
-def _calibrate_one(taken: Taken, law: str, *, prior: bool) -> Outcome:
+def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:
     """Raises InputError where the measurements were wrong as they came, before any press was looked at."""
     from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.calibrate import calibrate as fit_material

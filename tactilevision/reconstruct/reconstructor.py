@@ -86,17 +86,16 @@ class Reconstructor:
         unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        surface, valid, std, flags = self._flagged(self.rectified(frame))
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
+        return self.rectified_map(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def rectified(self, frame: Frame) -> Bytes:
         """The rectified picture of a raw frame."""
         return rectify(self.sensor, frame.rgb)
 
-    def rectified_map(self, rgb: Bytes) -> HeightMap:
+    def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
         """The height map of a picture that is rectified already."""
         surface, valid, std, flags = self._flagged(rgb)
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, time_s, name, flags)
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
