@@ -136,8 +136,9 @@ def _pull(gel: Gel, protocol: Protocol, press: Press) -> Array:
     return np.where(back & (-below < pull_off), below, 0.0)
 
 
-def misread(gel: Gel, press: Press, force_N: Array, *, row: int, share: float, rng: np.random.Generator
-            ) -> tuple[Array, Array, float]:  # fmt: skip
+def misread(
+    gel: Gel, press: Press, force_N: Array, *, row: int, share: float, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
     """What a rig with its faults reads of a depth and a force (n,), noise apart, and the tangential force's share.
 
     `row` of the press, `share` of the recording that has passed.

@@ -124,12 +124,16 @@ def report(rows: Sequence[Row]) -> str:
         wrong = [
             r["verdict"] == "IDENTIFIED" and not set(r["named"]) <= h for r, h in zip(loud, hidden, strict=True)
         ]
-        lines += [
-            share(f"{kind} above {SEEN:.0f} sigma: truth in the set", within),
-            share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
-            share(f"{kind}: confidently wrong", wrong),
-            share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
-        ] if loud else []  # fmt: skip
+        lines += (
+            [
+                share(f"{kind} above {SEEN:.0f} sigma: truth in the set", within),
+                share(f"{kind}: first", [bool(set(f) & h) for f, h in zip(first, hidden, strict=True)]),
+                share(f"{kind}: confidently wrong", wrong),
+                share(f"{kind}: UNKNOWN", [r["verdict"] == "UNKNOWN" for r in loud]),
+            ]
+            if loud
+            else []
+        )
     if outside := [r for r in full if r["kind"] == "outside"]:
         matters = [r for r in outside if r["strength"] >= SEEN and not _holds(r, "interval_before_MPa")]
         lines += [

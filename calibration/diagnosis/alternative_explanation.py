@@ -98,8 +98,10 @@ def _cost(one: Candidate, begin: Fit) -> float:
 def _inside(one: Candidate, begin: Fit) -> bool:
     """No parameter stands at an end of its range; an angle has none."""
     assert isinstance(one.effect, InstrumentError)
-    return all(p.unit == "rad" or _clear(value, p.bounds)
-               for value, p in zip(one.own_values, one.effect.parameters_on(begin.data), strict=True))  # fmt: skip
+    return all(
+        p.unit == "rad" or _clear(value, p.bounds)
+        for value, p in zip(one.own_values, one.effect.parameters_on(begin.data), strict=True)
+    )
 
 
 def _clear(value: float, bounds: Pair) -> bool:

@@ -147,9 +147,17 @@ def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple
         return None, ()
     rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
     enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
-    best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
-                and _cost(found, current) < enough and (not rivals or _lawful(found))),
-               key=lambda f: _cost(f, current), default=None)  # fmt: skip
+    best = min(
+        (
+            found
+            for model, starts in _room(current)
+            if (found := _fitted(current, model, starts)) is not None
+            and _cost(found, current) < enough
+            and (not rivals or _lawful(found))
+        ),
+        key=lambda f: _cost(f, current),
+        default=None,
+    )
     if best is None:
         return None, ()
     as_good = tuple(c for c in rivals if c.cost < _cost(best, current) + AS_GOOD)

@@ -16,7 +16,7 @@ from calibration.diagnosis.remainder import Remainder, remainder
 from calibration.diagnosis.score_test import LEVEL
 from calibration.fit.least_squares import Fit
 from calibration.inputs.deadline import Watch
-from calibration.repeats.outlying_presses import OutlyingPresses
+from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 
@@ -47,6 +47,14 @@ class Outcome:
     def fitted(self) -> Fit:
         """The last fit that stands."""
         return self.steps[-1].fitted if self.steps else self.searched.start
+
+
+def odd_presses(searched: Searched, level: float) -> OutlyingPresses:
+    """What is odd among the presses, as far as the test says so."""
+    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
+    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
+    odd = outlying_presses(searched.current, wanders=wanders)
+    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
 
 
 def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> Outcome:

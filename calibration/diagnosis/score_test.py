@@ -16,17 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.projection import Cast
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Effect
 from calibration.noise.heteroscedasticity import Scatter
-from calibration.noise.inner_products import Weighing
-from calibration.noise.model import Noise, Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.repeats.draws import draw_errors
 from calibration.repeats.outlying_presses import PressLooks
-from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
@@ -41,7 +38,6 @@ TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
-SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
 OTHER_BINS = 6  # steps of every other covariate
 
@@ -106,7 +102,7 @@ def score_test(
     plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
     plain = {key: _either_way(table) for key, table in plain.items()}
     steps = covariate_steps(fitted)
-    cast = _Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
+    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
@@ -142,7 +138,7 @@ class _Looks:
     the scatter of loading, and with `of_rig` the presses; `names` of the last two.
     """
 
-    def __init__(self, cast: _Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
+    def __init__(self, cast: Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
         self._cast, self._fitted, self._searched = cast, fitted, searched
         self._scatter = Scatter(fitted.data)
         self._presses = PressLooks(fitted) if of_rig else None
@@ -155,8 +151,10 @@ class _Looks:
         errors = np.column_stack([self._fitted.residual_N, errors])
         priors = np.column_stack([self._cast.own_priors, priors])
         scores, most = self._cast.scores(noises, errors, priors), self._searched
-        rows = [[*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-                for row in scores]  # fmt: skip
+        rows = [
+            [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
+            for row in scores
+        ]
         columns = list(np.array(rows).reshape(1 + draws, -1).T)
         if self._scatter.seen:
             white = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
@@ -246,94 +244,6 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
     return found
 
 
-class _Cast:
-    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
-
-    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
-    never far from it, nothing that matters cancels.
-    """
-
-    def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
-        self.fitted = fitted
-        free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
-        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-        self.own_priors = np.array(
-            [
-                (p.prior.mean - v) / p.prior.std
-                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
-                if p.prior is not None and gives
-            ]
-        )
-        self._ends = np.cumsum([t.shape[1] for t in tables])
-        directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
-        self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)
-        self.left = list(np.split(self._visible, self._ends[:-1]))
-        self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
-        own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)
-        self._own, self._looked = own, looked
-        self._within, self._between = (self._weighing.product(own, other) for other in (own, looked))
-        self._lengths = self._weighing.squares(looked)
-
-    def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
-        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
-        size = np.linalg.norm(jacobian, axis=0)
-        scale = np.where(size > 0, size, 1.0)
-        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
-        white = np.vstack([apply(jacobian / scale), priors / scale])
-        left, length, right = np.linalg.svd(white, full_matrices=False)
-        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
-        back = right[kept].T / length[kept] / scale[:, None]
-        self._jacobian, self._priors = jacobian @ back, priors @ back
-        seen = apply(directions)
-        before = np.linalg.norm(seen, axis=0)
-        share = left[: len(seen), kept].T @ seen
-        self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
-        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
-        unit = np.where(self._visible, self.sizes, np.inf)
-        self._directions = (directions - self._jacobian @ share) / unit
-        self._beside = -(self._priors @ share) / unit
-
-    def scores(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
-        """Scores of each table's directions for each column of residuals (N, b), under a noise of its own.
-
-        `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
-        """
-        errors = self._weighing.take(residual_N)
-        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
-        found = []
-        for k, noise in enumerate(noises):
-            within = self._within.under(noise) + self._priors.T @ self._priors
-            between = self._between.under(noise) + self._priors.T @ self._beside
-            taken = np.linalg.solve(within, between)
-            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
-            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
-            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
-            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
-            found.append(list(np.split(along / unit, self._ends[:-1])))
-        return found
-
-    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
-        """What the fit leaves of a residual (N,), white."""
-        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
-        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
-        jacobian, white = seen[:, :-1], seen[:, -1]
-        within = jacobian.T @ jacobian + self._priors.T @ self._priors
-        own = jacobian.T @ white + self._priors.T @ priors
-        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
-
-    def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
-        """What the fit leaves of residuals (N, k) with priors (q, k), in N."""
-        own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
-        return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
-
-    def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
-        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
-        fitted = self.fitted
-        errors = draw_errors(fitted, rng, draws)
-        priors = rng.standard_normal((len(self._priors), draws))
-        return renewed_noise(fitted, errors), errors, priors
-
-
 def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:
     """p of each statistic, real in the first row of `table` and drawn in the others, and adjusted for the smallest
     of all by the same draws and for the `share` of the level that they have.
@@ -386,12 +296,10 @@ class _Tail:
         return max(float(1 - below), TAIL)
 
 
-def _visible(
-    fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: _Cast
-) -> dict[str, float]:
+def _visible(fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: Cast) -> dict[str, float]:
     """Amplitude of each effect that such data would show, from its most visible start."""
     found = {}
-    ends = np.concatenate([[0], cast._ends])
+    ends = np.concatenate([[0], cast.ends])
     for k, key in enumerate(tables):
         effect = next(e for e in effects if e.key == key)
         sizes = cast.sizes[ends[k] : ends[k + 1]]

@@ -132,8 +132,11 @@ def own_force_N(fitted: Fit, residual_N: Floats) -> Floats:
     about = fitted.about
     ends = fitted.data.first[1:]
     columns = np.column_stack([np.ones(about.force_N.size), about.slope_N_per_mm, about.force_N])
-    parts = zip(np.split(columns / about.base_N[:, None], ends),
-                np.split(residual_N / about.base_N[:, None], ends), strict=True)  # fmt: skip
+    parts = zip(
+        np.split(columns / about.base_N[:, None], ends),
+        np.split(residual_N / about.base_N[:, None], ends),
+        strict=True,
+    )
     return np.array([np.linalg.lstsq(one, error, rcond=1e-6)[0][0] for one, error in parts])
 
 

@@ -24,7 +24,7 @@ from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
 from calibration.diagnosis.forward_selection import TOLD_APART, Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
-from calibration.diagnosis.outcome import Outcome, against_instrument_errors, outcome
+from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
 from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.sensitivity import hidden
@@ -39,7 +39,6 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
 from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
@@ -102,7 +101,9 @@ def _diagnosed(
     watch.tell("fitting the plain law")
     begin = base_fit(model, data)
     found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
-    force = against_instrument_errors(outcome(found_there, level, _odd(found_there, level)), watch, level=level)
+    force = against_instrument_errors(
+        outcome(found_there, level, odd_presses(found_there, level)), watch, level=level
+    )
     sight = None
     if seen is not None:
         sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level, watch=watch), level)
@@ -117,14 +118,6 @@ def base_fit(model: Model, data: Observations) -> Fit:
     first = fit_alone(model, data)
     shaped = clear_of_own_touch(first, with_sample_noise(first))
     return first if shaped is first.data else fit_alone(model, shaped)
-
-
-def _odd(searched: Searched, level: float) -> OutlyingPresses:
-    """What is odd among the presses, as far as the test says so."""
-    told = {s.key: s.p_adjusted for s in searched.last.others if s.p_adjusted <= level}
-    wanders = [(key.removeprefix(WANDERS), p) for key, p in told.items() if key.startswith(WANDERS)]
-    odd = outlying_presses(searched.current, wanders=wanders)
-    return odd if STANDS_OUT in told else replace(odd, presses=(), foreign=False)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -177,9 +170,8 @@ def _determine(
             base, [one.sets for one in both], odd=both[0].odd, left=left, instead=instead, bias=small.bias
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
-        left_over=force.remainder,
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
-        alternative_explanation=force.alternative_explanation,
+        alternative_explanation=force.alternative_explanation, left_over=force.remainder,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
         plain=force.plain, stopped=any(one.searched.stopped for one in both),
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
