@@ -71,7 +71,7 @@ def find_ball(
 ) -> Ball:
     """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
-    `usable` is a mask (H, W). `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
+    `usable` is a mask (H, W); a change of a colour that is not known is NaN. `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
     of change otherwise. Where its residual exceeds MAX_RESIDUAL, it is looked for with all colours made equal,
     too, and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm`
     could make.
@@ -91,7 +91,7 @@ def find_ball(
 
     ball = refined(first_guess(change, usable))
     if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
-        top = np.percentile(
+        top = np.nanpercentile(
             np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP_PERCENTILE, axis=0
         )
         with suppress(InputError):
@@ -109,7 +109,8 @@ def find_ball(
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:
     """Centre x, y and radius (px) of the largest blob of `change` (H, W, 3) that stands out of the noise."""
-    size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(change, (0, 0), 1.5)), axis=2)))
+    seen = np.nan_to_num(change)
+    size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(seen, (0, 0), 1.5)), axis=2)))
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))
@@ -163,7 +164,7 @@ def _refined(
         else:
             damping *= 10.0
     centre = (start[0] + unknown[0] / mm_per_px[0], start[1] + unknown[1] / mm_per_px[1])
-    share = np.sqrt(np.mean(residual**2) / np.mean(changes**2))
+    share = np.sqrt(np.mean(residual**2) / np.mean(np.nan_to_num(changes) ** 2))
     return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / mm_per_px[0]), radius_mm, float(share))
 
 
@@ -192,8 +193,18 @@ def _window(
 
 
 def _unexplained(changes: Floats, p: Floats, q: Floats) -> Floats:
-    """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,)."""
+    """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,); nothing of those not known."""
     terms = np.stack([p, q, p * p, p * q, q * q], axis=1)
+    if not np.isfinite(changes).all():
+        known = np.isfinite(changes)
+        parts = [
+            _unexplained(change[at, None], p[at], q[at])
+            for change, at in zip(changes.T, known.T, strict=True)
+            if at.any()
+        ]
+        left = np.zeros(changes.shape)
+        left.T[known.T] = np.concatenate(parts)
+        return left.ravel()
     normal = terms.T @ terms
     normal[np.diag_indices(5)] += 1e-9 * np.trace(normal)
     return np.asarray((changes - terms @ np.linalg.solve(normal, terms.T @ changes)).ravel())

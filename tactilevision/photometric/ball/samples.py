@@ -23,7 +23,8 @@ OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 class Samples:
     """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
 
-    `noise` (N, 3): standard deviation of the changes, None where they are known exactly.
+    `noise` (N, 3): standard deviation of the changes, None where they are known exactly. A change that is not
+    known, as its colour is overexposed, is NaN.
     """
 
     change: Floats
@@ -35,6 +36,22 @@ class Samples:
     def where(self, chosen: Bools) -> Samples:
         noise = None if self.noise is None else self.noise[chosen]
         return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
+
+    def complete(self) -> Samples:
+        """The samples of which all colours are known."""
+        known = np.isfinite(self.change).all(axis=1)
+        return self if known.all() else self.where(known)
+
+    def without(self, colour: int) -> Samples:
+        """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
+        known = np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1)
+        kept = self.where(known)
+        change = kept.change.copy()
+        change[:, colour] = 0.0
+        noise = None if kept.noise is None else kept.noise.copy()
+        if noise is not None:
+            noise[:, colour] = 0.0
+        return replace(kept, change=change, noise=noise)
 
 
 def join(parts: Sequence[Samples]) -> Samples:
