@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import at_border
+from tactilevision.contact.region import at_border, in_question, strong_evidence
 from tactilevision.errors import InputError
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
-from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.records import Bools, Floats, Footprint, Frame, HeightMap, Indenter
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
@@ -107,6 +107,8 @@ class Stream:
         least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > live_limit_mm(spread)) & valid
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+            pressed = _strongly_pressed(height)
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 
@@ -117,3 +119,17 @@ class Stream:
 
     def _follow(self, frame: Frame) -> None:
         self.reconstructor.follow(self.reconstructor.rectified(frame), self.renew)
+
+
+def _strongly_pressed(height: HeightMap) -> Bools:
+    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, however unsure its depth."""
+    x, y = height.mm_per_px
+    sampled = replace(
+        height,
+        depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
+        valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
+        mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
+        std_mm=None,
+    )
+    deep = in_question(sampled)
+    return deep & strong_evidence(sampled) if deep.any() else deep

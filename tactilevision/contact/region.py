@@ -36,18 +36,24 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Mask (H, W) of where something presses.
 
     A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
-    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. Specks
-    do not count. Limits: records/contact_thresholds.py.
+    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. That
+    widens with the stated deviation; slopes and colours do not, and a region counts, too, where enough of it is
+    steeper, or of another colour, than untouched gel is (`strong_evidence`). Specks do not count. Limits:
+    records/contact_thresholds.py.
     """
     from scipy.ndimage import find_objects
     from skimage.measure import label
 
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > depth_limit_mm(map_noise_mm(height)))
+    deep = in_question(height)
     labels = label(deep, connectivity=1)
     sizes = np.bincount(labels.ravel())
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
-    sizes[surely < CONTACT.depth_min_px] = 0
+    unsure = (surely < CONTACT.depth_min_px) & (sizes >= CONTACT.depth_min_px)
+    if unsure[1:].any():
+        strong = np.bincount(labels[deep & strong_evidence(height)], minlength=len(sizes))
+        unsure &= strong < np.maximum(CONTACT.strong_share * sizes, CONTACT.depth_min_px)
+    sizes[unsure | (sizes < CONTACT.depth_min_px)] = 0
     sizes[0] = 0
     windows = find_objects(labels)
     for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
@@ -55,6 +61,25 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
         window = rows, columns
         found[window] |= _to_its_edge(height, window, labels[window] == k)
     return found
+
+
+def in_question(height: HeightMap) -> Bools:
+    """Mask (H, W) of what is deeper than the map is rough."""
+    if not height.valid.any():
+        return height.valid
+    limit_mm = depth_limit_mm(map_noise_mm(height), float(height.depth_mm[height.valid].max()))
+    return np.asarray(height.valid & (height.depth_mm > limit_mm))
+
+
+def strong_evidence(height: HeightMap) -> Bools:
+    """Mask (H, W) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off."""
+    smooth = cv2.GaussianBlur(np.asarray(height.depth_mm, np.float32), (0, 0), SMOOTH_PX)
+    down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
+    strong = np.hypot(across, down) > CONTACT.strong_slope
+    if height.colour_change is not None:
+        coloured = (height.colour_change > CONTACT.strong_colour_sigma).astype(np.uint8)
+        strong |= cv2.resize(coloured, strong.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    return np.asarray(strong)
 
 
 def at_border(contact: Bools) -> bool:

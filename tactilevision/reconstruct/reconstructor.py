@@ -6,6 +6,7 @@ untouched gel.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import RLock
@@ -80,8 +81,7 @@ class Reconstructor:
         unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        surface, valid, std, flags = self._flagged(self.rectified(frame))
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
+        return dataclasses.replace(self.rectified_map(self.rectified(frame)), time_s=frame.time_s, name=frame.name)
 
     def rectified(self, frame: Frame) -> Bytes:
         """The rectified picture of a raw frame."""
@@ -89,8 +89,11 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes) -> HeightMap:
         """The height map of a picture that is rectified already."""
-        surface, valid, std, flags = self._flagged(rgb)
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
+        with self.turn.lock:
+            surface, valid, std, flags = self._flagged(rgb)
+            drift = self.evidence.drift if self.evidence else None
+        change = drift.normalised_residual if drift else None
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags, colour_change=change)
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""

@@ -114,14 +114,12 @@ class TwoColourReader:
             if box is None:
                 continue
             rows, columns = box
-            whole = tuple(
-                slice(side.start + part.start, side.start + part.stop)
-                for side, part in zip(window, box, strict=True)
-            )
+            across = slice(window[1].start + columns.start, window[1].start + columns.stop)
+            whole = slice(window[0].start + rows.start, window[0].start + rows.stop), across
             known = change[:, rows, columns].copy()
             known[colour] = 0.0
             found = np.empty((2, *known.shape[1:]), np.float32)
-            self.evaluators[colour].strip(known, (whole[0], whole[1]), found)
+            self.evaluators[colour].strip(known, whole, found)
             found *= self.kept_share[colour][whole]
             np.copyto(slopes[:, rows, columns], found, where=where[rows, columns])
 
