@@ -14,6 +14,7 @@ import numpy as np
 from tactilevision.contact.footprint import find_footprint
 from tactilevision.contact.region import at_border, in_question, strong_evidence
 from tactilevision.errors import InputError
+from tactilevision.quality.fitness import check_fit
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
 from tactilevision.records import Bools, Floats, Footprint, Frame, HeightMap, Indenter
@@ -53,11 +54,14 @@ class Stream:
     renews the reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The
     larger it is the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is
     seen late, or never, where v / renew is less than what noise hides (some 10 um).
+
+    Raises InputError for a calibration that fails its own balls, unless it is to be used `even_so`.
     """
 
     reconstructor: Reconstructor
     indenter: Indenter | None = None
     renew: float = RENEW
+    even_so: bool = False
     latencies: Floats = field(default_factory=lambda: np.zeros(len(EDGES_MS)))
     frames: int = 0
     _last: Footprint | None = None
@@ -65,6 +69,9 @@ class Stream:
     def __post_init__(self) -> None:
         if not 0.0 <= self.renew <= 1.0:
             raise InputError("is a share, from 0 to 1", where="Stream renew", value=self.renew)
+        method = self.reconstructor.referenced
+        if method is not None and not self.even_so:
+            check_fit(method.card, remedy="Stream(..., even_so=True)")
         device = find_gpu()
         if device is not None:
             self.reconstructor.use(device)
@@ -129,7 +136,7 @@ def _strongly_pressed(height: HeightMap) -> Bools:
         depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
         valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
         mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
-        std_mm=None,
+        std_mm=None if height.std_mm is None else height.std_mm[::SAMPLE_PX, ::SAMPLE_PX],
     )
     deep = in_question(sampled)
     return deep & strong_evidence(sampled) if deep.any() else deep

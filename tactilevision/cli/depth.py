@@ -45,6 +45,7 @@ def depth(
     with_std: Annotated[
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
+    even_so: source.EvenSoOption = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,
@@ -54,7 +55,7 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    light = _teller(method, warned)
+    light = _teller(method, warned, even_so=even_so)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
@@ -88,7 +89,7 @@ def depth(
         )
 
 
-def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
+def _teller(method: str | None, warned: list[str], *, even_so: bool) -> Callable[[Recording], Reconstructor]:
     """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
 
     def tell(recording: Recording, lines: tuple[str, ...]) -> None:
@@ -98,7 +99,7 @@ def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reco
 
     def light(recording: Recording) -> Reconstructor:
         tell(recording, recording.warnings)
-        reconstructor = source.open_reconstructor(recording, method)
+        reconstructor = source.open_reconstructor(recording, method, even_so=even_so)
         tell(recording, reconstructor.warnings)
         return reconstructor
 

@@ -33,6 +33,7 @@ def force(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    even_so: source.EvenSoOption = False,
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
@@ -51,7 +52,7 @@ def force(
     if recording.sensor.gel is not None:
         check_gel(calibration, recording.sensor.gel)
     with console.progress_bar("calibrating the light"):
-        reconstructor = source.open_reconstructor(recording, method)
+        reconstructor = source.open_reconstructor(recording, method, even_so=even_so)
     console.warn([*recording.warnings, *reconstructor.warnings])
     anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
     job = replace(force_job(recording, reconstructor, material=material, out=out, form=form.value), anchor=anchor)

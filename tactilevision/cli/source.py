@@ -28,6 +28,9 @@ MethodOption = Annotated[
         help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
+EvenSoOption = Annotated[
+    bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
+]
 
 
 def open_source(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
@@ -55,15 +58,20 @@ def open_branch(path: Path, sensor: str | None, *, reference: Path | None) -> Re
     return open_source(path, None if own else sensor, reference=None if own else reference)
 
 
-def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
+def open_reconstructor(recording: Recording, method: str | None, *, even_so: bool = True) -> Reconstructor:
     """Calibrate the light from the recording's own references, or use the method file that was named.
 
     Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default:
     its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
+    Not `even_so`: raises InputError for a calibration that fails its own balls.
     """
+    from tactilevision.quality.fitness import check_fit
     from tactilevision.reconstruct import build_reconstructor
 
-    return build_reconstructor(recording, method or ("auto" if recording.balls else None))
+    found = build_reconstructor(recording, method or ("auto" if recording.balls else None))
+    if found.referenced is not None and not even_so:
+        check_fit(found.referenced.card, remedy="--even-so")
+    return found
 
 
 def open_face_correction(

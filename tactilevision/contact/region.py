@@ -27,6 +27,7 @@ from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_st
 STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
 SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
+SAMPLED = 4  # pixels along each side, of which one tells how much is known of a map
 MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
 
 Array = npt.NDArray[np.floating[Any]]
@@ -72,7 +73,12 @@ def in_question(height: HeightMap) -> Bools:
 
 
 def strong_evidence(height: HeightMap) -> Bools:
-    """Mask (H, W) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off."""
+    """Mask (H, W) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off.
+
+    Empty for a map of which next to nothing is known: its slopes tell nothing either.
+    """
+    if height.std_mm is not None and np.median(height.std_mm[::SAMPLED, ::SAMPLED]) > CONTACT.strong_blind_mm:
+        return np.zeros(height.depth_mm.shape, np.bool_)
     smooth = cv2.GaussianBlur(np.asarray(height.depth_mm, np.float32), (0, 0), SMOOTH_PX)
     down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
     strong = np.hypot(across, down) > CONTACT.strong_slope

@@ -26,6 +26,7 @@ from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
+from tactilevision.quality.fitness import unfit_warnings
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.records.flags import DEEPER, add
@@ -65,6 +66,7 @@ class Reconstructor:
         self.zero: ZeroPlane | None = None
         self.evidence: MapEvidence | None = None
         self.referenced = as_referenced(method)
+        self.warnings += unfit_warnings(self.referenced.card) if self.referenced else ()
         steepest = self.referenced.card.steepest_slope if self.referenced else None
         self.readable = READABLE * steepest if steepest else None
         self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None

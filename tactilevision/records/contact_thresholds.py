@@ -44,6 +44,7 @@ class ContactThresholds:
     strong_slope: float = 0.15  # mm/mm: gel beside 182 real presses comes out at .12 at most, the presses at .19
     strong_colour_sigma: float = 80.0  # deviations of a block: beside those presses 53 at most, under them 127
     strong_share: float = 0.1  # of a region that is so steep or so coloured; less may be a speck in it
+    strong_blind_mm: float = 0.5  # mm: median deviation of a map, half of it black, say, that tells nothing at all
     live_sigma: float = 5.0  # deviations of untouched gel; benchmarks.stream
     live_min_px: int = 20  # pixels that reach it: fewer are noise
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none

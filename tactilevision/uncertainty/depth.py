@@ -150,7 +150,7 @@ class DepthError:
     def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
         if evidence.lost_share is None:
             return None
-        share = evidence.lost_share[:: self.every, :: self.every]
+        share = cv2.resize(evidence.lost_share, few.shape[::-1], interpolation=cv2.INTER_AREA)
         return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
     def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:

@@ -1,9 +1,10 @@
 """The term of missing colours: slopes that two colours tell are further off, and depth with them.
 
-    variance(x, y) = max(v, < v >),  v = e^2 depth^2          < >: mean over a thickness of gel
+    variance(x, y) = < e >^2 max(depth^2, < depth^2 >)          < >: means over REACH_MM, and over a thickness of gel
 
-e: relative error of a slope without that colour beyond that of a slope by all (photometric/methods/two_colours.py).
-What is integrated over such a place carries its error on, as under leakage.py.
+e: relative error of a slope without that colour beyond that of a slope by all (photometric/methods/two_colours.py),
+0 where all are known. A few pixels without a colour, in gel that is told by all, hardly change what is integrated
+over them. What is integrated over many carries their error on, as under leakage.py.
 Vanishes where all colours are known, and where the depth is 0. Assumes slopes that err in proportion.
 """
 
@@ -17,6 +18,7 @@ from tactilevision.records import Pair
 from tactilevision.uncertainty.leakage import leaked_variance
 
 Picture = npt.NDArray[np.float32]
+REACH_MM = 1.0  # mm over which errors of integrated slopes hang together: half of a usual contact
 
 
 def missing_colour_variance(
@@ -26,5 +28,8 @@ def missing_colour_variance(
 
     Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).
     """
-    variance = np.asarray(np.square(lost_share * depth_mm), np.float32)
-    return np.asarray(cv2.max(leaked_variance(variance, 1.0, every=every, mm_per_px=mm_per_px), variance))
+    reach = [REACH_MM / (every * px) for px in mm_per_px]
+    share = cv2.GaussianBlur(lost_share, (0, 0), reach[0], sigmaY=reach[1])
+    square = np.square(depth_mm)
+    square = cv2.max(leaked_variance(square, 1.0, every=every, mm_per_px=mm_per_px), square)
+    return np.asarray(np.square(share) * square, np.float32)
