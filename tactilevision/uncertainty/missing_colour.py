@@ -21,9 +21,7 @@ Picture = npt.NDArray[np.float32]
 REACH_MM = 1.0  # mm over which errors of integrated slopes hang together: half of a usual contact
 
 
-def missing_colour_variance(
-    depth_mm: Picture, lost_share: Picture, *, every: int, mm_per_px: Pair
-) -> Picture:
+def missing_colour_variance(depth_mm: Picture, lost_share: Picture, *, every: int, mm_per_px: Pair) -> Picture:
     """Variance (h, w) mm² of `depth_mm` (h, w) mm; `lost_share` (h, w) is e, no unit.
 
     Both hold every `every`th pixel of a picture at `mm_per_px` (x, y).

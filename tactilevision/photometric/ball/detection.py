@@ -9,7 +9,7 @@ ball pressed into a half-space (Hertz; R ball radius, a contact radius, r the di
 are drawn for a trial (centre, a), each channel's change is fitted by a quadratic of the two slopes (no constant:
 no slope, no change), and what is left over is made least in the three unknowns. No calibration is needed
 before, and no threshold decides where the circle ends. Outside the contact a real gel layer slopes less far out
-than the half-space; the window reaches 1.6 a only, and what is used afterwards is the inside.
+than the half-space; the window reaches WINDOW a only, and what is used afterwards is the inside.
 Source: Johnson, Contact Mechanics (1985), eqs. 3.42a, b.
 """
 
@@ -31,6 +31,11 @@ MAX_PIXELS = 1500  # of the window; more only slow the fit down
 MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
+MAX_GUESS_SHARE = 1.5  # of that: blobs of change are up to 1.4 times as wide as the contact
+MAX_GROWTH = 1.3  # of the blob or label, where the fit ran away: rendered contacts are .7 to 1.3 of their blob
+WINDOW = 1.45  # contact radii; on 16 rendered balls .5 to .8 of their radius deep 1.6 draws the circle 1.1 px out, 1.45 .9
+MAX_WINDOWS = 4  # fits, each in a window round the last one's circle
+WINDOW_TOL = 0.02  # of the contact radius: a circle that moves by less stays
 MAX_RESIDUAL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
 TOP_PERCENTILE = 99.8  # percentile of change that stands for the steepest slopes of a contact
 MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
@@ -79,7 +84,14 @@ def find_ball(
     most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
 
     def refined(guess: tuple[float, float, float]) -> Ball:
-        (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
+        (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
+        if radius > MAX_GUESS_SHARE * most_px:
+            raise InputError(
+                "the contact is as wide as the whole ball",
+                where="ball press",
+                value=f"ball_radius_mm = {radius_mm:g}",
+                remedy="State the ball's radius in mm, and mm_per_px as rectified.",
+            )
         if radius < MIN_RADIUS_PX:
             raise InputError(
                 f"a contact of {radius:.2g} px in radius is too small to be read",
@@ -87,7 +99,12 @@ def find_ball(
                 value=f"ball_radius_mm = {radius_mm:g}",
                 remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
             )
-        return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
+        start = x, y, min(radius, most_px)
+        ball = _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=np.inf, usable=usable)
+        if ball.contact_radius_px <= most_px:
+            return ball
+        shown_px = min(most_px, MAX_GROWTH * start[2])  # the picture shows a smaller one: what ran away is the fit
+        return _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=shown_px, usable=usable)
 
     ball = refined(first_guess(change, usable))
     if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
@@ -97,13 +114,6 @@ def find_ball(
         with suppress(InputError):
             equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, equalised, key=lambda one: one.residual)
-    if ball.contact_radius_px > most_px:
-        raise InputError(
-            "the contact is as wide as the whole ball",
-            where="ball press",
-            value=f"ball_radius_mm = {radius_mm:g}",
-            remedy="State the ball's radius in mm, and mm_per_px as rectified.",
-        )
     return ball
 
 
@@ -130,19 +140,40 @@ def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> t
     return float(centres[best][0]), float(centres[best][1]), float(np.sqrt(area / np.pi))
 
 
+def _settled(
+    change: Array,
+    mm_per_px: Pair,
+    *,
+    radius_mm: float,
+    start: tuple[float, float, float],
+    most_px: float,
+    usable: npt.NDArray[np.bool_] | None,
+) -> Ball:
+    """The fit, in a window that is laid round its own last circle until that stays: a wide one shows gel that slopes
+    as no half-space does, and draws the circle out."""
+    for _ in range(MAX_WINDOWS):
+        ball = _refined(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=most_px, usable=usable)
+        moved = np.hypot(*np.subtract(ball.centre_px, start[:2])), ball.contact_radius_px - start[2]
+        if np.abs(moved).max() < WINDOW_TOL * start[2]:
+            break
+        start = (*ball.centre_px, ball.contact_radius_px)
+    return ball
+
+
 def _refined(
     change: Array,
     mm_per_px: Pair,
     *,
     radius_mm: float,
     start: tuple[float, float, float],
+    most_px: float,
     usable: npt.NDArray[np.bool_] | None,
 ) -> Ball:
     """Damped Gauss-Newton on centre and contact radius."""
     changes, x_mm, y_mm = _window(change, mm_per_px, start, usable)
     contact_mm = start[2] * mm_per_px[0]
     lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
-    highest = np.array([contact_mm, contact_mm, 0.98 * radius_mm])
+    highest = np.array([contact_mm, contact_mm, min(0.98 * radius_mm, most_px * mm_per_px[0])])
 
     def misfit(unknown: Floats) -> Floats:
         return _unexplained(
@@ -171,9 +202,9 @@ def _refined(
 def _window(
     change: Array, mm_per_px: Pair, start: tuple[float, float, float], usable: npt.NDArray[np.bool_] | None
 ) -> tuple[Floats, Floats, Floats]:
-    """Changes (N, 3) and places from the first centre (N,) in mm, of the pixels within 1.6 radii."""
+    """Changes (N, 3) and places from the first centre (N,) in mm, of the pixels within WINDOW radii."""
     height, width = change.shape[:2]
-    reach = 1.6 * start[2]
+    reach = WINDOW * start[2]
     reach_y = reach * mm_per_px[0] / mm_per_px[1]
     step = max(1, int(np.sqrt(np.pi * reach * reach_y / MAX_PIXELS)))
     rows = np.arange(max(0, int(start[1] - reach_y)), min(height, int(start[1] + reach_y) + 1), step)
