@@ -129,7 +129,7 @@ class Stream:
 
 
 def _strongly_pressed(height: HeightMap) -> Bools:
-    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, however unsure its depth."""
+    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, whatever its deviation."""
     x, y = height.mm_per_px
     sampled = replace(
         height,

@@ -153,14 +153,14 @@ class CalibratedMethod:
         return None if self.two_colours is None else TwoColourReader(self.two_colours, self.change.noise)
 
     def valid(self, complete: Bools) -> Bools:
-        """Where (H, W) slopes of the frame taken in are told: where all colours are, `complete`, or two of them."""
+        """Where (H, W) slopes of the frame taken in are told: `complete`, by all colours, or by two of them."""
         valid = complete & self.readable
         if self.change.missing is None or self.change.partly is None or self.two_colour_reader is None:
             return valid
         return valid | self.two_colour_reader.readable(self.change.missing, self.change.partly)
 
     def lost_share(self) -> Picture | None:
-        """Relative error (H, W) of slopes of the frame taken in by colours that are missing; None where none is."""
+        """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""
         if self.change.missing is None or self.two_colour_reader is None:
             return None
         return self.two_colour_reader.lost_share(self.change.missing)

@@ -150,7 +150,8 @@ class TiledEvaluator:
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
         """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.
 
-        Where `missing` (h, w) is not 0 a colour is, and means tell nothing. Lone means are noise, but where they scatter about each other too much there is a contact of their size.
+        Where `missing` (h, w) is not 0 a colour is missing, and means tell nothing. Lone means are noise, but where
+        they scatter about each other too much there is a contact of their size.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))

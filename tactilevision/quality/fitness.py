@@ -1,9 +1,8 @@
-"""Does a calibration hold for balls that it never saw? One that fails its own balls says nothing of other contacts.
+"""Does a calibration hold for balls that it never saw? One that fails its own balls says nothing of others.
 
-Balls are left out of the fit in turn; the median angle between their slopes, true and read, and the median ratio of
-their depth, read over true, stand in the method's card. Calibrations of five real sensors are off by 2 to 6 degrees
-and .91 to .98; one on the wrong circles, of light that colours do not tell, or at a scale ten times wrong, by 19
-degrees and more, or by half of the depth.
+Balls are left out of the fit in turn. The median angle between their slopes, true and read, and the median ratio
+of their depth, read over true, stand in the method's card. On five real sets they are 2 to 5 degrees and .92 to 1.00.
+Circles where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
 """
 
 from __future__ import annotations

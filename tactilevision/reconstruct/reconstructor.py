@@ -229,8 +229,7 @@ class Reconstructor:
     def _evaluate_tiled(
         self, rgb: Bytes
     ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Planes | None]:
-        """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface and what missing colours lose,
-        where they are known."""
+        """Slopes, untouched blocks, drift, greatest |slope|, surface and `lost_share`, where they are known."""
         if self.referenced is None:
             slopes = self.method.slopes(rgb)
             return slopes, flat_blocks(slopes), None, np.inf, None, None

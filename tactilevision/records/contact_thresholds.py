@@ -6,7 +6,8 @@ next quantity exists. So there are six limits, not one; each stands in the unit 
     colour      r^2    > (4 s)^2                     blocks, normalised by their noise; s the picture's own scale
     slope       |g|    > 4 median |g| + .001         blocks, where no reference tells the colours
     depth       d      > max(5 s_rough, .01 mm)      regions, of which MIN_PX must pass the wide limit too,
-                                                     or a tenth the limit of strong slope or strong colour
+                                                     or a few in a hundred the limit of strong slope
+                                                     or strong colour
     live        d      > 5 s                         pixels, against what untouched gel comes out with
     reading     F      > max(5 s, .03 F_top)         readings of one press, tared
     cell        d      > max(3 s, .03 d_top)         cells of the force map; a patch's deepest must pass 5 s
@@ -43,8 +44,8 @@ class ContactThresholds:
     depth_top_share: float = 0.5  # of the deepest: where a contact fills half of the map, that is no noise
     strong_slope: float = 0.15  # mm/mm: gel beside 182 real presses comes out at .12 at most, the presses at .19
     strong_colour_sigma: float = 80.0  # deviations of a block: beside those presses 53 at most, under them 127
-    strong_share: float = 0.1  # of a region that is so steep or so coloured; less may be a speck in it
-    strong_blind_mm: float = 0.5  # mm: median deviation of a map, half of it black, say, that tells nothing at all
+    strong_share: float = 0.03  # of a region that is so steep or so coloured; less may be a speck in it
+    strong_blind_mm: float = 0.25  # mm: median deviation of a map that tells nothing; half a black picture has .36
     live_sigma: float = 5.0  # deviations of untouched gel; benchmarks.stream
     live_min_px: int = 20  # pixels that reach it: fewer are noise
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none

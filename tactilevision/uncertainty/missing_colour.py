@@ -1,10 +1,10 @@
 """The term of missing colours: slopes that two colours tell are further off, and depth with them.
 
-    variance(x, y) = < e >^2 max(depth^2, < depth^2 >)          < >: means over REACH_MM, and over a thickness of gel
+    variance(x, y) = < e >^2 max(depth^2, < depth^2 >)      < >: means over REACH_MM, and over a thickness of gel
 
-e: relative error of a slope without that colour beyond that of a slope by all (photometric/methods/two_colours.py),
-0 where all are known. A few pixels without a colour, in gel that is told by all, hardly change what is integrated
-over them. What is integrated over many carries their error on, as under leakage.py.
+e: relative error of a slope without that colour beyond that of a slope by all colours, 0 where all are known
+(photometric/methods/two_colours.py). A few pixels without a colour, in gel that is told by all, hardly change
+what is integrated over them. What is integrated over many carries their error on, as under leakage.py.
 Vanishes where all colours are known, and where the depth is 0. Assumes slopes that err in proportion.
 """
 

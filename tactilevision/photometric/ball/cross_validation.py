@@ -153,8 +153,9 @@ def gain_std(slopes: Floats, samples: Samples) -> float:
 
 
 def patch_error(slopes: Floats, samples: Samples) -> float:
-    """Mean distance of `slopes` (N, 2) from the true ones, in parts of these: gentle ones carry the rise, steep ones
-    the depth.
+    """Mean distance of `slopes` (N, 2) from the true ones, in parts of these.
+
+    Gentle slopes carry the rise, steep ones the depth.
 
     Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
     by pixel the best guess is one that reads all slopes too low.

@@ -33,7 +33,7 @@ MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
 MAX_GUESS_SHARE = 1.5  # of that: blobs of change are up to 1.4 times as wide as the contact
 MAX_GROWTH = 1.3  # of the blob or label, where the fit ran away: rendered contacts are .7 to 1.3 of their blob
-WINDOW = 1.45  # contact radii; on 16 rendered balls .5 to .8 of their radius deep 1.6 draws the circle 1.1 px out, 1.45 .9
+WINDOW = 1.45  # contact radii; of 16 rendered deep balls 1.6 has the circle 1.1 px off (rms), 1.45 .9
 MAX_WINDOWS = 4  # fits, each in a window round the last one's circle
 WINDOW_TOL = 0.02  # of the contact radius: a circle that moves by less stays
 MAX_RESIDUAL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
@@ -76,28 +76,30 @@ def find_ball(
 ) -> Ball:
     """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
-    `usable` is a mask (H, W); a change of a colour that is not known is NaN. `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
-    of change otherwise. Where its residual exceeds MAX_RESIDUAL, it is looked for with all colours made equal,
-    too, and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm`
+    `usable` is a mask (H, W); a change of a colour that is not known is NaN. `centre_px`, `contact_radius_px` are
+    a start where they are known; the largest blob of change otherwise. A fit that runs away is held to what the
+    picture shows, the blob or the label, and a little more. Where its residual exceeds MAX_RESIDUAL, the ball is
+    looked for with all colours made equal, too, and the better one kept. Raises InputError where there is no
+    contact, or none that a ball of `radius_mm`
     could make.
     """
     most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
 
     def refined(guess: tuple[float, float, float]) -> Ball:
         (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
+        if min(radius, most_px) < MIN_RADIUS_PX:
+            raise InputError(
+                f"a contact of {min(radius, most_px):.2g} px in radius is too small to be read",
+                where="ball press",
+                value=f"ball_radius_mm = {radius_mm:g}",
+                remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
+            )
         if radius > MAX_GUESS_SHARE * most_px:
             raise InputError(
                 "the contact is as wide as the whole ball",
                 where="ball press",
                 value=f"ball_radius_mm = {radius_mm:g}",
                 remedy="State the ball's radius in mm, and mm_per_px as rectified.",
-            )
-        if radius < MIN_RADIUS_PX:
-            raise InputError(
-                f"a contact of {radius:.2g} px in radius is too small to be read",
-                where="ball press",
-                value=f"ball_radius_mm = {radius_mm:g}",
-                remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
             )
         start = x, y, min(radius, most_px)
         ball = _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=np.inf, usable=usable)
@@ -149,8 +151,10 @@ def _settled(
     most_px: float,
     usable: npt.NDArray[np.bool_] | None,
 ) -> Ball:
-    """The fit, in a window that is laid round its own last circle until that stays: a wide one shows gel that slopes
-    as no half-space does, and draws the circle out."""
+    """The fit, in a window that is laid round its own last circle until that stays.
+
+    A wide window shows gel that slopes as no half-space does, and draws the circle out.
+    """
     for _ in range(MAX_WINDOWS):
         ball = _refined(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=most_px, usable=usable)
         moved = np.hypot(*np.subtract(ball.centre_px, start[:2])), ball.contact_radius_px - start[2]

@@ -7,8 +7,8 @@ Dividing by the local brightness makes u nearly the same function of slope all o
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
 Marks on the gel are filled from around, in I0 once and in u frame by frame.
-A colour that is overexposed, in the frame or in I0, says nothing at its pixel: `missing` names it, and `partly` the
-pixels that two colours are left of.
+A colour that is overexposed, in the frame or in I0, says nothing at its pixel: `missing` names it, and `partly`
+the pixels that two colours are left of.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class TwoColourLaws:
     errors: tuple[float, ...]
 
     def at(self, change: Floats, place: Floats, *, otherwise: ColourLaw) -> Floats:
-        """Slopes (N, 2) of changes (N, 3), NaN where not known, at places (N, 2); `otherwise` where all are known."""
+        """Slopes (N, 2) of changes (N, 3) at places (N, 2); NaN: not known. `otherwise` reads where all are."""
         slopes = otherwise.at(np.nan_to_num(change), place)
         for colour, law in enumerate(self.laws):
             lost = np.isnan(change[:, colour])
@@ -112,7 +112,7 @@ class TwoColourReader:
         return told
 
     def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
-        """Set `slopes` (2, h, w) of a window where two colours are left; changes (3, h, w); masks of the picture."""
+        """Set `slopes` (2, h, w) of a window where two colours are left, of changes (3, h, w), by masks of all."""
         left = partly[window]
         for colour in range(COLOURS):
             where = missing[colour][window] & left
@@ -130,7 +130,7 @@ class TwoColourReader:
             np.copyto(slopes[:, rows, columns], found, where=where[rows, columns])
 
     def lost_share(self, missing: Bools) -> Picture:
-        """What slopes are off by (H, W), in parts of them, as colours are `missing` (3, H, W); 0 where none is."""
+        """Relative error (H, W) of slopes, as colours are `missing` (3, H, W); 0 where none is."""
         errors = np.zeros(missing.shape[1:], np.float32)
         for colour in range(COLOURS):
             errors[missing[colour]] = self.laws.errors[colour]
