@@ -144,14 +144,14 @@ class TiledEvaluator:
         """Means (h, w) that a colour of the frame taken in is missing in: not 0 there."""
         missing = self.method.change.missing
         assert missing is not None
-        whole = missing.any(axis=0)[self.even].astype(np.uint8) * np.uint8(255)
+        whole = np.asarray(missing.any(axis=0))[self.even].astype(np.uint8) * np.uint8(255)
         return np.asarray(cv2.resize(whole, self.size, interpolation=cv2.INTER_AREA))
 
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
         """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.
 
-        Where `missing` (h, w) is not 0 a colour is missing, and means tell nothing. Lone means are noise, but where
-        they scatter about each other too much there is a contact of their size.
+        Where `missing` (h, w) is not 0 a colour is missing, and means tell nothing. Lone means are noise, but
+        where they scatter about each other too much there is a contact of their size.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))

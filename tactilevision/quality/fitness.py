@@ -1,8 +1,8 @@
 """Does a calibration hold for balls that it never saw? One that fails its own balls says nothing of others.
 
 Balls are left out of the fit in turn. The median angle between their slopes, true and read, and the median ratio
-of their depth, read over true, stand in the method's card. On five real sets they are 2 to 5 degrees and .92 to 1.00.
-Circles where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
+of their depth, read over true, stand in the method's card. On five real sets they are 2 to 5 degrees and .92 to
+1.00. Circles where no ball is give 78 degrees and no depth, nearly white light 24 degrees, white light 60.
 """
 
 from __future__ import annotations

@@ -39,12 +39,12 @@ class Samples:
 
     def complete(self) -> Samples:
         """The samples of which all colours are known."""
-        known = np.isfinite(self.change).all(axis=1)
+        known = np.asarray(np.isfinite(self.change).all(axis=1))
         return self if known.all() else self.where(known)
 
     def without(self, colour: int) -> Samples:
         """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
-        known = np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1)
+        known = np.asarray(np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1))
         kept = self.where(known)
         change = kept.change.copy()
         change[:, colour] = 0.0
