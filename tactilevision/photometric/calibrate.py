@@ -16,6 +16,7 @@ from tactilevision.photometric.ball.consistency import (
     coverage_warnings,
     odd_balls,
     reference_warnings,
+    scale_warnings,
     shared_contact,
 )
 from tactilevision.photometric.ball.cross_validation import (
@@ -115,8 +116,7 @@ def calibrate_from_balls(
     balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
     _check_count(len(contact_parts), len(pictures), warnings)
     every = [with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts)]
-    pressed, resting = _told_alike(*every)
-    _check_count(len(np.unique(pressed.press)), len(pictures), warnings)
+    pressed, resting = _told_alike(*every, of=len(pictures), why=warnings)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
@@ -125,7 +125,8 @@ def calibrate_from_balls(
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
-    warnings += coverage_warnings(cover) + _observability_warnings(light)
+    warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
+    warnings += _observability_warnings(light)
     warnings += _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
@@ -180,12 +181,16 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
     return _Fit(law, fitter, ridge, slopes, others, scale, direction, error, patch_errors[best])
 
 
-def _told_alike(contact: Samples, untouched_samples: Samples) -> tuple[Samples, Samples]:
+def _told_alike(
+    contact: Samples, untouched_samples: Samples, *, of: int, why: Sequence[str]
+) -> tuple[Samples, Samples]:
     """Samples that the same colours tell: all three or, where too few balls are told by them, the best two."""
     if len(np.unique(contact.complete().press)) >= MIN_BALLS:
         return contact.complete(), untouched_samples.complete()
     overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
-    return contact.without(overexposed), untouched_samples.without(overexposed)
+    pressed = contact.without(overexposed)
+    _check_count(len(np.unique(pressed.press)), of, why)
+    return pressed, untouched_samples.without(overexposed)
 
 
 def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaws:

@@ -30,7 +30,7 @@ from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.polynomial import fit_polynomial
 from tactilevision.photometric.methods.weights import find_model
-from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct import Reconstructor, tuned
 from tactilevision.records import Bytes, Floats, Frame
 from tactilevision.sensors import get_sensor, maps_from_lookup, rectify
 
@@ -180,7 +180,7 @@ def test_real_screws_and_balls_are_contacts_and_free_gel_is_none() -> None:
     """Screws .2 to .5 mm deep, whose deviation is .05 to .16: none but by slope and colour."""
     folder = "gelslim3_mcubelab/markerless"
     flat, shots = gelslim(folder)
-    reader = Reconstructor(get_sensor("gelslim3"), calibrated(folder, True).method)
+    reader = tuned(get_sensor("gelslim3"), calibrated(folder, True), pictures=shots, free=())
     with np.load(REAL / "gelslim3_mcubelab" / "abe_corr.npz", allow_pickle=False) as table:
         sensor = get_sensor("gelslim3", rectification=maps_from_lookup(table["x"], table["y"]))
     screws = sorted((REAL / "gelslim3_mcubelab" / "markerless_objects").glob("*.jpg"))

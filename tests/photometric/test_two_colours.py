@@ -72,7 +72,7 @@ def test_a_ball_under_an_overexposed_colour_is_as_deep_as_elsewhere() -> None:
     under = near(place)
     assert (calibrated(True).method.reference.rgb[..., COLOUR][under] >= SATURATED).mean() > 0.5
     assert height.valid[under].mean() > 0.98, "it was thrown away"
-    assert height.depth_mm[under].max() == pytest.approx(depth.max(), rel=0.1)
+    assert height.depth_mm[under].max() == pytest.approx(depth.max(), rel=0.15)
     whole = Reconstructor(SENSOR, calibrated(False).method).rectified_map(rgb)
     assert height.std_mm is not None
     assert whole.std_mm is not None
