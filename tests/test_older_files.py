@@ -43,7 +43,10 @@ def test_a_calibration_is_read(tmp_path: Path) -> None:
     material = BEFORE / "calibrated" / "calibration.json"
     method = BEFORE / "methods" / "polynomial.npz"
     out = tmp_path / "out"
-    assert run("force", BEFORE / "small", "--method", method, "--calibration", material, "--out", out, "--even-so") == 0
+    assert (
+        run("force", BEFORE / "small", "--method", method, "--calibration", material, "--out", out, "--even-so")
+        == 0
+    )
     table = np.genfromtxt(
         out / "resultants.csv", delimiter=",", names=True, usecols=(0, 4, 7), dtype=None, encoding=None
     )

@@ -41,6 +41,7 @@ from tactilevision.photometric.ball.samples import (
     far_from,
     join,
     resting_samples,
+    told_alike,
     values_at,
     with_noise,
 )
@@ -116,7 +117,7 @@ def calibrate_from_balls(
     balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
     _check_count(len(contact_parts), len(pictures), warnings)
     every = [with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts)]
-    pressed, resting = _told_alike(*every, of=len(pictures), why=warnings)
+    pressed, resting = told_alike(*every, min_balls=MIN_BALLS)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
@@ -126,8 +127,7 @@ def calibrate_from_balls(
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
     warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
-    warnings += _observability_warnings(light)
-    warnings += _radii_warnings(best, balls, pressed, resting)
+    warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
         _card(best, pressed, light),
@@ -168,7 +168,11 @@ class _Fit:
 
 
 def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
-    """The law by the way to fit, and its ridge, that is least off at balls left out."""
+    """The law by the way to fit, and its ridge, that is least off at balls left out.
+
+    Raises InputError where too few balls are told by the same colours.
+    """
+    _check_count(told := len(np.unique(pressed.press)), told, ["the others lie where two colours are overexposed"])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
     scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
     patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
@@ -179,18 +183,6 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
     direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
     error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
     return _Fit(law, fitter, ridge, slopes, others, scale, direction, error, patch_errors[best])
-
-
-def _told_alike(
-    contact: Samples, untouched_samples: Samples, *, of: int, why: Sequence[str]
-) -> tuple[Samples, Samples]:
-    """Samples that the same colours tell: all three or, where too few balls are told by them, the best two."""
-    if len(np.unique(contact.complete().press)) >= MIN_BALLS:
-        return contact.complete(), untouched_samples.complete()
-    overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
-    pressed = contact.without(overexposed)
-    _check_count(len(np.unique(pressed.press)), of, why)
-    return pressed, untouched_samples.without(overexposed)
 
 
 def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaws:

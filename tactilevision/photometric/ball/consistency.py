@@ -25,7 +25,9 @@ MIN_CONTRADICTION = 0.1  # of the scale: places and sizes differ by half of it
 SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 OUTLIER_SIGMA = 5.0  # times the scatter of the others
-MAX_ANSWER = 5.0  # relative change of colour for a unit of slope: lamps at 11 degrees; real sensors have 1.2 to 1.7
+MAX_ANSWER = (
+    5.0  # relative change of colour for a unit of slope: lamps at 11 degrees; real sensors have 1.2 to 1.7
+)
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
 MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 

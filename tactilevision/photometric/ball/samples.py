@@ -63,6 +63,14 @@ def join(parts: Sequence[Samples]) -> Samples:
     )
 
 
+def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
+    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two."""
+    if len(np.unique(contact.complete().press)) >= min_balls:
+        return contact.complete(), untouched_samples.complete()
+    overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
+    return contact.without(overexposed), untouched_samples.without(overexposed)
+
+
 def ball_samples(
     change: Planes, ball: Ball, *, mm_per_px: Pair, number: int, most: int, valid: Bools, rng: np.random.Generator
 ) -> Samples:
