@@ -201,7 +201,7 @@ def test_an_overexposed_colour_leaves_real_presses_in_shape() -> None:
     def white(rgb: Bytes) -> Bytes:
         grey = rgb.astype(float)
         grey[..., 2] = np.minimum(grey[..., 2] * gain, 255.0)
-        return np.rint(grey).astype(np.uint8)
+        return np.asarray(np.rint(grey), np.uint8)
 
     brighter = [replace(shot, rgb=white(shot.rgb)) for shot in shots[::2]]
     found = calibrate_from_balls(make_reference([white(flat)]), brighter, mm_per_px=SCALE, fit=fit_polynomial)

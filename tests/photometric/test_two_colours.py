@@ -34,7 +34,7 @@ CONTACT_MM = 1.6
 def overexposed(rgb: Bytes, gain: float) -> Bytes:
     grey = rgb.astype(float)
     grey[..., COLOUR] = np.minimum(grey[..., COLOUR] * gain, 255.0)
-    return np.rint(grey).astype(np.uint8)
+    return np.asarray(np.rint(grey), np.uint8)
 
 
 def gain() -> float:

@@ -107,15 +107,15 @@ def reference_warnings(contact_px: Pair | None) -> list[str]:
 def scale_warnings(change: Floats, slopes: Floats) -> list[str]:
     """A warning where colours `change` (N, 3) more for `slopes` (N, 2) than lamps make them.
 
-    A lamp at an elevation e changes a matt surface by cot e for a unit of slope, 4 at 15 degrees. A scale in mm per
-    pixel that is stated too small, or a ball too large, makes slopes smaller than they are.
+    A lamp at an elevation e changes a matt surface by cot e for a unit of slope, 4 at 15 degrees. A scale in mm
+    per pixel that is stated too small, or a ball too large, makes slopes smaller than they are.
     """
     answer = float(np.sqrt(np.mean(change**2) / np.mean(slopes**2)))
     if answer < MAX_ANSWER:
         return []
     return [
-        f"colours change {answer:.0f} times as much as the gel is said to slope, and lamps as low as these sensors' "
-        "make 1 to 4: is mm_per_px stated too small, or ball_radius_mm too large?"
+        f"colours change {answer:.0f} times as much as the gel is said to slope, and low lamps make 1 to 4: "
+        "is mm_per_px stated too small, or ball_radius_mm too large?"
     ]
 
 
