@@ -14,14 +14,14 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from calibration.result.poisson_routes import informed
 from calibration.tasks.fit_errors import fit_errors
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records import Estimate
+from tactilevision.records import Estimate, Pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +88,15 @@ def compare(
     *,
     rng: np.random.Generator,
     bulge: Estimate | None = None,
+    bound: Pair | None = SILICONE_NU,
 ) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
-    and the next one is added without it. `bulge`: nu from the rise beside the punch.
+    and the next one is added without it. `bulge`: nu from the rise beside the punch, held within `bound`.
     Raises InputError for unusable data.
     """
-    data = informed(clear_of_touch(usable(data)), bulge)
+    data = informed(clear_of_touch(usable(data)), bulge, bound=bound)
     model = base_model(data)
     found = [judge(fit_alone(model, data), rng)]
     left_out = []

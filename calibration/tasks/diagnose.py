@@ -33,6 +33,7 @@ from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.observations import Observations
+from calibration.laws.flat_punch import SILICONE_NU
 from calibration.model.stages import Effect
 from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
@@ -42,7 +43,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
-from tactilevision.records import Estimate
+from tactilevision.records import Estimate, Pair
 
 LEVEL = 0.05  # family-wise chance of naming an effect where there is none
 LEFT_LEVEL = 0.01  # of saying that something unknown is left
@@ -84,15 +85,17 @@ def diagnose(
     effects: Sequence[Effect] = (),
     known: Sequence[Effect] = (),
     bulge: Estimate | None = None,
+    bound: Pair | None = SILICONE_NU,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
-    `bulge`: nu from the rise beside the punch; forces are fitted with it, and the picture is held against none of
-    its own. A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
+    `bulge`: nu from the rise beside the punch, held within `bound`; forces are fitted with it, and the picture is
+    held against none of its own. A candidate that cannot be fitted is passed over. Raises InputError where no
+    law can be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge)
+    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
     while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
@@ -109,9 +112,10 @@ def _diagnosed(
     known: Sequence[Effect],
     rng: np.random.Generator,
     bulge: Estimate | None,
+    bound: Pair | None,
 ) -> Diagnosis:
     """These presses, all of them."""
-    seen, data = fit_vision_depth(data), informed(data, bulge)
+    seen, data = fit_vision_depth(data), informed(data, bulge, bound=bound)
     model = base_model(data)
     for effect in known:
         model = model + effect

@@ -32,6 +32,13 @@ FormatOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
+PriorOption = Annotated[
+    bool,
+    typer.Option(
+        "--prior/--no-prior", help="Hold Poisson's ratio to what elastomers have, where nothing is stated of it."
+    ),
+]
+
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them

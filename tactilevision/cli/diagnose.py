@@ -38,6 +38,7 @@ def diagnose(
     known: With = None,
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
+    prior: console.PriorOption = True,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
@@ -45,6 +46,7 @@ def diagnose(
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
     import numpy as np
 
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.report.diagnosis_report import diagnosis_page, summary
     from calibration.session import Step
     from calibration.tasks import diagnose as method
@@ -53,10 +55,10 @@ def diagnose(
     from tactilevision.files import staged, write_json, write_text
 
     taken, bulge = _with_nu(take(recordings))
-    own = _private(private)
+    own, bound = _private(private), elastomer_bound(prior)
     with console.progress_bar("diagnosing"):
         found = method.diagnose(
-            _data(taken), np.random.default_rng(seed), effects=own, known=_known(known), bulge=bulge
+            _data(taken), np.random.default_rng(seed), effects=own, known=_known(known), bulge=bulge, bound=bound
         )
     steps = [*(Step(key, "") for key in known or ()), *_steps(found, own, private)]
     surfaces = reliefs(taken)
@@ -98,6 +100,7 @@ def compare(
         list[str] | None, typer.Option("--with", metavar="KEY", help="An effect to add, in this order.")
     ] = None,
     private: Private = None,
+    prior: console.PriorOption = True,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
@@ -105,6 +108,7 @@ def compare(
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
     import numpy as np
 
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks import compare as method
     from tactilevision.files import staged, write_json
     from tactilevision.plots import diagnosis as draw
@@ -113,7 +117,8 @@ def compare(
     own = _private(private)
     taken, bulge = _with_nu(take(recordings))
     rng = np.random.default_rng(seed)
-    found = method.compare(_data(taken), [*_known(known), *own], rng=rng, bulge=bulge)
+    bound = elastomer_bound(prior)
+    found = method.compare(_data(taken), [*_known(known), *own], rng=rng, bulge=bulge, bound=bound)
     left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
     console.warn(left_out)
     names = [model.effects[-1].replace("_", " ") if model.effects else "base" for model in found.models]

@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.records.measured import Wrench
 from tactilevision.records.numbers import Bools, Bytes, Floats, Pair
+
+_UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,3 +174,9 @@ class TractionMap:
     depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""
+
+    @property
+    def wrench(self) -> Wrench:
+        """Force and moment in one."""
+        moment, moment_std = self.moment_Nmm or _UNKNOWN, self.moment_std_Nmm or _UNKNOWN
+        return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std)

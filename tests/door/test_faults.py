@@ -14,6 +14,7 @@ from tactilevision.errors import TactilevisionError
 from tactilevision.runs import worker_pool
 
 KILLS = 4  # of each command
+DRAWS = 6  # of a moment: a run that is done before it shows nothing
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,9 @@ def test_a_run_with_workers_stops_at_a_word_and_goes_on_later(
     number: signal.Signals, depth: trials.Undisturbed, tmp_path: Path
 ) -> None:
     """Ctrl-C: 130; SIGTERM: 143; no traceback, nothing unfinished, and the next run ends with the same bytes."""
-    assert trials.stopped(depth, tmp_path / "out", np.random.default_rng(1), number=number) == []
+    rng = np.random.default_rng(1)
+    tried = (trials.stopped(depth, tmp_path / str(k), rng, number=number) for k in range(DRAWS))
+    assert next(found for found in tried if found is not None) == []
 
 
 @pytest.mark.slow

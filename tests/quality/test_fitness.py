@@ -66,5 +66,5 @@ def test_a_stream_and_the_command_line_refuse_it_unless_told_so(monkeypatch: pyt
     monkeypatch.setattr("tactilevision.reconstruct.build_reconstructor", built)
     recording = read_recording(SAMPLE)
     with pytest.raises(InputError, match="--even-so"):
-        source.open_reconstructor(recording, None, even_so=False)
-    assert source.open_reconstructor(recording, None, even_so=True) is reader
+        source.Choice(shadows=False, even_so=False).light(recording)
+    assert source.Choice(shadows=False).light(recording) is reader
