@@ -14,11 +14,12 @@ from typing import Protocol
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import at_border
+from tactilevision.contact.region import at_border, in_question, strong_evidence
 from tactilevision.errors import InputError
+from tactilevision.quality.fitness import check_fit
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
-from tactilevision.records import Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
+from tactilevision.records import Bools, Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
@@ -78,6 +79,8 @@ class Stream:
     reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The larger it is
     the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is seen late,
     or never, where v / renew is less than what noise hides (some 10 um).
+
+    Raises InputError for a calibration that fails its own balls, unless it is to be used `even_so`.
     """
 
     def __init__(
@@ -85,11 +88,16 @@ class Stream:
         source: Reconstructor | Calibrated,
         indenter: Indenter | None = None,
         renew: float = RENEW,
+        *,
+        even_so: bool = False,
     ) -> None:
         if not 0.0 <= renew <= 1.0:
             raise InputError("is a share, from 0 to 1", where="Stream renew", value=renew)
         self.sensor = None if isinstance(source, Reconstructor) else source
         self.reconstructor = source if isinstance(source, Reconstructor) else source.reconstructor
+        method = self.reconstructor.referenced
+        if method is not None and not even_so:
+            check_fit(method.card, remedy="Stream(..., even_so=True) or --even-so")
         self.indenter = indenter or (self.sensor.indenter if self.sensor else None)
         self.renew, self.frames = renew, 0
         self.latencies: Floats = np.zeros(len(EDGES_MS))
@@ -143,6 +151,8 @@ class Stream:
         least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > live_limit_mm(spread)) & valid
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+            pressed = _strongly_pressed(height)
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 
@@ -150,3 +160,17 @@ class Stream:
         if self.indenter is None:
             return None
         return find_footprint(height, self.indenter, prior=self._last)
+
+
+def _strongly_pressed(height: HeightMap) -> Bools:
+    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, whatever its deviation."""
+    x, y = height.mm_per_px
+    sampled = replace(
+        height,
+        depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
+        valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
+        mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
+        std_mm=None if height.std_mm is None else height.std_mm[::SAMPLE_PX, ::SAMPLE_PX],
+    )
+    deep = in_question(sampled)
+    return deep & strong_evidence(sampled) if deep.any() else deep

@@ -45,6 +45,7 @@ def depth(
     with_std: Annotated[
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
+    even_so: source.EvenSoOption = False,
     shadows: source.ShadowsOption = True,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
@@ -55,7 +56,7 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
     light = _teller(chosen, warned)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"

@@ -37,6 +37,7 @@ def force(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    even_so: source.EvenSoOption = False,
     mm_per_px: source.ScaleOption = None,
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
     shadows: source.ShadowsOption = True,
@@ -48,7 +49,7 @@ def force(
     from tactilevision.force.folder import force_folder
     from tactilevision.force.recorded_comparison import write_comparison
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
     known = _known_material(chosen, calibration)
     recording, material, offset = _with_gel(chosen.open(path), known), known.material, known.clock_offset_s
     with console.progress_bar("calibrating the light"):
@@ -126,7 +127,7 @@ def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, 
     from tactilevision.force.folder import force_job
 
     sensor = chosen.calibrated(recording)
-    reconstructor = chosen.light(recording) if sensor is None else sensor.reconstructor
+    reconstructor = chosen.light(recording)
     fits = sensor is not None and known.path is None
     job = force_job(
         recording,

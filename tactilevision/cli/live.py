@@ -42,6 +42,7 @@ def live(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
+    even_so: source.EvenSoOption = False,
     indenter: Annotated[
         str | None, typer.Option(help="Look for the face of this indenter of the profile.")
     ] = None,
@@ -67,7 +68,7 @@ def live(
     from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
     found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)
@@ -104,12 +105,12 @@ def _open(
     if camera.isdecimal():
         device = open_camera(int(camera), form=None if form is None else form.value)
         first = list(islice(device.shots(), FRAMES))
-        return _Opened(device, first, Stream(_calibrated(chosen, indenter)), device.doubts)
+        return _Opened(device, first, Stream(_calibrated(chosen, indenter), even_so=chosen.even_so), device.doubts)
     if form is not None:
         raise InputError("only a camera is told what to send", where="--format", value=form.value)
     recording = chosen.open(Path(camera))
     plain = chosen.profile is None
-    stream = Stream(chosen.light(recording) if plain else _calibrated(chosen, indenter))
+    stream = Stream(chosen.light(recording) if plain else _calibrated(chosen, indenter), even_so=chosen.even_so)
     first = list(islice(Played(recording, rate_Hz=None).shots(), FRAMES))
     return _Opened(Played(recording, rate_Hz=rate), first, stream, recording.warnings)
 

@@ -45,6 +45,9 @@ MethodOption = Annotated[
         help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
+EvenSoOption = Annotated[
+    bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
+]
 ShadowsOption = Annotated[
     bool,
     typer.Option(
@@ -63,6 +66,7 @@ class Choice:
     method: str | None = None
     mm_per_px: float | None = None
     shadows: bool = True
+    even_so: bool = True
 
     @cached_property
     def profile(self) -> Profile | None:
@@ -112,21 +116,32 @@ class Choice:
         from tactilevision.recording import layout
 
         own = self.profile is None and (path / layout.SETTINGS).is_file()
-        return Choice(method=self.method, shadows=self.shadows).open(path) if own else self.open(path)
+        return (
+            Choice(method=self.method, shadows=self.shadows, even_so=self.even_so).open(path)
+            if own
+            else self.open(path)
+        )
 
     def light(self, recording: Recording) -> Reconstructor:
         """Calibrate the light from the recording's own references, or use the method or profile that was named.
 
         Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the
         default: its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
-        With `shadows`, those that lamps cast are undone where the frames show them.
+        With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
+        InputError for a calibration that fails its own balls.
         """
+        from tactilevision.quality.fitness import check_fit
+
+        sensor = self.calibrated(recording)
+        made = self._built(recording) if sensor is None else sensor.reconstructor
+        if made.referenced is not None and not self.even_so:
+            check_fit(made.referenced.card, remedy="--even-so")
+        return made
+
+    def _built(self, recording: Recording) -> Reconstructor:
         from tactilevision.reconstruct import build_reconstructor
         from tactilevision.reconstruct.shadows_seen import with_shadows
 
-        sensor = self.calibrated(recording)
-        if sensor is not None:
-            return sensor.reconstructor
         made = build_reconstructor(recording, self.method or ("auto" if recording.balls else None))
         return with_shadows(recording, made) if self.shadows else made
 

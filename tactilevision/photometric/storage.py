@@ -29,6 +29,7 @@ from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 
@@ -46,6 +47,9 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "marks": (),
     "relative_error": (),
     "quiet": (3, 0, 0),
+    "two_colours_coefficients": (COLOURS, 2, len(PRODUCTS), len(POWERS)),
+    "two_colours_steepest": (COLOURS,),
+    "two_colours_errors": (COLOURS,),
 }  # sides of each array; 0: any
 
 
@@ -69,6 +73,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
     }
     if method.background is not None:
         arrays["quiet"] = np.stack([method.background.bias_x, method.background.bias_y, method.background.noise])
+    if method.two_colours is not None:
+        arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -131,8 +137,16 @@ def _method(
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
-    law = _law(card, arrays, network, path)
-    return CalibratedMethod(law, reference, float(arrays["relative_error"]), background, card)
+    law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
+    return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays))
+
+
+def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None:
+    """The laws of two colours, which files of before have none of."""
+    if "two_colours_coefficients" not in arrays:
+        return None
+    stored = {name: arrays[f"two_colours_{name}"] for name in ("coefficients", "steepest", "errors")}
+    return two_colour_laws(stored["coefficients"], steepest=stored["steepest"], errors=stored["errors"])
 
 
 def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:

@@ -25,10 +25,11 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.quality.fitness import unfit
 from tactilevision.quality.image_shift import image_shift
 from tactilevision.quality.scene_faults import scene_faults
 from tactilevision.records import Bytes, Pair
-from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
+from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE, UNFIT
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ class ReferenceMatch:
         self.other_light = False
         self.shift_px: Pair | None = None
         self.contact_px: Pair | None = method.card.contact_in_reference_px
+        self.unfit = bool(unfit(method.card))
         self.residuals: tuple[float, ...] = ()
 
     def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
@@ -94,7 +96,8 @@ class ReferenceMatch:
 
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
-        lasting = [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
+        lasting = [UNFIT] if self.unfit else []
+        lasting += [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
         if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
             lasting.append(BALLS)
         self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)

@@ -173,7 +173,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             + ("" if bare else " Or add them to the recording."),
         )
     found = _without_balls(sensor, path, flats)
-    found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    found.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return found
 
 
@@ -184,7 +184,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     found = Reconstructor(sensor, method)
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
     if method.card.light is not None:  # else it was made for any light
-        found.warnings = found.reference_match.check_light(method.card.light)
+        found.warnings += found.reference_match.check_light(method.card.light)
     return found
 
 
@@ -231,5 +231,5 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
     check_view(calibrated.reference.shape, reference.shape)
     found = Reconstructor(sensor, calibrated.with_reference(reference))
     if found.reference_match is not None:
-        found.warnings = found.reference_match.check_light(light_of(calibrated.reference))
+        found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
     return found

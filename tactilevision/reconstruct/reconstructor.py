@@ -26,6 +26,7 @@ from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
+from tactilevision.quality.fitness import unfit_warnings
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
@@ -67,6 +68,7 @@ class Reconstructor:
         self.zero: ZeroPlane | None = None
         self.evidence: MapEvidence | None = None
         self.referenced = as_referenced(method)
+        self.warnings += unfit_warnings(self.referenced.card) if self.referenced else ()
         steepest = self.referenced.card.steepest_slope if self.referenced else None
         self.readable = READABLE * steepest if steepest else None
         self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None
@@ -94,8 +96,11 @@ class Reconstructor:
 
     def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
         """The height map of a picture that is rectified already."""
-        surface, valid, std, flags = self._flagged(rgb)
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, time_s, name, flags)
+        with self.turn.lock:
+            surface, valid, std, flags = self._flagged(rgb)
+            drift = self.evidence.drift if self.evidence else None
+        change = drift.normalised_residual if drift else None
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, time_s, name, flags, colour_change=change)
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
@@ -119,13 +124,13 @@ class Reconstructor:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
             return self._on_two_grids(rgb, self.referenced, tiled, self.grids)
-        slopes, untouched, drift, steepest, surface = self._evaluate_tiled(rgb)
+        slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
         walls = self._walls(slopes, steepest)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
-        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
+        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift, lost_share=lost)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return surface, valid, std, self.reference_match.flags(drift, self.zero) if self.reference_match else ()
 
@@ -149,7 +154,14 @@ class Reconstructor:
         level(coarse, self.zero)
         tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
         surface = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
-        std = self._std_mm(surface, tiles.steepest, lambda: reader.full_map(tiles), walls=walls, drift=tiles.drift)
+        std = self._std_mm(
+            surface,
+            tiles.steepest,
+            lambda: reader.full_map(tiles),
+            walls=walls,
+            drift=tiles.drift,
+            lost_share=tiles.lost_share,
+        )
         return (
             surface,
             tiles.valid,
@@ -187,11 +199,12 @@ class Reconstructor:
         *,
         walls: list[PunchEdge],
         drift: Drift | None,
+        lost_share: Planes | None = None,
     ) -> Planes | None:
         if self.error is None or self.zero is None:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        self.evidence = MapEvidence(self.zero, hidden, walls, drift)
+        self.evidence = MapEvidence(self.zero, hidden, walls, drift, lost_share)
         return self.error.std_mm(depth, self.evidence)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
@@ -231,11 +244,13 @@ class Reconstructor:
                 return True
         return False
 
-    def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
-        """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
+    def _evaluate_tiled(
+        self, rgb: Bytes
+    ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Planes | None]:
+        """Slopes, untouched blocks, drift, greatest |slope|, surface and `lost_share`, where they are known."""
         if self.referenced is None:
             slopes = self.method.slopes(rgb)
-            return slopes, flat_blocks(slopes), None, np.inf, None
+            return slopes, flat_blocks(slopes), None, np.inf, None, None
         reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
         untouched = reading.drift.untouched & self.referenced.trusted_blocks
-        return reading.slopes, untouched, reading.drift, reading.steepest, surface
+        return reading.slopes, untouched, reading.drift, reading.steepest, surface, reading.lost_share

@@ -86,8 +86,8 @@ def test_the_recording_that_a_profile_was_made_from_is_read_with_it(tmp_path: Pa
     words = ("--method", BEFORE / "methods" / "polynomial.npz")
     write_image(tmp_path / "small/reference/flat/a.png", read_image(tmp_path / "small/frames/00000.jpg"))
     assert run("calibrate-sensor", tmp_path / "small", *words, "--light-only", "--out", tmp_path / "a.tvs") == 0
-    assert run("depth", tmp_path / "small", *words, "--out", tmp_path / "one", "--pictures", 0) == 0
-    profile = ("--sensor", tmp_path / "a.tvs", "--pictures", 0)
+    assert run("depth", tmp_path / "small", *words, "--out", tmp_path / "one", "--pictures", 0, "--even-so") == 0
+    profile = ("--sensor", tmp_path / "a.tvs", "--pictures", 0, "--even-so")
     assert run("depth", tmp_path / "small", *profile, "--out", tmp_path / "two") == 0
     one, two = (read_tiff(tmp_path / out / "depth" / "00012.tiff").depth_mm for out in ("one", "two"))
     np.testing.assert_array_equal(one, two)
