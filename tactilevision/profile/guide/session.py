@@ -21,7 +21,7 @@ from tactilevision.records import Bytes
 from tactilevision.sensors import may_have_marks, rectify
 
 VIEWS = ("picture", "change", "depth")
-SETTABLE = ("drawn", "checked", "left out", "found")
+SETTABLE = ("drawn", "checked", "left out")
 
 
 class Session:
