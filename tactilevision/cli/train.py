@@ -28,7 +28,8 @@ def train(
     ] = Path("method.npz"),
     licence: Annotated[str, typer.Option(help="Of the method's file, for its card.")] = "not stated",
     guide: Annotated[
-        bool, typer.Option("--guide", help="First draw the balls' circles on a page; also writes a profile (.tvs).")
+        bool,
+        typer.Option("--guide", help="First draw the balls' circles on a page; writes a profile, too."),
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the guide's page; 0: any free one.")] = 0,
     sensor: sources.SensorOption = None,
@@ -91,7 +92,9 @@ def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, 
 
     start_table(path, ball_radius_mm)
     with console.progress_bar("looking for balls"):
-        session = Session(_read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method)
+        session = Session(
+            _read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method
+        )
     with output_lock(session.table, file=True), Guide(session, port=port) as page:
         console.say(f"draw the circles at {page.address}", "Ctrl-C ends without writing them")
         page.wait()

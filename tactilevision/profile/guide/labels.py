@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def write_labels(table: Path, labels: Sequence[Label]) -> None:
     kept = [label for label in labels if label.state != "left out"]
     nowhere = (math.nan, math.nan, math.nan)
     said = [label.circle or nowhere if label.state in ("drawn", "checked") else nowhere for label in kept]
-    columns = {
+    columns: dict[str, list[Any]] = {
         "frame": [label.frame for label in kept],
         "ball_radius_mm": [label.radius_mm for label in kept],
         **{name: [c[n] for c in said] for n, name in enumerate(layout.BALL_COLUMNS.maybe_numbers)},
@@ -90,7 +90,7 @@ def write_labels(table: Path, labels: Sequence[Label]) -> None:
     write_table(table, columns | _further(table, kept))
 
 
-def _further(table: Path, labels: Sequence[Label]) -> dict[str, list[object]]:
+def _further(table: Path, labels: Sequence[Label]) -> dict[str, list[Any]]:
     """Cells of columns without a meaning, of the table as it was."""
     if not table.is_file():
         return {}

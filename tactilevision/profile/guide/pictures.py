@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.records import Bytes, Floats
 
 MIDDLE_GREY = 128  # of the change's picture: no change
@@ -16,7 +17,7 @@ def encode(rgb: Bytes) -> bytes:
     return cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
-def draw_change(change: Floats) -> Bytes:
+def draw_change(change: Planes) -> Bytes:
     """A relative change (3, H, W) as colours round grey (H, W, 3), grey levels; unknown colours stay grey."""
     known = np.nan_to_num(np.asarray(change, np.float32))
     full = max(float(np.percentile(np.abs(known), FULL_PERCENTILE)), 1e-6)

@@ -12,6 +12,7 @@ import json
 import secrets
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from types import TracebackType
@@ -25,6 +26,7 @@ from tactilevision.profile.guide.session import VIEWS, Session
 LOCALHOST = "127.0.0.1"
 MAX_BODY = 4096  # bytes of a request; a circle has less than 200
 TIMEOUT_S = 30.0  # s that a browser may take to say what it wants
+POLL_S = 0.05  # s between two looks at whether the page is to close
 PAGES = {
     "": ("page.html", "text/html; charset=utf-8"),
     "page.js": ("page.js", "text/javascript; charset=utf-8"),
@@ -56,7 +58,9 @@ class Guide:
             ) from fault
         self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
-        self._thread = threading.Thread(target=self._server.serve_forever, name="guide", daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(POLL_S,), name="guide", daemon=True
+        )
 
     @property
     def address(self) -> str:
@@ -150,8 +154,9 @@ def _handler(guide: Guide) -> type[BaseHTTPRequestHandler]:
             for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}.items():
                 self.send_header(name, value)
             self.close_connection = True
-            self.end_headers()
-            self.wfile.write(body)
+            with suppress(OSError):  # the browser has gone
+                self.end_headers()
+                self.wfile.write(body)
 
     return Handler
 

@@ -26,11 +26,17 @@ const told = (index) => state.outcome && state.outcome.presses && state.outcome.
 
 // ---- the list of presses
 
+function shortened(name) {
+  const ending = name.slice(name.lastIndexOf("/"));
+  const shared = name.includes("/") && state.about.presses.every((one) => one.frame.endsWith(ending));
+  return shared ? name.slice(0, -ending.length) : name;
+}
+
 function drawList() {
   const list = at("presses");
   list.replaceChildren(...state.about.presses.map((one, index) => {
     const row = document.createElement("li"), button = document.createElement("button");
-    const parts = { dot: "", frame: "\u200e" + one.frame, off: "", state: one.state };
+    const parts = { dot: "", frame: shortened(one.frame), off: "", state: one.state };
     const found = told(index);
     if (found && found.direction_deg !== null) parts.off = found.direction_deg.toFixed(1) + "°";
     for (const [name, text] of Object.entries(parts)) {
@@ -105,7 +111,7 @@ function show(view) {
 
 async function drawPress() {
   const one = press(), found = told(state.now), index = state.now;
-  at("title").textContent = one.frame;
+  at("title").textContent = at("title").title = one.frame;
   tell("why", one.why ? `No ball was found here: ${one.why}. Click its middle, or leave it out.` : "");
   at("left").firstChild.textContent = one.state === "left out" ? "Take in " : "Leave out ";
   at("check").disabled = !one.circle;

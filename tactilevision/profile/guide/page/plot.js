@@ -17,7 +17,7 @@ function step(range) {
 }
 
 function drawSection(canvas, section) {
-  const width = canvas.clientWidth, height = 190, left = 46, right = 8, top = 8, bottom = 34;
+  const width = canvas.clientWidth, height = 190, left = 58, right = 8, top = 8, bottom = 34;
   const pen = sharpen(canvas, width, height);
   pen.clearRect(0, 0, width, height);
   pen.font = "12px system-ui, sans-serif";
