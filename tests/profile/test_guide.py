@@ -233,24 +233,28 @@ def test_a_browser_draws_drags_checks_and_saves(page: Guide, recording: Path) ->
         assert view.inner_text("#direction").endswith("off")
         canvas = view.locator("#picture").bounding_box()
         scale = canvas["width"] / 427
-        start = page.session.labels[0].circle
-        assert start is not None
+
+        def circle(index: int) -> tuple[float, float, float]:
+            drawn = page.session.labels[index].circle
+            assert drawn is not None
+            return drawn
 
         def at(x: float, y: float) -> tuple[float, float]:
             return canvas["x"] + (x + 0.5) * scale, canvas["y"] + (y + 0.5) * scale
 
+        start = circle(0)
         view.mouse.move(*at(start[0], start[1]))
         view.mouse.down()
         view.mouse.move(*at(start[0] + 4, start[1] + 3), steps=3)
         view.mouse.up()
         view.wait_for_selector("li:first-child [data-state='drawn']")
-        np.testing.assert_allclose(page.session.labels[0].circle, np.add(start, (4, 3, 0)), atol=0.6)
+        np.testing.assert_allclose(circle(0), np.add(start, (4, 3, 0)), atol=0.6)
         view.mouse.move(*at(start[0] + 4 + start[2], start[1] + 3))
         view.mouse.down()
         view.mouse.move(*at(start[0] + 4 + start[2] + 5, start[1] + 3), steps=3)
         view.mouse.up()
         view.wait_for_selector("body[data-fits='2']", timeout=60000)
-        np.testing.assert_allclose(page.session.labels[0].circle, np.add(start, (4, 3, 5)), atol=0.8)
+        np.testing.assert_allclose(circle(0), np.add(start, (4, 3, 5)), atol=0.8)
         view.keyboard.press("f")
         view.wait_for_selector("li:first-child [data-state='found']")
         view.keyboard.press("Enter")
@@ -260,7 +264,7 @@ def test_a_browser_draws_drags_checks_and_saves(page: Guide, recording: Path) ->
         view.wait_for_selector("li:nth-child(2) [data-state='left out']")
         view.mouse.click(*at(60, 60))  # a click takes it in again, there
         view.wait_for_selector("li:nth-child(2) [data-state='drawn']")
-        np.testing.assert_allclose(page.session.labels[1].circle[:2], (60, 60), atol=0.6)
+        np.testing.assert_allclose(circle(1)[:2], (60, 60), atol=0.6)
         view.keyboard.press("x")
         view.wait_for_selector("li:nth-child(2) [data-state='left out']")
         view.click("#done")

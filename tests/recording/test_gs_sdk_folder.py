@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,9 +91,9 @@ def test_what_is_wrong_is_named_with_its_line(row: str, said: str, tmp_path: Pat
         {"center": np.array([{}, {}], object), "radius": 4},
     ],
 )
-def test_a_label_that_holds_no_circle_is_refused(content: dict[str, object], tmp_path: Path) -> None:
+def test_a_label_that_holds_no_circle_is_refused(content: dict[str, Any], tmp_path: Path) -> None:
     root = gs_sdk_folder(tmp_path)
-    np.savez(root / "4.000mm" / "0" / "label.npz", **{name: np.asarray(one) for name, one in content.items()})
+    np.savez(root / "4.000mm" / "0" / "label.npz", allow_pickle=True, **content)
     with pytest.raises(InputError, match=r"label\.npz"):
         read_ball_folder(root, "gelsight_mini")
 

@@ -65,7 +65,18 @@ class Guide:
     @property
     def address(self) -> str:
         """Where a browser finds it; who has it may draw circles."""
-        return f"http://{LOCALHOST}:{self.port}/{self.token}/"
+        return f"http://{self.host}/{self.token}/"
+
+    @property
+    def host(self) -> str:
+        """What a browser names as the host when it asks."""
+        return f"{LOCALHOST}:{self.port}"
+
+    def below(self, path: str) -> str | None:
+        """What stands below the token in a path; None where that is not the right one."""
+        _, token, rest = [*path.partition("?")[0].split("/", 2), "", ""][:3]
+        known = hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
+        return rest if known else None
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -141,12 +152,10 @@ def _handler(guide: Guide) -> type[BaseHTTPRequestHandler]:
 
         def _path(self, *, needs_origin: bool) -> str | None:
             """What is asked for, below the token; None for who may not ask."""
-            host = f"{LOCALHOST}:{guide.port}"
             origin = self.headers.get("Origin")
-            trusted = origin == f"http://{host}" or (origin is None and not needs_origin)
-            _, token, path = [*self.path.partition("?")[0].split("/", 2), "", ""][:3]
-            known = hmac.compare_digest(token.encode("utf-8", "replace"), guide.token.encode())
-            return path if self.headers.get("Host") == host and trusted and known else None
+            if self.headers.get("Host") != guide.host or (origin is None and needs_origin):
+                return None
+            return guide.below(self.path) if origin in (None, f"http://{guide.host}") else None
 
         def _answer(self, answer: Answer) -> None:
             status, body, kind = answer
