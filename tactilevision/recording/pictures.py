@@ -160,12 +160,13 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
     if contact <= 0:
         raise table.fault(row, "contact_radius_px must be above 0", value=contact)
     centre = None if np.isnan(x) or np.isnan(y) else (x, y)
+    name = table.words["frame"][row]
     return BallPress(
-        folder / table.words["frame"][row],
+        folder / name,
         float(table.numbers["ball_radius_mm"][row]),
         centre,
         None if np.isnan(contact) else contact,
-        table.words["frame"][row],
+        name if "/" in name else "",
     )
 
 
