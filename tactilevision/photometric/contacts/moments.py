@@ -92,7 +92,7 @@ def _window(
     columns = np.arange(max(0, int(x - REACH * radius)), min(width, int(x + REACH * radius) + 1), step)
     at = np.ix_(rows, columns)
     known = valid[at].ravel()
-    u = np.where(known, np.nan_to_num(change[:, *at].reshape(3, -1)), 0.0).T.astype(np.float64)
+    u = np.where(known, np.nan_to_num(np.stack([plane[at].ravel() for plane in change])), 0.0).T.astype(np.float64)
     row, column = (grid.ravel().astype(np.float64) for grid in np.meshgrid(rows, columns, indexing="ij"))
     place = np.stack([2.0 * column / (width - 1) - 1.0, 2.0 * row / (height - 1) - 1.0], axis=1)
     return ((column - x) / radius, (row - y) / radius), u, place, known

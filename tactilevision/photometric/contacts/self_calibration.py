@@ -20,11 +20,12 @@ import scipy.linalg
 
 from tactilevision.photometric.contacts.moments import TERMS, Contact
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.records import Floats
+from tactilevision.records import Bools, Floats
 
 MIN_CONTACTS = 4  # contacts; with six of screws three real sensors were read better than by the network
 MIN_CURVED = 8  # contacts for products of two colours
 MIN_VARYING = 24  # contacts for a law that varies over the picture
+MIN_SPREAD = 1.0  # half the picture: a law that varies runs away where nothing touched
 PRIOR = 0.3  # weight of the prior; of 1 to .01 tried on four real sensors, all within a degree
 RIDGE = 1e-4  # of a term's own power
 ROUNDS = 3  # of weighing equations anew; they settle in two
@@ -54,7 +55,7 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
         target = change @ constant.T
     else:
         target = prior(change, place)
-    kept = _kept_terms(len(contacts))
+    kept = _kept_terms(len(contacts), np.array([one.place.mean(axis=0) for one in contacts]))
     terms = samples[:, kept]
     both = np.concatenate([kept, kept])
     slopes, coefficients = _solve(equations[:, both], terms, target)
@@ -64,9 +65,16 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
     return Polynomial(full, float(np.percentile(np.hypot(*slopes.T), STEEPEST)))
 
 
-def _kept_terms(contacts: int) -> np.ndarray:
-    """Mask (K,) of the terms that so many contacts tell."""
-    order = {1: 0, 2: -1} if contacts < MIN_CURVED else {1: 0, 2: 0} if contacts < MIN_VARYING else {1: 2, 2: 1}
+def _kept_terms(contacts: int, middles: Floats) -> Bools:
+    """Mask (K,) of the terms that so many contacts tell, with their middles (N, 2) from -1 to 1."""
+    spread = np.ptp(middles, axis=0).min() > MIN_SPREAD
+    order = (
+        {1: 0, 2: -1}
+        if contacts < MIN_CURVED
+        else {1: 2, 2: 1}
+        if contacts >= MIN_VARYING and spread
+        else {1: 0, 2: 0}
+    )
     return np.array([sum(POWERS[m]) <= order[len(PRODUCTS[k])] for k, m in TERMS])
 
 
@@ -84,9 +92,10 @@ def _solve(equations: Floats, terms: Floats, target: Floats) -> tuple[Floats, Fl
         curl = (equations * weights[:, None]).T @ equations / (len(equations) * start)
         found = np.linalg.solve(curl + PRIOR * held, PRIOR * wanted)
         slopes = terms @ found.reshape(2, -1).T
-        found *= power / float(np.sum(slopes * target))
+        found *= np.sqrt(power / float(np.sum(slopes**2)))
         weights = _cauchy(equations @ found)
-    return terms @ found.reshape(2, -1).T, found.reshape(2, -1)
+    coefficients: Floats = np.asarray(found.reshape(2, -1), np.float64)
+    return np.asarray(terms @ coefficients.T, np.float64), coefficients
 
 
 def _least_curl(equations: Floats, samples: Floats, change: Floats, outward: Floats) -> Floats | None:
