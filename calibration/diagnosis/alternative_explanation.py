@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.forward_selection import AS_GOOD, Searched
+from calibration.diagnosis.confirmation import AS_GOOD
+from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import LEVEL
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError

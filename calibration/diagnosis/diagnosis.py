@@ -152,10 +152,7 @@ class Diagnosis:
             "left_over": None if self.left_over is None else self.left_over.as_json(),
             "left": None if self.left is None else self.left.as_json(),
             "possible_bias_of_E": dict(self.possible_bias),
-            "unseen": {
-                "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
-                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
-            },
+            "unseen": self._unseen(),
             "bias_of_E_at_smallest_visible": dict(self.below_visibility),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.score_test],
             "smallest_visible": dict(self.visible),
@@ -164,6 +161,13 @@ class Diagnosis:
             "held_out_N": list(self.held_out),
             "reconstructed_depth": self._sight(),
             "noise": self.fitted.noise.parts(self.fitted.about.base_N),
+        }
+
+    def _unseen(self) -> dict[str, Any]:
+        """What may be there without showing, and E's interval without it."""
+        return {
+            "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
+            "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
         }
 
     def _sight(self) -> dict[str, Any] | None:

@@ -87,7 +87,8 @@ def stopped_sentence(found: Diagnosis) -> list[str]:
 
 def reading_sentence(found: Diagnosis) -> list[str]:
     """What a wrong scale of the picture's depth is, beside what steep walls hide, so that one number stands."""
-    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key == "photometric_gain"), None)
+    read = set() if found.sight is None else {step.best.effect.key for step in found.sight.steps}
+    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
     if found.sight is None or gain is None or gain.value is None:
         return []
     before, after = (1e3 * reading_error_mm(fitted) for fitted in (found.sight.base, found.sight.current))

@@ -20,8 +20,9 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.change_point import change_point
+from calibration.diagnosis.confirmation import TOLD_APART
 from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import TOLD_APART, Searched, Step, forward_selection
+from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
@@ -154,8 +155,7 @@ def _determine(
     candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
-    missing = {key: why for key, why in missing.items() if key not in candidates}
-    errors = _errors(base, fitted)
+    missing, errors = {k: why for k, why in missing.items() if k not in candidates}, _errors(base, fitted)
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
     return Diagnosis(
