@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tactilevision.cli import console
+from tactilevision.cli import console, source
 
 
 def export_log(
@@ -18,14 +18,14 @@ def export_log(
     out: Annotated[Path, typer.Option("--out", help="FILE.mcap, FILE.bag (ROS 1), or a ROS 2 folder to make.")],
     depth: Annotated[Path | None, typer.Option(help="The folder that `tactilevision depth` wrote.")] = None,
     force: Annotated[Path | None, typer.Option(help="The folder that `tactilevision force` wrote.")] = None,
+    sensor: source.SensorOption = None,
     frame_id: Annotated[str, typer.Option(help="Frame of reference of all messages.")] = "gel_pad",
     json: console.JsonOption = None,
 ) -> None:
     """Write depth (Image, 32FC1, metres) and force (WrenchStamped) into a log. No ROS is needed."""
     from tactilevision.logs.export import export_log
-    from tactilevision.recording import read_recording
 
-    found = export_log(read_recording(path), out, depth=depth, force=force, frame_id=frame_id)
+    found = export_log(source.Choice(sensor).open(path), out, depth=depth, force=force, frame_id=frame_id)
     console.say(f"{found.depths} height maps and {found.wrenches} wrenches: {out}")
     if found.without:
         console.warn([f"{found.without} frames have no height map in {depth}"])

@@ -21,7 +21,7 @@ def import_log(
     out: Annotated[Path, typer.Option("--out", help="Folder of the recording; made if missing.")],
     wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
     clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
-    sensor: Annotated[str | None, typer.Option(help="The sensor's name, for recording.toml.")] = None,
+    sensor: Annotated[str | None, typer.Option(help="Its kind's name, or its profile (.tvs).")] = None,
     mm_per_px: Annotated[float | None, typer.Option("--mm-per-px", min=1e-6, help="Scale of the frames.")] = None,
     rotation: Annotated[
         str | None, typer.Option(metavar="LIST", help="Nine numbers: the frame's x, y, z in the wrench's axes.")
@@ -35,9 +35,7 @@ def import_log(
     found = import_log(log, out, settings)
     console.say(f"{found.frames} frames over {found.seconds:.3f} s, {found.readings} readings of force: {out}")
     if sensor is None:
-        console.warn(
-            ["recording.toml names no sensor: add it under [sensor], or give --sensor to the next command"]
-        )
+        console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
     console.hand_over(asdict(found), json)
 
 

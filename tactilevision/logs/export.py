@@ -87,8 +87,8 @@ def _wrenches(path: Path) -> Mapping[str, Floats]:
     if missing:
         raise InputError("a column is missing", where=path, value=missing[0])
     numbers = np.column_stack([table.numbers[name] for name in _COMPONENTS])
-    known = np.isfinite(numbers[:, :3]).all(axis=1)
-    return {name: row for name, row, good in zip(table.words["frame"], numbers, known, strict=True) if good}
+    pairs = zip(table.words["frame"], numbers, strict=True)
+    return {name: row for name, row in pairs if np.isfinite(row[:3]).all()}
 
 
 def _times_ns(recording: Recording) -> list[int]:

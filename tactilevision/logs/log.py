@@ -120,6 +120,8 @@ def _read_mcap(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
             inner = [outer]
             if isinstance(outer, records.Chunk):
                 outer.data, outer.compression = unpack(outer.compression, outer.data, where=path), ""
+                if len(outer.data) != outer.uncompressed_size:
+                    raise ValueError(f"a chunk unpacks to {len(outer.data)} bytes, not {outer.uncompressed_size}")
                 inner = stream.breakup_chunk(outer, validate_crc=True)
             for record in inner:
                 if isinstance(record, records.Schema):

@@ -59,7 +59,10 @@ def typestore(encoding: str) -> Any:
 
 
 def decode_picture(message: Message, where: Path) -> Picture:
-    """A picture. Raises InputError for another type, colours that are not read, and damaged bytes."""
+    """A picture (H, W, 3) of grey levels, as a file.
+
+    Raises InputError for another type, colours that are not read, and damaged bytes.
+    """
     found = _decoded(message, (IMAGE, COMPRESSED), where)
     stamp = _stamp(found, message)
     if message.kind == COMPRESSED:

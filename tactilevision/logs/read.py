@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,17 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, OutputError
 from tactilevision.files import staged, write_text
 from tactilevision.logs.clocks import Clock, check_clock, check_same_clock, first_ns, times_s
 from tactilevision.logs.log import Log
 from tactilevision.logs.messages import Stamp, WrenchReading, decode_picture, decode_wrench
+from tactilevision.logs.sensor_table import SensorTable
 from tactilevision.recording import layout
 from tactilevision.recording.write_tables import write_forces, write_frame_table
 from tactilevision.records import Floats, ForceSeries
-from tactilevision.sensors import SENSORS
 
+MAX_LISTED = 40  # topics that one sentence can name; robots log hundreds
 Rotation = tuple[tuple[float, float, float], ...]
 
 
@@ -27,6 +29,7 @@ Rotation = tuple[tuple[float, float, float], ...]
 class ImportSettings:
     """What is taken from a log: topics, the clock, the sensor's name and scale, and how the wrench is turned.
 
+    `sensor` is a kind's name or a sensor profile (.tvs), whose scale is taken where none is stated.
     `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes.
     """
 
@@ -53,16 +56,11 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     """Write the recording `out` from the log `path`; nothing is written unless all of it is.
 
     Raises InputError for a log without the topics (and says which it has), with two clocks, with a wrench in
-    another frame of reference, or damaged.
+    another frame of reference, or damaged; OutputError where `out` holds frames already.
     """
-    if settings.sensor is not None and settings.sensor not in SENSORS:
-        raise InputError(
-            "there is no such sensor",
-            where="--sensor",
-            value=settings.sensor,
-            remedy="Known: " + ", ".join(SENSORS),
-        )
-    log = Log(Path(path))
+    if (Path(out) / layout.FRAMES).exists():
+        raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
+    log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
     with staged(out) as folder:
         names, stamps, readings = _messages(log, folder, settings)
         origin_ns = _check_clocks(stamps, [one.stamp for one in readings], log, settings)
@@ -71,7 +69,8 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
         if readings:
             _write_forces(folder, readings, settings, origin_ns)
-        _write_settings(folder, log.path, settings, origin_ns=origin_ns)
+        sensor.write_maps(folder)
+        _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
     return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned)
 
@@ -93,21 +92,19 @@ def _messages(
             (folder / layout.FRAMES / names[-1]).write_bytes(picture.data)
         else:
             readings.append(decode_wrench(message, log.path))
-    for topic, found in ((settings.frames, stamps), (settings.wrench, readings)):
-        if topic is not None and len(found) < 2:
-            has = (
-                ", ".join(f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:40])
-                or "no topic at all"
-            )
-            raise InputError(
-                "the log has no such topic"
-                if topic not in log.topics
-                else "the topic has fewer than two messages",
-                where=log.path,
-                value=topic,
-                remedy=f"It has: {has}.",
-            )
+    _check_topic(log, settings.frames, len(stamps))
+    if settings.wrench is not None:
+        _check_topic(log, settings.wrench, len(readings))
     return names, stamps, readings
+
+
+def _check_topic(log: Log, topic: str, count: int) -> None:
+    """Raise InputError, which lists the topics there are, where this one is missing or all but empty."""
+    if count >= 2:
+        return
+    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
+    said = "the topic has fewer than two messages" if topic in log.topics else "the log has no such topic"
+    raise InputError(said, where=log.path, value=topic, remedy=f"It has: {', '.join(has) or 'no topic at all'}.")
 
 
 def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:
@@ -146,15 +143,14 @@ def _write_forces(folder: Path, readings: list[WrenchReading], settings: ImportS
     write_forces(folder, ForceSeries(time_s[order], force, unknown, torque))
 
 
-def _write_settings(folder: Path, source: Path, settings: ImportSettings, *, origin_ns: int) -> None:
+def _write_settings(
+    folder: Path, source: Path, settings: ImportSettings, *, sensor: Mapping[str, Any], origin_ns: int
+) -> None:
     """recording.toml; [log] says where all came from and when time_s began."""
-    sensor: dict[str, Any] = {} if settings.sensor is None else {"kind": settings.sensor}
-    if settings.mm_per_px is not None:
-        sensor["mm_per_px"] = settings.mm_per_px
     content: dict[str, Any] = {"format": layout.FORMAT, "name": source.stem}
     if settings.clock is Clock.LOG or origin_ns > 10**18:  # 2001: earlier is no time of day
         content["date"] = datetime.datetime.fromtimestamp(origin_ns * 1e-9, datetime.UTC).date()
-    content |= {"sensor": sensor} if sensor else {}
+    content |= {"sensor": dict(sensor)} if sensor else {}
     if settings.rotation is not None:
         content["force"] = {"rotation": [list(row) for row in settings.rotation]}
     content["log"] = {"source": source.name, "frames": settings.frames, "clock": settings.clock.value}

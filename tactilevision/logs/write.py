@@ -22,7 +22,7 @@ Put = Callable[[str, Any, int], None]  # topic, message, time in ns
 
 
 def depth_message(height: HeightMap, *, time_ns: int, frame_id: str, encoding: str) -> Any:
-    """sensor_msgs/Image 32FC1 in metres, NaN where the map is not valid (REP 118)."""
+    """sensor_msgs/Image 32FC1 in metres of a map (H, W) in mm; NaN where that is not valid (REP 118)."""
     depth_m = np.where(height.valid, height.depth_mm * MM, np.nan).astype("<f4")
     rows, columns = depth_m.shape
     data = np.frombuffer(np.ascontiguousarray(depth_m).tobytes(), np.uint8)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from drawn_logs import Draw, drawer, time_ns
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -19,11 +19,15 @@ from tactilevision.logs.export import DEPTH_TOPIC, WRENCH_TOPIC, export_log
 from tactilevision.logs.read import ImportSettings, import_log
 from tactilevision.recording import Recording, read_recording
 from tactilevision.records import HeightMap
-from tests.logs.conftest import time_ns
 
 
 @pytest.fixture
-def made(draw: Callable[..., Path], tmp_path: Path) -> tuple[Recording, Path]:
+def draw(tmp_path: Path) -> Draw:
+    return drawer(tmp_path)
+
+
+@pytest.fixture
+def made(draw: Draw, tmp_path: Path) -> tuple[Recording, Path]:
     """A recording out of a log, and results beside it: three maps of four, forces of two frames."""
     import_log(draw(), tmp_path / "rec", ImportSettings("/camera", sensor="gelsight_mini", mm_per_px=0.03))
     results = tmp_path / "results"
@@ -91,6 +95,6 @@ def test_nothing_is_left_where_there_is_nothing_to_write(made: tuple[Recording, 
         with pytest.raises(InputError, match="neither depth nor force"):
             export_log(recording, tmp_path / name, depth=tmp_path)
         assert not (tmp_path / name).exists()
-    with pytest.raises(InputError, match="end in .mcap"):
+    with pytest.raises(InputError, match=r"end in \.mcap"):
         export_log(recording, tmp_path / "out.txt", depth=tmp_path)
     assert not list(tmp_path.glob(".unfinished*"))

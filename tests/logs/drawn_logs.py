@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from tactilevision.logs.messages import IMAGE, typestore
 from tactilevision.logs.write import _header, open_writer, wrench_message
 from tactilevision.records import Bytes
 
 START_NS = 1_790_000_000 * 10**9 + 123_456_789  # a time of day in 2026
+Draw = Callable[..., Path]
 KINDS = ("log.mcap", "log.bag", "log")
 
 
@@ -54,13 +54,13 @@ def write(path: Path, drawn: Drawn) -> Path:
             at_ns = time_ns(number)
             picture = image(rgb, at_ns=time_ns(number, drawn.picture_shift_s), drawn=drawn, kind=kind)
             put("/camera", picture, at_ns)
-            put("/ft", wrench_message(
-                np.array([1.0, 2.0, number]), np.array([1000.0, 0.0, 0.0]),
-                time_ns=time_ns(number, drawn.wrench_shift_s), frame_id=drawn.sensor, encoding=kind), at_ns)  # fmt: skip
+            wrench_ns = time_ns(number, drawn.wrench_shift_s)
+            force, moment = np.array([1.0, 2.0, number]), np.array([1000.0, 0.0, 0.0])
+            wrench = wrench_message(force, moment, time_ns=wrench_ns, frame_id=drawn.sensor, encoding=kind)
+            put("/ft", wrench, at_ns)
     return path
 
 
-@pytest.fixture
-def draw(tmp_path: Path) -> Callable[..., Path]:
+def drawer(folder: Path) -> Draw:
     """draw(name, **changes) writes a log of that name."""
-    return lambda name="log.mcap", **changes: write(tmp_path / name, replace(Drawn(), **changes))
+    return lambda name="log.mcap", **changes: write(folder / name, replace(Drawn(), **changes))
