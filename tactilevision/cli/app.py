@@ -18,6 +18,7 @@ from tactilevision.cli import (
     export_log,
     force,
     import_log,
+    lerobot,
     live,
     plan,
     simulate,
@@ -61,6 +62,7 @@ app.command("live")(live.live)
 app.command("force")(alone(force.force))
 app.command("import")(alone(import_log.import_log))
 app.command("export")(alone(export_log.export_log, file=True))
+app.command("lerobot")(alone(lerobot.lerobot))
 app.command("plan")(plan.plan)
 app.command("validate")(alone(validate.validate))
 app.command("tabulate")(alone(tabulate.tabulate))
