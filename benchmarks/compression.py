@@ -36,7 +36,7 @@ WAYS: dict[str, tuple[str, str, dict[str, str]]] = {
     "H.264 crf 18": ("libx264", "yuv420p", {"crf": "18"}),
     "H.264 crf 23": ("libx264", "yuv420p", {"crf": "23"}),
     "H.264 crf 30": ("libx264", "yuv420p", {"crf": "30", "g": "2"}),
-    "AV1 crf 30": ("libsvtav1", "yuv420p", {"crf": "30", "g": "2"}),
+    "AV1 crf 30": ("libsvtav1", "yuv420p", {"crf": "30", "g": "2", "preset": "12"}),
 }
 QUALITIES = (95, 80, 50)  # of single pictures as JPEG, with half the colours' resolution: CompressedImage of ROS
 
@@ -94,7 +94,7 @@ def packings(frames: list[Bytes]) -> Iterator[tuple[str, int, list[Bytes]]]:
     for quality in QUALITIES:
         how = [cv2.IMWRITE_JPEG_QUALITY, quality]
         each = [cv2.imencode(".jpg", rgb[..., ::-1], how)[1] for rgb in frames]
-        back = [np.ascontiguousarray(cv2.imdecode(one, cv2.IMREAD_COLOR)[..., ::-1], np.uint8) for one in each]
+        back = [np.asarray(cv2.imdecode(one, cv2.IMREAD_COLOR))[..., ::-1].copy() for one in each]
         yield f"JPEG {quality}", sum(one.size for one in each), back
 
 
