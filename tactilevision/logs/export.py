@@ -81,14 +81,14 @@ def _map(folder: Path, name: str) -> Path | None:
 
 
 def _wrenches(path: Path) -> Mapping[str, Floats]:
-    """Force and moment (6,), N and N mm, of each frame that has a force."""
+    """Force and moment (6,), N and N mm, of each frame with a normal force; NaN what was not measured."""
     table = read_table(path, _RESULTANTS)
     missing = [name for name in _COMPONENTS if name not in table.numbers]
     if missing:
         raise InputError("a column is missing", where=path, value=missing[0])
     numbers = np.column_stack([table.numbers[name] for name in _COMPONENTS])
     pairs = zip(table.words["frame"], numbers, strict=True)
-    return {name: row for name, row in pairs if np.isfinite(row[:3]).all()}
+    return {name: row for name, row in pairs if np.isfinite(row[2])}
 
 
 def _times_ns(recording: Recording) -> list[int]:

@@ -37,7 +37,7 @@ def made(draw: Draw, tmp_path: Path) -> tuple[Recording, Path]:
         valid = np.ones((6, 8), bool)
         valid[0, 0] = False
         write_tiff(results / "depth" / f"{number:07d}.tiff", HeightMap(depth, valid, (0.03, 0.03)))
-    lines = ["frame,fx_N,fy_N,fz_N,mx_Nmm,my_Nmm,mz_Nmm", "0000001.png,1,2,3,1000,0,-500", "0000002.png,4,5,6,,,"]
+    lines = ["frame,fx_N,fy_N,fz_N,mx_Nmm,my_Nmm,mz_Nmm", "0000001.png,1,2,3,1000,0,-500", "0000002.png,,,6,,,"]
     (results / "resultants.csv").write_text("\n".join([*lines, "0000003.png,,,,,,"]) + "\n")
     return read_recording(tmp_path / "rec"), results
 
@@ -64,7 +64,9 @@ def test_depth_and_force_are_opened_by_rosbags(made: tuple[Recording, Path], tmp
         stamp = one.header.stamp
         assert stamp.sec * 10**9 + stamp.nanosec == at_ns
         assert at_ns == pytest.approx(time_ns(number), abs=2)
-    wrench = next(one for topic, _, one in messages if topic == WRENCH_TOPIC).wrench
+    wrench, normal = (one.wrench for topic, _, one in messages if topic == WRENCH_TOPIC)
+    assert np.isnan([normal.force.x, normal.torque.z]).all()  # without markers the shear is not measured
+    assert normal.force.z == 6.0
     assert (wrench.force.x, wrench.force.y, wrench.force.z) == (1.0, 2.0, 3.0)
     assert (wrench.torque.x, wrench.torque.z) == (1.0, -0.5)
 
