@@ -137,8 +137,8 @@ def print_costs() -> None:
         found = cost(raw, seen(reconstructor, again), grey=float(grey))
         bits = 8 * size / frames[0][..., 0].size / COUNT
         peaks = f"{np.median(found.peaks_um):.1f}, {found.peaks_um.max():.1f}"
-        print(f"{way} | {bits:.2f} | {grey:.2f} | {found.free_um:.1f} | {found.contact_um:.1f} | {peaks}"
-              f" | {found.made_up}, {found.lost}", flush=True)  # fmt: skip
+        depths = f"{found.free_um:.1f} | {found.contact_um:.1f} | {peaks}"
+        print(f"{way} | {bits:.2f} | {grey:.2f} | {depths} | {found.made_up}, {found.lost}", flush=True)
 
 
 def print_clocks() -> None:

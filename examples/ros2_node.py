@@ -148,8 +148,10 @@ def play() -> None:
         work.take(SimpleNamespace(header=SimpleNamespace(stamp=stamp), **picture))
     maps = [np.frombuffer(one.data, "<f4").reshape(one.height, one.width) for one in answers]
     for answer, depth_m in zip(answers, maps, strict=True):
-        print(f"{answer.header.stamp.sec} s: {answer.encoding} in {answer.header.frame_id}, "
-              f"to {1e6 * np.nanmax(depth_m):.0f} um")  # fmt: skip
+        deepest_um = 1e6 * np.nanmax(depth_m)
+        print(
+            f"{answer.header.stamp.sec} s: {answer.encoding} in {answer.header.frame_id}, to {deepest_um:.0f} um"
+        )
     draw(max(maps, key=np.nanmax))
 
 

@@ -44,8 +44,15 @@ def write(path: str, out: str) -> None:
         for step in range(length):
             state = np.array([step, number], np.float32)
             small = np.full((12, 16, 3), 10 * number, np.uint8)
-            made.add_frame({TACTILE: frames[number], WRIST: small, "observation.state": state, "action": state,
-                            "task": "press"})  # fmt: skip
+            made.add_frame(
+                {
+                    TACTILE: frames[number],
+                    WRIST: small,
+                    "observation.state": state,
+                    "action": state,
+                    "task": "press",
+                }
+            )
             number += 1
         made.save_episode()
     made.finalize()

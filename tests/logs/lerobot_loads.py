@@ -21,14 +21,18 @@ def main(root: str) -> None:
     }
     depth = np.stack([np.asarray(one["observation.tactile.depth_mm"]) for one in frames])
     wrench = np.stack([np.asarray(one["observation.tactile.wrench"]) for one in frames])
-    print(json.dumps({
-        "kinds": told,
-        "deepest": np.nanmax(depth, axis=(1, 2)).tolist(),
-        "pressing": wrench[:, 2].tolist(),
-        "contact": [bool(one["observation.tactile.contact"]) for one in frames],
-        "flags": frames[0]["observation.tactile.flags"],
-        "stats": sorted(found.meta.stats["observation.tactile.depth_mm"]),
-    }))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "kinds": told,
+                "deepest": np.nanmax(depth, axis=(1, 2)).tolist(),
+                "pressing": wrench[:, 2].tolist(),
+                "contact": [bool(one["observation.tactile.contact"]) for one in frames],
+                "flags": frames[0]["observation.tactile.flags"],
+                "stats": sorted(found.meta.stats["observation.tactile.depth_mm"]),
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -44,9 +44,13 @@ class Annotated:
 
 
 def annotate(
-    dataset: DataSet, sensor: CalibratedSensor, out: Path | str, *, shrink: int = 4,
+    dataset: DataSet,
+    sensor: CalibratedSensor,
+    out: Path | str,
+    *,
+    shrink: int = 4,
     tell: Tell = lambda done, of: None,
-) -> Annotated:  # fmt: skip
+) -> Annotated:
     """Write the data set `out`: all of `dataset`, and what `sensor` reads in its camera's frames.
 
     Maps are means of `shrink` x `shrink` pixels. The reference is the profile's, best of raw frames: in packed
