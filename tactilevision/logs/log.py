@@ -50,7 +50,7 @@ class Log:
                     total += len(message.data) / 1e6
                     check(total, "MAX_FILE_MB", what="what the log holds, unpacked, in MB,", where=path)
                     yield message
-            except (TactilevisionError, OSError, GeneratorExit):
+            except (TactilevisionError, GeneratorExit):
                 raise
             except Exception as fault:  # the libraries raise of every kind where a log is damaged
                 said = " ".join(str(fault).split()) or type(fault).__name__
