@@ -3,6 +3,7 @@ A node of ROS 2
 ===============
 
 Pictures of a sensor come in; depth (32FC1, metres) and wrench go out with the same stamp.
+Start it as any node::
 
     python examples/ros2_node.py --ros-args -p sensor:=my_sensor.tvs -r image:=/camera/image_raw
 
@@ -34,7 +35,7 @@ from tactilevision import (
 
 SAMPLE = Path(__file__).parents[1] / "sample_frames" / "gelslim3"
 METRES = 1e-3  # of a millimetre; ROS counts in metres
-PLAYED = range(70, 110, 4)  # frames of the sample: free gel, then a press
+PLAYED = range(70, 110, 4)  # frames of the sample: the end of one press, then the next
 
 
 @dataclass

@@ -92,7 +92,5 @@ def _wrenches(path: Path) -> Mapping[str, Floats]:
 
 
 def _times_ns(recording: Recording) -> list[int]:
-    stated = recording.settings.get("log", {})
-    origin = stated.get("origin_ns", 0) if isinstance(stated, dict) else 0
-    origin = origin if isinstance(origin, int) and 0 <= origin < 2**62 else 0
-    return [origin + round(float(one) * 1e9) for one in recording.frame_times_s]
+    origin_ns = int(recording.settings.get("log", {}).get("origin_ns", 0))
+    return [origin_ns + round(float(one) * 1e9) for one in recording.frame_times_s]

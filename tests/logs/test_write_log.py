@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from pathlib import Path
@@ -13,7 +14,7 @@ from drawn_logs import Draw, drawer, time_ns
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from tactilevision.errors import InputError
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.exports.tiff import write_tiff
 from tactilevision.logs.export import DEPTH_TOPIC, WRENCH_TOPIC, export_log
 from tactilevision.logs.read import ImportSettings, import_log
@@ -100,3 +101,11 @@ def test_nothing_is_left_where_there_is_nothing_to_write(made: tuple[Recording, 
     with pytest.raises(InputError, match=r"end in \.mcap"):
         export_log(recording, tmp_path / "out.txt", depth=tmp_path)
     assert not list(tmp_path.glob(".unfinished*"))
+
+
+def test_a_start_that_no_clock_has_is_told(made: tuple[Recording, Path]) -> None:
+    toml = made[0].path / "recording.toml"
+    text = re.sub(r"origin_ns = \d+", "origin_ns = -5", toml.read_text())
+    toml.write_text(text)
+    with pytest.raises(RecordingError, match=r"\[log\] origin_ns"):
+        read_recording(toml.parent)
