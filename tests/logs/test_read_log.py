@@ -5,14 +5,18 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from drawn_logs import KINDS, START_NS, Draw, drawer, pictures
+from rosbags.highlevel import AnyReader
 
 from tactilevision.errors import InputError
 from tactilevision.logs.clocks import Clock
 from tactilevision.logs.log import Log
+from tactilevision.logs.messages import COMPRESSED, typestore
 from tactilevision.logs.read import ImportSettings, import_log
+from tactilevision.logs.write import _header, open_writer
 from tactilevision.recording import layout, read_frame, read_recording
 from tactilevision.recording.series import read_frame_table
 
@@ -130,3 +134,60 @@ def test_what_is_no_log_is_told(tmp_path: Path) -> None:
     (tmp_path / "log_0.db3.zstd").write_bytes(b"")
     with pytest.raises(InputError, match="packed"):
         list(Log(tmp_path).messages({"/a"}))
+
+
+@pytest.mark.parametrize("way", ["BZ2", "LZ4"])
+def test_a_packed_bag_of_ros_1_is_read(draw: Draw, tmp_path: Path, way: str) -> None:
+    from rosbags.rosbag1 import Writer
+
+    packed = tmp_path / "packed.bag"
+    writer = Writer(packed)
+    writer.set_compression(Writer.CompressionFormat[way])
+    with AnyReader([draw("log.bag")]) as whole, writer:
+        added = {
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=whole.typestore)
+            for one in whole.connections
+        }
+        for about, at_ns, data in whole.messages():
+            writer.write(added[about.topic], at_ns, bytes(data))
+    assert packed.stat().st_size != (tmp_path / "log.bag").stat().st_size
+    _same_frames(packed, tmp_path)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_packed_messages_of_ros_2_are_read(draw: Draw, tmp_path: Path, storage: str) -> None:
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    writer = Writer(tmp_path / "packed", version=8, storage_plugin=StoragePlugin[storage])
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with AnyReader([draw("log")]) as whole, writer:
+        added = {
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=whole.typestore)
+            for one in whole.connections
+        }
+        for about, at_ns, data in whole.messages():
+            writer.write(added[about.topic], at_ns, bytes(data))
+    _same_frames(tmp_path / "packed", tmp_path)
+
+
+def _same_frames(log: Path, folder: Path) -> None:
+    import_log(log, folder / "rec", BOTH)
+    recording = read_recording(folder / "rec")
+    for number, rgb in enumerate(pictures(4)):
+        np.testing.assert_array_equal(read_frame(recording, number).rgb, rgb)
+
+
+def test_pictures_that_were_packed_stay_as_they_came(tmp_path: Path) -> None:
+    store, rgb = typestore("cdr"), np.kron(pictures(2), np.ones((1, 8, 8, 1), np.uint8))
+    jpegs = [cv2.imencode(".jpg", one)[1] for one in rgb]
+    with open_writer(tmp_path / "log.mcap") as (put, kind):
+        for number, data in enumerate(jpegs):
+            header = _header(START_NS + number, "camera", kind)
+            put(
+                "/camera",
+                store.types[COMPRESSED](header=header, format="bgr8; jpeg compressed bgr8", data=data),
+                1,
+            )
+    import_log(tmp_path / "log.mcap", tmp_path / "rec", ImportSettings("/camera"))
+    kept = [path.read_bytes() for path in sorted((tmp_path / "rec" / "frames").iterdir())]
+    assert kept == [one.tobytes() for one in jpegs]
