@@ -30,6 +30,10 @@ FormatOption = Annotated[
         "--format", help="Write each figure in this form, too; PNG is always written, and in the report."
     ),
 ]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="ADDRESS", help="A Dask cluster: tcp://HOST:PORT, or its scheduler file."),
+]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal

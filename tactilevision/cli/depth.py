@@ -46,6 +46,7 @@ def depth(
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
@@ -55,7 +56,7 @@ def depth(
 
     warned: list[str] = []
     light = _teller(method, warned)
-    how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
+    how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:

@@ -35,6 +35,7 @@ def force(
     method: source.MethodOption = None,
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
@@ -56,7 +57,9 @@ def force(
     anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
     job = replace(force_job(recording, reconstructor, material=material, out=out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
-        rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
+        rows = force_folder(
+            recording, job, clock_offset_s=offset, workers=workers, cluster=cluster, progress=progress
+        )
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")
