@@ -80,9 +80,9 @@ class Machines:
     def _start(self, *words: str) -> subprocess.Popen[bytes]:
         path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
         told = {"PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
-        log = (self.folder / "log").open("ab")
         command = [sys.executable, "-m", "dask", *words]
-        process = subprocess.Popen(command, cwd=self.folder, env=os.environ | told, stdout=log, stderr=log)
+        with (self.folder / "log").open("ab") as log:
+            process = subprocess.Popen(command, cwd=self.folder, env=os.environ | told, stdout=log, stderr=log)
         self.started.append(process)
         return process
 
@@ -164,6 +164,7 @@ def test_a_frame_that_kills_its_workers_is_named_and_the_others_are_read(
     assert len(list((tmp_path / "out" / "depth").iterdir())) == 39
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_started_anew_is_found_again(machines: Machines, tmp_path: Path) -> None:
     source = recording(tmp_path / "in", 120)
     reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
@@ -177,8 +178,10 @@ def test_a_scheduler_that_is_started_anew_is_found_again(machines: Machines, tmp
         machines.scheduler = machines.start_scheduler()
         machines.workers = [machines.start_worker()]
 
+    before = len(machines.started)
     address = str(machines.folder / "at.json")
     reconstruct_folder(source, reconstructor(), tmp_path / "many", cluster=address, progress=at(20, restart))
+    assert len(machines.started) > before
     alike(tmp_path / "one", tmp_path / "many")
 
 
