@@ -40,9 +40,7 @@ def main(arguments: Sequence[str] = ()) -> None:
         parts = _parts(recording, reconstructor, place / "parts")
         print("ms a frame: " + ", ".join(f"{name} {1e3 * spent / count:.2f}" for name, spent in parts.items()))
         one = _timed(lambda: reconstruct_folder(recording, reconstructor, place / "one", workers=1))
-        print(
-            f"one process: {1e3 * one / count:.2f} ms a frame, {one / sum(parts.values()):.3f} of decode, map, write"
-        )
+        print(f"one process: {1e3 * one / count:.2f} ms a frame, {one / sum(parts.values()):.3f} of its parts")
         two = _timed(lambda: reconstruct_folder(recording, reconstructor, place / "two", workers=2))
         print(f"two processes, with their start: {one / two:.2f} times one")
         print(f"two workers of a cluster: {one / _on_cluster(recording, reconstructor, place):.2f} times one")
@@ -60,8 +58,14 @@ def _folder_of_jpegs(folder: Path, count: int) -> tuple[Recording, Reconstructor
         rgb = camera.picture(scene, np.random.default_rng(number))
         cv2.imwrite(str(folder / "frames" / name), rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     times = np.arange(count) / 30
-    recording = Recording(folder, "jpegs", reconstructor.sensor, frames_path=folder / "frames", frame_names=names,
-                          frame_times_s=times)  # fmt: skip
+    recording = Recording(
+        folder,
+        "jpegs",
+        reconstructor.sensor,
+        frames_path=folder / "frames",
+        frame_names=names,
+        frame_times_s=times,
+    )
     return recording, reconstructor
 
 
@@ -103,8 +107,14 @@ def _memory(recording: Recording, reconstructor: Reconstructor, out: Path, many:
         if done in (many // 10, many // 2, many):
             told[done] = resident_kB()
 
-    again = Recording(recording.path, "many", recording.sensor, frames_path=recording.frames_path, frame_names=names,
-                      frame_times_s=np.arange(many) / 30)  # fmt: skip
+    again = Recording(
+        recording.path,
+        "many",
+        recording.sensor,
+        frames_path=recording.frames_path,
+        frame_names=names,
+        frame_times_s=np.arange(many) / 30,
+    )
     reconstruct_folder(again, reconstructor, out, workers=1, progress=look)
     first, *_, last = told.values()
     grown = ", ".join(f"{done}: {kB} kB" for done, kB in told.items())
