@@ -22,7 +22,7 @@ class NotBegun(Exception):
     """This worker has not been told of the run yet."""
 
 
-class Begin(WorkerPlugin):
+class Begin(WorkerPlugin):  # type: ignore[misc]
     """Tells a worker what a run works with; the scheduler hands it to workers that come later, too."""
 
     def __init__(self, run: str, start: Start | None, given: Given) -> None:
