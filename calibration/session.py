@@ -15,6 +15,7 @@ from tactilevision.errors import InputError
 from tactilevision.files import write_json
 
 _KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
+UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
 
 
@@ -22,8 +23,8 @@ ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N"
 class Step:
     """One effect put into the model: its key, a private one's file, and what it did to the error.
 
-    `rms` over the presses fitted, `held_out` over presses left out of the fit, and the repeatability, all in N;
-    NaN where it is not known.
+    `rms` over the presses fitted, `held_out` over presses left out of the fit, and the repeatability, all in N, or
+    in mm where the effect is on the depth that the picture reads (`unit`); NaN where it is not known.
     """
 
     key: str
@@ -33,15 +34,23 @@ class Step:
     held_out_before_N: float = nan
     held_out_after_N: float = nan
     repeatability_N: float = nan
+    unit: str = "N"
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """The steps taken on these recordings, and those undone, which can be redone."""
+    """The steps taken on these recordings, and those undone, which can be redone.
+
+    `applied`: the folder's calibration.json is that of these steps; `seed` of the score tests; `prior`: nu was
+    held to what elastomers have.
+    """
 
     recordings: tuple[str, ...]
     steps: tuple[Step, ...] = ()
     undone: tuple[Step, ...] = field(default=())
+    applied: bool = False
+    seed: int = 0
+    prior: bool = True
 
     def add(self, step: Step) -> History:
         """One more step; what was undone is forgotten."""
@@ -65,9 +74,17 @@ class History:
         """Plain data."""
 
         def rows(steps: Sequence[Step]) -> list[dict[str, Any]]:
-            return [{"key": s.key, "path": s.path, **{name: getattr(s, name) for name in ERRORS}} for s in steps]
+            names = (*ERRORS, "unit")
+            return [{"key": s.key, "path": s.path, **{name: getattr(s, name) for name in names}} for s in steps]
 
-        return {"recordings": list(self.recordings), "steps": rows(self.steps), "undone": rows(self.undone)}
+        return {
+            "recordings": list(self.recordings),
+            "steps": rows(self.steps),
+            "undone": rows(self.undone),
+            "applied": self.applied,
+            "seed": self.seed,
+            "prior": self.prior,
+        }
 
     def save(self, path: Path | str) -> None:
         """Write history.json."""
@@ -79,7 +96,8 @@ class History:
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
         names = " ".join(_quoted(name) for name in self.recordings)
-        command = f"tactilevision compare {names} {options}".rstrip() + f" --out {_quoted(str(out))}"
+        how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
+        command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
 
 
@@ -93,9 +111,14 @@ def load_history(path: Path | str) -> History:
         )
     try:
         content = read_json(path)
+        steps, undone = (tuple(_step(row) for row in content[name]) for name in ("steps", "undone"))
         return History(
             tuple(_text(name) for name in content["recordings"]),
-            *(tuple(_step(row) for row in content[name]) for name in ("steps", "undone")),
+            steps,
+            undone,
+            applied=content.get("applied") is True,
+            seed=_seed(content.get("seed", 0)),
+            prior=content.get("prior") is not False,
         )
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
@@ -111,7 +134,16 @@ def _step(row: dict[str, Any]) -> Step:
     key = _text(row["key"])
     if not _KEY.fullmatch(key):
         raise ValueError(f"{key!r} is no effect's key")
-    return Step(key, _text(row["path"]), *(error(name) for name in ERRORS))
+    unit = row.get("unit", "N")
+    if unit not in UNITS:
+        raise ValueError(f"{unit!r} is no unit of an error")
+    return Step(key, _text(row["path"]), **{name: error(name) for name in ERRORS}, unit=unit)
+
+
+def _seed(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise TypeError(f"{value!r} is no seed")
+    return value
 
 
 def _text(value: object) -> str:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from tactilevision.mechanics.flat_contact import FlatContact
     from tactilevision.mechanics.kappa import kappa
     from tactilevision.mechanics.punch_curve import punch_curve
+    from tactilevision.profile.seen import Seen, SeenBatch
+    from tactilevision.profile.sensor import CalibratedSensor, load_sensor
     from tactilevision.reconstruct import Reconstructor, build_reconstructor
     from tactilevision.recording import BadFrame, Recording, iter_frames, read_folder, read_frame, read_recording
     from tactilevision.records import (
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
         Sensor,
         SlopeMap,
         TractionMap,
+        Wrench,
     )
     from tactilevision.sensors import (
         find_grid,
@@ -84,6 +87,8 @@ _PLACES = {
     "mechanics.flat_contact": ("FlatContact",),
     "mechanics.kappa": ("kappa",),
     "mechanics.punch_curve": ("punch_curve",),
+    "profile.seen": ("Seen", "SeenBatch"),
+    "profile.sensor": ("CalibratedSensor", "load_sensor"),
     "reconstruct": (
         "Reconstructor",
         "build_reconstructor",
@@ -112,6 +117,7 @@ _PLACES = {
         "Sensor",
         "SlopeMap",
         "TractionMap",
+        "Wrench",
     ),
     "sensors": (
         "find_grid",
@@ -128,6 +134,7 @@ _HOME = {name: place for place, names in _PLACES.items() for name in names}
 
 __all__ = [
     "BadFrame",
+    "CalibratedSensor",
     "CertifiedPoint",
     "ConvergenceError",
     "Curve",
@@ -149,11 +156,14 @@ __all__ = [
     "Reconstructor",
     "Recording",
     "RecordingError",
+    "Seen",
+    "SeenBatch",
     "Sensor",
     "SlopeMap",
     "Stream",
     "TactilevisionError",
     "TractionMap",
+    "Wrench",
     "build_reconstructor",
     "certify",
     "find_contact",
@@ -161,6 +171,7 @@ __all__ = [
     "get_sensor",
     "iter_frames",
     "kappa",
+    "load_sensor",
     "punch_curve",
     "read_folder",
     "read_frame",

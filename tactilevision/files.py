@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -9,9 +10,11 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from tactilevision.errors import OutputError
 
@@ -164,7 +167,30 @@ def write_text(path: Path | str, text: str) -> None:
 
 def write_json(path: Path | str, content: object) -> None:
     """Write JSON that every parser accepts: NaN and infinities become null. Keys keep their order."""
-    write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
+    write_text(path, as_json(content))
+
+
+def as_json(content: object) -> str:
+    """The text that `write_json` writes."""
+    return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
+
+
+def pack_arrays(arrays: Mapping[str, Any], *, small: bool) -> bytes:
+    """The bytes of a .npz file of `arrays`, the same for the same ones; `small` takes longer to read."""
+    import numpy as np
+
+    packed = io.BytesIO()
+    (np.savez_compressed if small else np.savez)(packed, **arrays)
+    return packed.getvalue()
+
+
+def write_archive(path: Path | str, files: Mapping[str, bytes]) -> None:
+    """Write `files` by their names into one zip, stored as they are; the same content gives the same bytes."""
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as packed:
+        for name, content in files.items():
+            about = zipfile.ZipInfo(name)  # dated 1980
+            about.external_attr = 0o644 << 16
+            packed.writestr(about, content)
 
 
 def _finite(content: object) -> object:

@@ -1,4 +1,4 @@
-"""One frame at a time, for a control loop: frame in; height map, contact and footprint out.
+"""One frame at a time, for a control loop: frame in; height map, contact, footprint and force out.
 
 Everything is held in buffers made once; nothing is kept of a frame but the drift of the light, whose history is a
 running mean, so that a stream may run for days. Where there is a GPU, frames are read there.
@@ -7,16 +7,19 @@ running mean, so that a stream may run for days. Where there is a GPU, frames ar
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from tactilevision.contact.footprint import find_footprint
-from tactilevision.contact.region import at_border
+from tactilevision.contact.region import at_border, in_question, strong_evidence
 from tactilevision.errors import InputError
+from tactilevision.quality.fitness import check_fit
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.gpu.device import find_gpu
-from tactilevision.records import Floats, Footprint, Frame, HeightMap, Indenter
+from tactilevision.records import Bools, Bytes, Floats, Footprint, Frame, HeightMap, Indenter, TractionMap, Wrench
 from tactilevision.records.contact_thresholds import CONTACT, live_limit_mm
 from tactilevision.records.flags import BORDER, add
 from tactilevision.robust import median
@@ -34,7 +37,8 @@ class Moment:
 
     `least_mm` is the depth from which a contact would be seen in half of the picture: where none is seen, one less
     deep may be there. `height.flags` (flags.py) say what makes all of it doubtful. `footprint` is None without
-    contact or without an indenter to look for; `latency_ms` from frame to result.
+    contact or without an indenter to look for; `latency_ms` from frame to result. `tractions` and `wrench`
+    are None where the stream's sensor knows no E and nu, and where the force could not be solved.
     """
 
     height: HeightMap
@@ -43,28 +47,61 @@ class Moment:
     footprint: Footprint | None
     latency_ms: float
     least_mm: float
+    tractions: TractionMap | None = None
+
+    @property
+    def wrench(self) -> Wrench | None:
+        """Force and moment."""
+        return None if self.tractions is None else self.tractions.wrench
 
 
-@dataclass
+class Calibrated(Protocol):
+    """What a sensor profile is to a stream (profile/sensor.py)."""
+
+    @property
+    def reconstructor(self) -> Reconstructor: ...
+
+    @property
+    def indenter(self) -> Indenter | None: ...
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]: ...
+
+    def held(self, height: HeightMap, face: Footprint | None) -> HeightMap: ...
+
+    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None: ...
+
+
 class Stream:
     """Turns frames into moments. Not thread-safe.
 
-    `indenter`: what to look for, None for contact alone. `renew` is the share by which each frame without contact
-    renews the reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The
-    larger it is the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is
-    seen late, or never, where v / renew is less than what noise hides (some 10 um).
+    `source` is a reconstructor, or a calibrated sensor (`load_sensor`), which gives the force, too. `indenter`:
+    what to look for, None for contact alone. `renew` is the share by which each frame without contact renews the
+    reference, so that slow changes of light and temperature are followed; 0 leaves it as it is. The larger it is
+    the sooner a press that comes slowly is taken for untouched gel: one that moves by v mm a frame is seen late,
+    or never, where v / renew is less than what noise hides (some 10 um).
+
+    Raises InputError for a calibration that fails its own balls, unless it is to be used `even_so`.
     """
 
-    reconstructor: Reconstructor
-    indenter: Indenter | None = None
-    renew: float = RENEW
-    latencies: Floats = field(default_factory=lambda: np.zeros(len(EDGES_MS)))
-    frames: int = 0
-    _last: Footprint | None = None
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.renew <= 1.0:
-            raise InputError("is a share, from 0 to 1", where="Stream renew", value=self.renew)
+    def __init__(
+        self,
+        source: Reconstructor | Calibrated,
+        indenter: Indenter | None = None,
+        renew: float = RENEW,
+        *,
+        even_so: bool = False,
+    ) -> None:
+        if not 0.0 <= renew <= 1.0:
+            raise InputError("is a share, from 0 to 1", where="Stream renew", value=renew)
+        self.sensor = None if isinstance(source, Reconstructor) else source
+        self.reconstructor = source if isinstance(source, Reconstructor) else source.reconstructor
+        method = self.reconstructor.referenced
+        if method is not None and not even_so:
+            check_fit(method.card, remedy="Stream(..., even_so=True) or --even-so")
+        self.indenter = indenter or (self.sensor.indenter if self.sensor else None)
+        self.renew, self.frames = renew, 0
+        self.latencies: Floats = np.zeros(len(EDGES_MS))
+        self._last: Footprint | None = None
         device = find_gpu()
         if device is not None:
             self.reconstructor.use(device)
@@ -79,19 +116,26 @@ class Stream:
                 remedy="Hand over Frame(rgb).",
             )
         began = time.perf_counter()
+        rgb = self.reconstructor.rectified(frame)
         if self.frames == 0:  # for all that come: it takes longer than a frame
-            self.reconstructor.look([self.reconstructor.rectified(frame)])
-        height = self.reconstructor.height_map(frame)
+            self.reconstructor.look([rgb])
+        height = self.reconstructor.rectified_map(rgb, time_s=frame.time_s, name=frame.name)
         contact, peak_mm, least_mm, cut = self._contact(height)
         if cut:
             height = replace(height, flags=add(height.flags, [BORDER]))
         self._last = self._footprint(height) if contact else None
+        tractions = None
+        if self.sensor is not None:
+            held = self.sensor.held(height, self._last)
+            if held is not height:
+                height, peak_mm = held, float(held.depth_mm[held.valid].max())
+            tractions = self.sensor.tractions(height, rgb)
         if not contact and least_mm < CONTACT.live_blind_mm and self.renew > 0:
-            self._follow(frame)
+            self.reconstructor.follow(rgb, self.renew)
         latency_ms = 1e3 * (time.perf_counter() - began)
         self.latencies[np.searchsorted(EDGES_MS, latency_ms)] += 1
         self.frames += 1
-        return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm)
+        return Moment(height, contact, peak_mm, self._last, latency_ms, least_mm, tractions)
 
     def histogram(self) -> list[tuple[float, int]]:
         """(upper edge in ms, frames) of the latencies so far."""
@@ -107,6 +151,8 @@ class Stream:
         least_mm = CONTACT.live_sigma * float(median(np.where(valid, spread, np.inf)[::4, ::4].ravel()))
         pressed = (depth > live_limit_mm(spread)) & valid
         if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
+            pressed = _strongly_pressed(height)
+        if SAMPLE_PX**2 * np.count_nonzero(pressed) < CONTACT.live_min_px:
             return False, 0.0, least_mm, False
         return True, float(depth[pressed].max()), least_mm, at_border(pressed)
 
@@ -115,5 +161,16 @@ class Stream:
             return None
         return find_footprint(height, self.indenter, prior=self._last)
 
-    def _follow(self, frame: Frame) -> None:
-        self.reconstructor.follow(self.reconstructor.rectified(frame), self.renew)
+
+def _strongly_pressed(height: HeightMap) -> Bools:
+    """Mask (h, w) of every SAMPLE_PXth pixel that slopes or colours show to be pressed, whatever its deviation."""
+    x, y = height.mm_per_px
+    sampled = replace(
+        height,
+        depth_mm=height.depth_mm[::SAMPLE_PX, ::SAMPLE_PX],
+        valid=height.valid[::SAMPLE_PX, ::SAMPLE_PX],
+        mm_per_px=(SAMPLE_PX * x, SAMPLE_PX * y),
+        std_mm=None if height.std_mm is None else height.std_mm[::SAMPLE_PX, ::SAMPLE_PX],
+    )
+    deep = in_question(sampled)
+    return deep & strong_evidence(sampled) if deep.any() else deep

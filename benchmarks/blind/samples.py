@@ -1,6 +1,7 @@
 """Makes the folders sample_frames/hidden_* again: python -m benchmarks.blind.samples [FOLDER].
 
-Each hides one thing: an effect of the rig (with pictures), one of the material, one outside the catalogue.
+Each hides one thing: an effect of the rig (with pictures), one of the material, one outside the catalogue; the
+last one two things.
 """
 
 from __future__ import annotations
@@ -27,17 +28,19 @@ from tactilevision.synthetic.rig import Protocol
 from tactilevision.synthetic.simulate import simulate
 
 SEED = 20261122
+TWO = {"viscoelasticity": 0.05, "thickness_wedge": 0.03}  # of one gel, a share and mm/mm
 BALLS_STATED = 1.25  # a ball of 5 mm taken for one of 4: every slope is taken for smaller than it is
 
 
 def main(arguments: Sequence[str] = ()) -> None:
-    """Write the three folders in place of what is there."""
+    """Write the four folders in place of what is there."""
     root = Path(arguments[0] if arguments else "sample_frames")
-    for name in ("hidden_rig", "hidden_material", "hidden_unknown"):
+    for name in ("hidden_rig", "hidden_material", "hidden_unknown", "hidden_two"):
         shutil.rmtree(root / name, ignore_errors=True)
     make_rig(root / "hidden_rig")
     make_curves(root / "hidden_material", SEED + 1, {"viscoelasticity": 0.05})
     make_curves(root / "hidden_unknown", SEED + 2, {"periodic_stage": 0.006})
+    make_curves(root / "hidden_two", SEED + 3, TWO)
     for name, text in READMES.items():
         write_text(root / name / "README.md", text)
 
@@ -116,11 +119,16 @@ depth. None of it shares a formula with `calibration`.
 """
 
 _MATERIAL = _CURVES.format(title="hidden_material: simulated curves of a gel with a secret", source="vision")
+_TWO = _CURVES.format(title="hidden_two: simulated curves of a gel with two secrets", source="vision")
 _UNKNOWN = _CURVES.format(title="hidden_unknown: simulated curves out of the catalogue", source="the motion stage")
 
 READMES = {
     "hidden_rig": _RIG + _END.format(seed=SEED, name="hidden_rig"),
     "hidden_material": _MATERIAL + _END.format(seed=SEED + 1, name="hidden_material"),
+    "hidden_two": _TWO
+    + _END.format(seed=SEED + 3, name="hidden_two")
+    .replace("Something is", "Two things are")
+    .replace("Find it", "Find them"),
     "hidden_unknown": _UNKNOWN + _END.format(seed=SEED + 2, name="hidden_unknown"),
 }
 

@@ -104,7 +104,9 @@ def _saved_method(name: str) -> Callable[[Workspace], Values]:
     """Height maps by a method's file that an earlier version wrote."""
     method = BEFORE / "methods" / f"{name}.npz"
     return lambda space: heights(
-        space.run("depth", BEFORE / "small", "--workers", 1, "--pictures", 0, "--std", "--method", method)
+        space.run(
+            *("depth", BEFORE / "small", "--workers", 1, "--pictures", 0, "--std", "--method", method, "--even-so")
+        )
     )
 
 

@@ -53,7 +53,7 @@ def frame_commands(frames: Path) -> tuple[Command, ...]:
     """Height maps and forces of a small recording, which is made in the folder `frames`."""
     _small_recording(frames)
     method, material = str(BEFORE / "methods" / "polynomial.npz"), str(BEFORE / "calibrated" / "calibration.json")
-    read = (str(frames), "--method", method, "--pictures")
+    read = (str(frames), "--even-so", "--method", method, "--pictures")
     return (
         Command("depth tiff", ("depth", *read, "0", "--workers", "2"), frames, changing=PICTURES, workers=2),
         Command(

@@ -13,10 +13,14 @@ from calibration.session import load_history
 from tactilevision.batch.folder import COLUMNS, DepthJob, FrameResult
 from tactilevision.batch.jobs import Journal
 from tactilevision.certificate.depth.face_depth import read_certified
+from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import read_arrays
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
 from tactilevision.photometric.storage import digest, load_method, load_network
+from tactilevision.profile import contents
+from tactilevision.profile.model import Profile
+from tactilevision.profile.read import read_profile, unpack_profile
 from tactilevision.recording import read_recording
 from tactilevision.recording.frames import iter_frames
 from tactilevision.recording.images import read_image
@@ -79,6 +83,26 @@ def _read_method(folder: Path) -> Any:
     return load_method(path)
 
 
+def _read_statements(folder: Path) -> Any:
+    """A profile whose statements were changed by one who knows how to hash them."""
+    files, text = read_archive(folder / "sensor.tvs"), (folder / "profile.json").read_bytes()
+    try:
+        about = json.loads(text)
+        about[contents.HASH] = contents.hash_of(about)
+        text = json.dumps(about).encode()
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        pass
+    return _seen(unpack_profile(files | {contents.ABOUT: text}, folder / "sensor.tvs"))
+
+
+def _read_profile(folder: Path) -> Any:
+    return _seen(read_profile(folder / "sensor.tvs"))
+
+
+def _seen(profile: Profile) -> Any:
+    return profile.sensor, profile.face_law, profile.frame_size_px, profile.white_level
+
+
 def _read_network(folder: Path) -> Any:
     path, card = folder / "network.onnx", folder / "network.json"
     card.write_text(json.dumps(json.loads(card.read_text()) | {"onnx_sha256": digest(path)}))
@@ -126,6 +150,8 @@ READERS: dict[str, Reader] = {
     "method": Reader("method.npz", "npz", seeds.method, _read_method),
     "card": Reader("method.json", "json", seeds.method, lambda folder: load_method(folder / "method.npz")),
     "network": Reader("network.onnx", "bytes", seeds.network, _read_network),
+    "profile": Reader("profile.json", "json", seeds.profile, _read_statements, frozenset(("radius_mm",))),
+    "archive": Reader("sensor.tvs", "bytes", seeds.profile, _read_profile),
     "calibration": Reader("calibration.json", "json", seeds.calibration, _read_calibration),
     "history": Reader(
         "history.json", "json", seeds.history, lambda folder: load_history(folder / "history.json"), _ERRORS

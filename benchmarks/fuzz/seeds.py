@@ -14,18 +14,22 @@ import numpy.typing as npt
 from calibration.session import History, Step
 from tactilevision.batch.folder import FrameResult
 from tactilevision.batch.jobs import Journal
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.door.archives import read_archive
 from tactilevision.exports.npz import write_npz
 from tactilevision.exports.tiff import write_tiff
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.photometric.reference import Reference
-from tactilevision.photometric.storage import save_method
+from tactilevision.photometric.storage import load_method, save_method
+from tactilevision.profile.model import Profile
+from tactilevision.profile.write import write_profile
 from tactilevision.recording import layout
 from tactilevision.recording.model import BallPress
 from tactilevision.recording.write import MAPS, write_image
 from tactilevision.recording.write_tables import write_balls, write_frame_table, write_table
-from tactilevision.records import HeightMap
+from tactilevision.records import Gel, HeightMap, Indenter, Sensor
 from tactilevision.synthetic.writing import write_toml
 
 FINGERPRINT = "0" * 64
@@ -108,6 +112,24 @@ def method(folder: Path) -> None:
     law = Polynomial(np.zeros((2, len(PRODUCTS), len(POWERS))), 1.0)
     card = MethodCard(method="polynomial", balls=3, sensor="gelslim3", held_out_gain_std=0.01)
     save_method(CalibratedMethod(law, reference(), 0.02, None, card), folder / "method.npz")
+
+
+def profile(folder: Path) -> None:
+    """A sensor profile of the smallest method, and its statements by themselves."""
+    method(folder)
+    made = Profile(
+        Sensor("gelslim3", WIDTH, HEIGHT, (0.06, 0.06), Gel(3.0), serial="07"),
+        load_method(folder / "method.npz"),
+        pixels(),
+        (WIDTH, HEIGHT),
+        "2026-11-21",
+        "nothing",
+        "seed",
+        face_law=DepthScale((1.0, 0.1), (0.1, 0.5), 0.01),
+        indenters={"A": Indenter("A", radius_mm=2.5)},
+    )
+    write_profile(made, folder / "sensor.tvs")
+    (folder / "profile.json").write_bytes(read_archive(folder / "sensor.tvs")["profile.json"])
 
 
 def network(folder: Path) -> None:

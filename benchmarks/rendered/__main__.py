@@ -12,6 +12,7 @@ from pathlib import Path
 from benchmarks.rendered.camera import build_camera
 from benchmarks.rendered.compare import keep, report
 from benchmarks.rendered.families import draw_rig
+from benchmarks.rendered.judge import report as judge
 from benchmarks.rendered.path_tracer import Transport
 from benchmarks.rendered.record import write_rendered_recording
 from benchmarks.rendered.sets import write_set
@@ -24,6 +25,9 @@ def main(arguments: Sequence[str] = ()) -> None:
     options = _options().parse_args(list(arguments))
     if options.keep is not None:
         keep(options.keep, options.seed, options.cache)
+        return
+    if options.judge:
+        judge(options.judge, plain=options.plain)
         return
     if options.compare:
         report(range(options.seed, options.seed + 3), options.cache)
@@ -65,6 +69,8 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--steps", type=int, default=8, help="frames of flat punches")
     parser.add_argument("--presses", type=int, default=3, help="good presses of each indenter in a recording")
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
+    parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
+    parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
     parser.add_argument("--keep", type=Path, help="npz for one rig and step of that comparison, for the tests")
     parser.add_argument("--balls", type=int, default=24, help="reference pictures of balls")
     parser.add_argument("--cache", type=Path, default=CACHE, help="keeps what was rendered")

@@ -13,6 +13,8 @@ from calibration.diagnosis.experiment_design import NextMeasurement
 from calibration.diagnosis.forward_selection import Searched
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.model_averaging import UndetectedEffect
+from calibration.diagnosis.refit import Candidate
+from calibration.diagnosis.remainder import Remainder
 from calibration.diagnosis.score_test import Scored
 from calibration.diagnosis.unexplained import Unexplained
 from calibration.diagnosis.vision_depth_check import depth_ratio, unseen_beside
@@ -84,7 +86,8 @@ class Diagnosis:
     error in N of the base model and after each effect; `covariates_before` what the base model's residual depends
     on; `unseen` what E's interval allows for besides, and `alone_MPa` that interval if none of it is there;
     `set_aside` the odd presses without which all of this holds, `without` the verdict on the others, `whole` the
-    fit of all.
+    fit of all; `plain` the plain error nearest to what no effect explains; `stopped` that the time was over before
+    the search was; `left_over` what stands out of the last fit, whether it matters or not.
     """
 
     verdict: str
@@ -120,6 +123,9 @@ class Diagnosis:
     whole: Fit | None = None
     sizes: Mapping[str, Parameter] = field(default_factory=dict)
     alternative_explanation: AlternativeExplanation | None = None
+    left_over: Remainder | None = None
+    plain: Candidate | None = None
+    stopped: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
@@ -134,6 +140,8 @@ class Diagnosis:
             "measure_next": [action.as_json() for action in self.measure_next],
             "change_point": self.change_point,
             "flags": list(self.flags),
+            "stopped": self.stopped,
+            "nearest_plain_error": None if self.plain is None else self.plain.effect.key,
             "odd_presses": list(self.odd.presses),
             "set_aside": {"presses": list(self.set_aside), "verdict_without": self.without or None},
             "presses_wander_with": [{"name": name, "p_adjusted": p} for name, p in self.odd.wanders],
@@ -141,12 +149,10 @@ class Diagnosis:
             "nearest": None if self.nearest is None else {"key": self.nearest[0], "explains": self.nearest[1]},
             "tried": list(self.tried),
             "otherwise": None if self.alternative_explanation is None else self.alternative_explanation.as_json(),
+            "left_over": None if self.left_over is None else self.left_over.as_json(),
             "left": None if self.left is None else self.left.as_json(),
             "possible_bias_of_E": dict(self.possible_bias),
-            "unseen": {
-                "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
-                "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
-            },
+            "unseen": self._unseen(),
             "bias_of_E_at_smallest_visible": dict(self.below_visibility),
             "screen": [{"key": s.key, "p": s.p, "p_adjusted": s.p_adjusted} for s in self.score_test],
             "smallest_visible": dict(self.visible),
@@ -155,6 +161,13 @@ class Diagnosis:
             "held_out_N": list(self.held_out),
             "reconstructed_depth": self._sight(),
             "noise": self.fitted.noise.parts(self.fitted.about.base_N),
+        }
+
+    def _unseen(self) -> dict[str, Any]:
+        """What may be there without showing, and E's interval without it."""
+        return {
+            "interval95_of_E_without": None if self.alone_MPa is None else list(self.alone_MPa),
+            "effects": [{"key": u.key, "chance": u.chance, "rms_bias_of_E": u.off} for u in self.unseen],
         }
 
     def _sight(self) -> dict[str, Any] | None:

@@ -80,9 +80,18 @@ def actions(data: Observations) -> tuple[Action, ...]:
     )  # fmt: skip
 
 
-def _presses(data: Observations, *, radius: float | None = None, speed: float | None = None, hold_s: float = 0.0,
-             place: tuple[float, float] | None = None, rest_s: float = 60.0, unload: bool = False,
-             air: bool = False, later_days: float = 0.0) -> Observations:  # fmt: skip
+def _presses(
+    data: Observations,
+    *,
+    radius: float | None = None,
+    speed: float | None = None,
+    hold_s: float = 0.0,
+    place: tuple[float, float] | None = None,
+    rest_s: float = 60.0,
+    unload: bool = False,
+    air: bool = False,
+    later_days: float = 0.0,
+) -> Observations:
     """Three presses after the last one, to its largest depth."""
     rate = speed or 0.2
     top = float(np.max(data.depth_mm))

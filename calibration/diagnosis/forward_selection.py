@@ -13,29 +13,26 @@ exactly the form that it is given here.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, refit_with, separation
+from calibration.diagnosis.confirmation import AS_GOOD, equals, inside, skill, weighed_again
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
 from calibration.model.stages import Effect, EffectBase
-from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Whitener
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
-AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
-TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
 REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
 MOST = 3  # effects in one model: the data of one recording bear no more
-NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 FEW = 49  # draws where the statistic alone is asked for
 
@@ -67,7 +64,10 @@ class Step:
 class Searched:
     """From the base model's fit over each step to what is left at the end (`last`).
 
+    `bend_or` are the effects that explain as well what was taken for theory's own bend.
+
     `start` is the fit that the search began on: the base model's, or the one with all that theory allows its law.
+    `stopped`: the time was over before the search was.
     """
 
     base: Fit
@@ -75,6 +75,8 @@ class Searched:
     rounds: tuple[Round, ...]
     steps: tuple[Step, ...]
     last: ScoreTest
+    bend_or: tuple[Candidate, ...] = ()
+    stopped: bool = False
 
     @property
     def current(self) -> Fit:
@@ -93,48 +95,72 @@ class Searched:
 
 
 def forward_selection(
-    base: Fit, catalogue: Sequence[Effect], *, rng: np.random.Generator, level: float
+    base: Fit,
+    catalogue: Sequence[Effect],
+    *,
+    rng: np.random.Generator,
+    level: float,
+    of_rig: bool = False,
+    watch: Watch = UNWATCHED,
 ) -> Searched:
-    """Search on top of `base`. A candidate that cannot be fitted is passed over."""
-    start = current = base
-    rounds, steps = list[Round](), list[Step]()
-    while len(steps) < MOST:
+    """Search on top of `base`; with `of_rig` the rig's plain errors and odd presses are looked at as well.
+
+    A candidate that cannot be fitted is passed over. Where the time of `watch` is over, the search ends with what
+    it has, `stopped`.
+    """
+    start = current = looked_at = base
+    rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
+    while len(steps) < MOST and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
-        turn = _look(current, catalogue, rng, now)
+        turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
         rounds.append(turn)
-        if (room := _roomier(current, turn, now)) is not None and _takes(current, room, turn, rng):
-            current = room
+        if watch.over:
+            break
+        room, as_good = _roomier(current, turn, now)
+        if room is not None and _takes(current, room, turn, rng):
+            current, bend_or = room, bend_or or as_good
             steps = [_with_own(step, room) for step in steps]
             if steps:
                 steps[-1] = replace(steps[-1], fitted=room)
             else:
                 start = room
             continue
+        watch.tell("weighing the best against the others")
         step = _confirmed(current, turn, now)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
-    last = rounds[-1].score_test if len(steps) < MOST else score_test(current, (), rng=rng)
-    return Searched(base, start, tuple(rounds), tuple(steps), last)
+    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
+    return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
 
 
-def _roomier(current: Fit, turn: Round, level: float) -> Fit | None:
+def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:
     """The fit with what its parts may do besides, where something stands out and no effect explains it better: the
-    bend that theory allows, another term of a relaxation.
+    bend that theory allows, another term of a relaxation; and the effects that explain it as well.
     """
-    stands_out = min((s.p_adjusted for s in (*turn.scored.values(), *turn.score_test.covariates)), default=1.0)
-    if stands_out > level:
-        return None
-    rivals = [c.cost for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and _inside(c)]
-    enough = min(current.chi2, min(rivals, default=np.inf) + AS_GOOD)
-    best = min((found for model, starts in _room(current) if (found := _fitted(current, model, starts)) is not None
-                and _cost(found, current) < enough and (not rivals or _lawful(found))),
-               key=lambda f: _cost(f, current), default=None)  # fmt: skip
+    if turn.score_test.family_p > level:
+        return None, ()
+    rivals = [c for c in turn.candidates if turn.scored[c.effect.key].p_adjusted <= level and inside(c)]
+    enough = min(current.chi2, min((c.cost for c in rivals), default=np.inf) + AS_GOOD)
+    best = min(
+        (
+            found
+            for model, starts in _room(current)
+            if (found := _fitted(current, model, starts)) is not None
+            and _cost(found, current) < enough
+            and (not rivals or _lawful(found))
+        ),
+        key=lambda f: _cost(f, current),
+        default=None,
+    )
+    if best is None:
+        return None, ()
+    as_good = tuple(c for c in rivals if c.cost < _cost(best, current) + AS_GOOD)
     try:
-        return None if best is None else replace(refit_with_pure_noise(best), warnings=current.warnings)
+        return replace(refit_with_pure_noise(best), warnings=current.warnings), as_good
     except CANNOT_FIT:
-        return None
+        return None, ()
 
 
 def _lawful(found: Fit) -> bool:
@@ -200,15 +226,27 @@ def _takes(current: Fit, room: Fit, turn: Round, rng: np.random.Generator) -> bo
     return before.statistic - after.statistic > 2 * (room.values.size - current.values.size)
 
 
-def _look(current: Fit, catalogue: Sequence[Effect], rng: np.random.Generator, level: float) -> Round:
+def _look(
+    current: Fit,
+    catalogue: Sequence[Effect],
+    rng: np.random.Generator,
+    level: float,
+    *,
+    of_rig: bool,
+    watch: Watch,
+) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
-    seen = score_test(current, catalogue, rng=rng)
+    watch.tell("looking for what stands out")
+    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
     chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
     candidates = []
     for key in chosen:
+        if watch.over:
+            break
+        watch.tell(f"fitting {key.replace('_', ' ')}")
         try:
             candidates.append(refit_with(current, by_key[key]))
         except CANNOT_FIT:
@@ -221,89 +259,20 @@ def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
     may = [
         c
         for c in turn.candidates
-        if turn.scored[c.effect.key].p_adjusted <= level and _inside(c) and c.cost <= current.chi2
+        if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and c.cost <= current.chi2
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = _weighed_again(current, may[0], turn.candidates) if may else ()
+    again = weighed_again(current, may[0], turn.candidates) if may else ()
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:
             fitted = adopt(current, best)
-            skill = _skill(replace(current, noise=fitted.noise), best)
-            if skill > 0:
-                return Step(best, scored, skill, fitted, _equals(current, best, again))
+            gain = skill(replace(current, noise=fitted.noise), best)
+            if gain > 0:
+                return Step(best, scored, gain, fitted, equals(current, best, again))
         except CANNOT_FIT:
             continue  # the next best may still stand
     return None
-
-
-def _weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
-    """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
-    the effect takes it for noise, and its first touch for another.
-    """
-    room = max(AS_GOOD, NEAR * (current.chi2 - first.cost))
-    near = [c for c in candidates if c.cost - first.cost < room]
-    if len(near) < 2:
-        return candidates
-    own = {}
-    for one in near:
-        with suppress(*CANNOT_FIT):
-            fitted = adopt(current, one)
-            cost = fitted.chi2 + _log_volume(fitted)
-            own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
-    least = min((one.cost for one in own.values()), default=0.0)
-    moved = [own.get(c.effect.key, replace(c, chi2=c.chi2 - first.cost + least)) for c in candidates]
-    return sorted(moved, key=lambda c: c.cost)
-
-
-def _log_volume(fitted: Fit) -> float:
-    """ln det V of a fit's own noise."""
-    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
-    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
-
-
-def _inside(candidate: Candidate) -> bool:
-    """The amplitude is not at the end of its range."""
-    value, first = candidate.own_values[0], candidate.effect.parameters[0]
-    low, high = first.bounds
-    return bool(
-        low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
-        or (first.default in (low, high) and value < high - 1e-4 * first.scale)
-    )
-
-
-def _skill(current: Fit, candidate: Candidate) -> float:
-    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
-
-    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
-    scatter, and against that nothing could be gained.
-    """
-    folds = press_folds(current.data)
-    before = hold_out(current.model, current, start=current.values, folds=folds)
-    after = hold_out(candidate.model, current, start=candidate.values, folds=folds)
-    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
-    if after.rms_N > (1 + scatter) * before.rms_N:
-        return 1 - after.rms_N / before.rms_N
-    return 1 - after.squares / before.squares if before.squares > 0 else 0.0
-
-
-def _equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
-    kept = [best]
-    for other in candidates:
-        if other.effect.key == best.effect.key or not _inside(other):
-            continue
-        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
-            kept.append(other)
-    return tuple(kept)
-
-
-def _apart(current: Fit, best: Candidate, other: Effect) -> float:
-    """The separation in std; inf where the other finds no way at all to look like the best."""
-    try:
-        return separation(current, best, other)
-    except CANNOT_FIT:
-        return float("inf")
 
 
 def explained_share(base: Fit, current: Fit, *, left: ScoreTest) -> float:

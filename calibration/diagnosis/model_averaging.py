@@ -23,11 +23,11 @@ from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import NOTHING, change_of_force
 from calibration.diagnosis.typical_sizes import absent, largest
 from calibration.fit.alternative_fits import stuck
+from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit, inverse_information
 from calibration.model.stages import STICKING, Effect
 from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.result.material import determine_material
 from tactilevision.records import Estimate, Floats
 
 ANY = 0.5  # chance that a rig has an effect that nobody knows of
@@ -95,11 +95,7 @@ def _laws(fitted: Fit, modulus: Estimate) -> list[tuple[Fit, Estimate]]:
         other = stuck(fitted)
     except CANNOT_FIT:
         other = None
-    return (
-        [(fitted, modulus)]
-        if other is None
-        else [(fitted, modulus), (other, determine_material(other).youngs_modulus)]
-    )
+    return [(fitted, modulus)] if other is None else [(fitted, modulus), (other, identify(other).youngs_modulus)]
 
 
 def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: float) -> list[_Part]:

@@ -121,7 +121,7 @@ def hold_out(model: Model, about: Fit, *, start: Floats, folds: Ints) -> HeldOut
     error, squares = np.zeros(data.size), 0.0
     for fold in np.unique(folds):
         out = (folds == fold)[data.press]
-        found = _fit_without(problem, start, out)
+        found = fit_without(problem, start, out)
         force = model.predict(problem.full(found.values), data)
         error[out] = (data.normal_N - force)[out]
         squares += float(np.sum(whitener.apply(data.normal_N - force)[out] ** 2))
@@ -139,7 +139,8 @@ def held_out_rms(fitted: Fit) -> float:
         return float("nan")
 
 
-def _fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
+def fit_without(problem: Problem, start: Floats, out: Bools) -> Minimum:
+    """The minimum from `start` (p,) over the samples (N,) that are not `out`, forces in N."""
     size = problem.data.size
 
     def residual(free_values: Floats) -> Floats:

@@ -1,10 +1,12 @@
-"""Which directions stand out of the residual, with error rates that hold for presses that are no repeats.
+"""One test of everything that may end in anything but ADEQUATE, at one level, on presses that are no repeats.
 
-A direction is the change of the force that an effect would bring (from each of its starts), or a step function
-of a covariate. Whitened and freed of what the fit can absorb, its score is t = d.z/|d|. For an effect the
-largest t^2 over its starts counts, for a covariate the sum over its bins. Both are calibrated by a parametric
-bootstrap in which the error model is estimated anew each time; the smallest p over all effects (or covariates)
-is calibrated by the same bootstrap, which gives p_adjusted a family-wise meaning.
+A direction is the change of the force that an effect or a plain error of the rig would bring (from each of its
+starts), or a step function of a covariate. Whitened and freed of what the fit can absorb, its score is
+t = d.z/|d|. Of an effect and of a plain error the largest t^2 over its starts counts, so that its range is
+searched; of a covariate the sum over its bins. Beside them stand the scatter of loading, the press farthest from
+its like and how presses' zeros wander. All are held against one parametric bootstrap, in which samples and presses
+are drawn with the tails that they have and the error model is estimated anew. The level is shared: effects have
+`SHARE` of it, everything else the rest, each by its own smallest p; p_adjusted is p for having looked at all.
 """
 
 from __future__ import annotations
@@ -14,22 +16,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.diagnosis.projection import Cast
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
 from calibration.model.stages import Effect
 from calibration.noise.heteroscedasticity import Scatter
-from calibration.noise.inner_products import Weighing
-from calibration.noise.model import Noise, Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
-from calibration.repeats.repeat_noise import renewed_noise
+from calibration.repeats.outlying_presses import PressLooks
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
+FIRST_DRAWS = 99  # after which it ends where all is decided
+FAR_FROM = (
+    4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time
+)
+LEVEL = 0.05  # of all that may end in anything but ADEQUATE
+SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
 TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
-SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
+ONE_WAY = 0.9999  # cosine from which two directions are one
 DEPTH_BINS = 16  # steps of the depth: what varies over a sixteenth of it is seen
 OTHER_BINS = 6  # steps of every other covariate
 
@@ -56,6 +64,7 @@ class Scored:
 class ScoreTest:
     """The scores of effects and of covariates, the most telling first, and why others were not looked at.
 
+    `others` are plain errors of the rig and what is odd among presses.
     `visible` is, for each effect, the amplitude of its first parameter that would be seen in 4 of 5 such data
     (3.6 std); inf where the base model absorbs it.
     """
@@ -64,48 +73,109 @@ class ScoreTest:
     covariates: tuple[Scored, ...]
     not_testable: Mapping[str, str]
     visible: Mapping[str, float]
+    others: tuple[Scored, ...] = ()
 
     @property
     def lack_of_fit(self) -> float:
-        """Adjusted p of the most telling covariate; 1 where there is none."""
-        return min((c.p_adjusted for c in self.covariates), default=1.0)
+        """Adjusted p of the most telling of all but effects; 1 where there is none."""
+        return min((c.p_adjusted for c in (*self.covariates, *self.others)), default=1.0)
+
+    @property
+    def family_p(self) -> float:
+        """p of all that was looked at: what anything but ADEQUATE begins with."""
+        return min([self.lack_of_fit, *(s.p_adjusted for s in self.effects)])
 
 
 def score_test(
-    fitted: Fit, effects: Sequence[Effect], *, rng: np.random.Generator, draws: int = DRAWS
+    fitted: Fit,
+    effects: Sequence[Effect],
+    *,
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    of_rig: bool = False,
 ) -> ScoreTest:
-    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own."""
+    """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own; with
+    `of_rig` plain errors of the rig and presses that are odd as well.
+    """
     fitted = at_denoised_depth(fitted)
     tables, missing = effect_directions(fitted, effects)
-    seen = seen_covariates(fitted)
-    steps = {c.name: _steps(fitted, c) for c in seen} | _of_one_size(fitted, seen)
-    cast = _Cast(fitted, [*tables.values(), *steps.values()])
-    real = cast.scores([fitted.noise], fitted.residual_N[:, None], cast.own_priors[:, None])[0]
-    drawn = cast.null(rng, draws)
-    null = cast.scores(*drawn)
+    plain, _ = effect_directions(fitted, INSTRUMENT_ERRORS if of_rig else ())
+    plain = {key: _either_way(table) for key, table in plain.items()}
+    steps = covariate_steps(fitted)
+    cast = Cast(fitted, [*tables.values(), *plain.values(), *steps.values()])
     for key, table in zip(tables, cast.left[: len(tables)], strict=True):
         if not table.any():
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
-    count = len(tables)
-    largest = [float(np.max(s**2, initial=0.0)) for s in real[:count]]
-    sums = [float(np.sum(s**2)) for s in real[count:]]
-    null_largest = np.array([[np.max(s**2, initial=0.0) for s in row[:count]] for row in null]).reshape(
-        draws, count
-    )
-    null_sums = np.array([[np.sum(s**2) for s in row[count:]] for row in null]).reshape(draws, len(sums))
-    looks, scatter = list(steps), Scatter(fitted.data)
-    if scatter.seen:
-        white = [cast.white(noise, drawn[1][:, k], priors=drawn[2][:, k]) for k, noise in enumerate(drawn[0])]
-        usual = float(np.mean([scatter.differences(one).mean() for one in white]))
-        looks.append(SCATTER)
-        sums.append(scatter.statistic(cast.white(fitted.noise, fitted.residual_N, priors=cast.own_priors), usual))
-        null_sums = np.column_stack([null_sums, [scatter.statistic(one, usual) for one in white]])
+    looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
+    keys = [*tables, *plain, *steps, *looks.names]
+    first = looks.table(rng, min(FIRST_DRAWS, draws))
+    found = _family(keys, first, len(tables), missing)
+    if draws > FIRST_DRAWS and min((s.p_adjusted for part in found for s in part), default=1.0) < FAR_FROM * LEVEL:
+        more = looks.table(rng, draws - FIRST_DRAWS)
+        found = _family(keys, np.vstack([first, more[1:]]), len(tables), missing)
+    named, rest, of_residual = *found, {*steps, SCATTER}
     return ScoreTest(
-        effects=_ranked(list(tables), largest, null_largest, skip=missing),
-        covariates=_ranked(looks, sums, null_sums, skip={}),
+        effects=named,
+        covariates=tuple(s for s in rest if s.key in of_residual),
         not_testable=missing,
         visible=_visible(fitted, effects, tables, cast),
+        others=tuple(s for s in rest if s.key not in of_residual),
     )
+
+
+def _family(
+    keys: Sequence[str], table: Floats, effects: int, missing: Mapping[str, str]
+) -> tuple[tuple[Scored, ...], tuple[Scored, ...]]:
+    """The effects, the first so many of the statistics, and the rest; without effects the level is the rest's."""
+    share = SHARE if effects else 0.0
+    parts = ((slice(0, effects), share), (slice(effects, None), 1 - share))
+    named, rest = (_ranked(keys[part], table[:, part], skip=missing, share=own) for part, own in parts)
+    return named, rest
+
+
+class _Looks:
+    """All statistics of one fit: of an effect and a plain error the largest score squared, of a covariate the sum,
+    the scatter of loading, and with `of_rig` the presses; `names` of the last two.
+    """
+
+    def __init__(self, cast: Cast, fitted: Fit, *, searched: int, of_rig: bool) -> None:
+        self._cast, self._fitted, self._searched = cast, fitted, searched
+        self._scatter = Scatter(fitted.data)
+        self._presses = PressLooks(fitted) if of_rig else None
+        self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
+
+    def table(self, rng: np.random.Generator, draws: int) -> Floats:
+        """Statistics (1 + draws, n) of the residual itself and of each draw."""
+        noises, errors, priors = self._cast.null(rng, draws)
+        noises = [self._fitted.noise, *noises]
+        errors = np.column_stack([self._fitted.residual_N, errors])
+        priors = np.column_stack([self._cast.own_priors, priors])
+        scores, most = self._cast.scores(noises, errors, priors), self._searched
+        rows = [
+            [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
+            for row in scores
+        ]
+        columns = list(np.array(rows).reshape(1 + draws, -1).T)
+        if self._scatter.seen:
+            white = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
+            usual = float(np.mean([self._scatter.differences(one).mean() for one in white[1:]]))
+            columns.append(np.array([self._scatter.statistic(one, usual) for one in white]))
+        if self._presses is not None:
+            columns += list(self._presses.statistics(self._cast.left_of(errors, priors)))
+        return np.array(columns).reshape(len(columns), 1 + draws).T
+
+
+def _either_way(table: Floats) -> Floats:
+    """Directions (N, s) without those that are another's opposite, or the same."""
+    unit = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    alike = np.triu(np.abs(unit.T @ unit) > ONE_WAY, k=1).any(axis=0)
+    return np.asarray(table[:, ~alike])
+
+
+def covariate_steps(steady: Fit) -> dict[str, Floats]:
+    """Step functions (N, k) of everything recorded, and of effects' sizes that have to be one, by name."""
+    seen = seen_covariates(steady)
+    return {c.name: _steps(steady, c) for c in seen} | _of_one_size(steady, seen)
 
 
 def seen_covariates(steady: Fit) -> tuple[Covariate, ...]:
@@ -174,106 +244,23 @@ def _of_one_size(fitted: Fit, seen: Sequence[Covariate]) -> dict[str, Floats]:
     return found
 
 
-class _Cast:
-    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
-
-    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
-    never far from it, nothing that matters cancels.
+def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], share: float) -> tuple[Scored, ...]:
+    """p of each statistic, real in the first row of `table` and drawn in the others, and adjusted for the smallest
+    of all by the same draws and for the `share` of the level that they have.
     """
-
-    def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
-        self.fitted = fitted
-        free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
-        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
-        self.own_priors = np.array(
-            [
-                (p.prior.mean - v) / p.prior.std
-                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
-                if p.prior is not None and gives
-            ]
-        )
-        self._ends = np.cumsum([t.shape[1] for t in tables])
-        directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
-        self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)
-        self.left = list(np.split(self._visible, self._ends[:-1]))
-        self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
-        own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)
-        self._own, self._looked = own, looked
-        self._within, self._between = (self._weighing.product(own, other) for other in (own, looked))
-        self._lengths = self._weighing.squares(looked)
-
-    def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
-        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
-        size = np.linalg.norm(jacobian, axis=0)
-        scale = np.where(size > 0, size, 1.0)
-        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
-        white = np.vstack([apply(jacobian / scale), priors / scale])
-        left, length, right = np.linalg.svd(white, full_matrices=False)
-        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
-        back = right[kept].T / length[kept] / scale[:, None]
-        self._jacobian, self._priors = jacobian @ back, priors @ back
-        seen = apply(directions)
-        before = np.linalg.norm(seen, axis=0)
-        share = left[: len(seen), kept].T @ seen
-        self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
-        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
-        unit = np.where(self._visible, self.sizes, np.inf)
-        self._directions = (directions - self._jacobian @ share) / unit
-        self._beside = -(self._priors @ share) / unit
-
-    def scores(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
-        """Scores of each table's directions for each column of residuals (N, b), under a noise of its own.
-
-        `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
-        """
-        errors = self._weighing.take(residual_N)
-        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
-        found = []
-        for k, noise in enumerate(noises):
-            within = self._within.under(noise) + self._priors.T @ self._priors
-            between = self._between.under(noise) + self._priors.T @ self._beside
-            taken = np.linalg.solve(within, between)
-            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
-            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
-            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
-            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
-            found.append(list(np.split(along / unit, self._ends[:-1])))
-        return found
-
-    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
-        """What the fit leaves of a residual (N,), white."""
-        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
-        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
-        jacobian, white = seen[:, :-1], seen[:, -1]
-        within = jacobian.T @ jacobian + self._priors.T @ self._priors
-        own = jacobian.T @ white + self._priors.T @ priors
-        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
-
-    def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
-        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
-        fitted = self.fitted
-        whitener = Whitener(fitted.data, fitted.noise, fitted.about)
-        errors = whitener.colour(rng.standard_normal((fitted.data.size, draws)))
-        priors = rng.standard_normal((len(self._priors), draws))
-        return renewed_noise(fitted, errors), errors, priors
-
-
-def _ranked(
-    keys: Sequence[str], real: Sequence[float], null: Floats, skip: Mapping[str, str]
-) -> tuple[Scored, ...]:
-    """p of each, and adjusted for the smallest of all, from the same draws."""
     kept = [k for k, key in enumerate(keys) if key not in skip]
     if not kept:
         return ()
+    real, null = table[0], table[1:]
     tails = {k: _Tail(null[:, k]) for k in kept}
     smallest = np.min([[tails[k](float(x)) for x in null[:, k]] for k in kept], axis=0)
-    typical = min(float(np.quantile(smallest, 0.05)), 1 - 1e-12)
-    looks = max(float(np.log(0.95) / np.log1p(-typical)), 1.0)
+    typical = min(float(np.quantile(smallest, LEVEL * share)), 1 - 1e-12)
+    looks = max(float(np.log1p(-LEVEL * share) / np.log1p(-typical)), 1.0)
     scored = []
     for k in kept:
-        p = tails[k](real[k])
-        adjusted = float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12))))
-        scored.append(Scored(keys[k], real[k], p, adjusted, float(np.mean(null[:, k]))))
+        p = tails[k](float(real[k]))
+        adjusted = min(float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12)))) / share, 1.0)
+        scored.append(Scored(keys[k], float(real[k]), p, adjusted, float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
 
 
@@ -309,12 +296,10 @@ class _Tail:
         return max(float(1 - below), TAIL)
 
 
-def _visible(
-    fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: _Cast
-) -> dict[str, float]:
+def _visible(fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: Cast) -> dict[str, float]:
     """Amplitude of each effect that such data would show, from its most visible start."""
     found = {}
-    ends = np.concatenate([[0], cast._ends])
+    ends = np.concatenate([[0], cast.ends])
     for k, key in enumerate(tables):
         effect = next(e for e in effects if e.key == key)
         sizes = cast.sizes[ends[k] : ends[k + 1]]

@@ -18,16 +18,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial.legendre import legval
 
-from calibration.diagnosis.refit import Candidate
+from calibration.diagnosis.refit import Candidate, fit_without, press_folds
 from calibration.diagnosis.vision_slope_check import with_slopes
 from calibration.effects import EFFECTS
 from calibration.effects.support.in_picture import InPicture
 from calibration.effects.support.wall_ceiling import WALLS_PER_MM, of_walls
-from calibration.fit.least_squares import Fit, fit
+from calibration.fit.least_squares import Fit, Problem, fit
 from calibration.inputs.observations import Observations
 from calibration.model.composition import Composable, Model
 from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import EffectBase, State
+from calibration.noise.model import Whitener
 from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.mechanics.profile import SHARE_STD
 from tactilevision.mechanics.tables.profile import TABULATED
@@ -111,6 +112,30 @@ def fit_vision_depth(data: Observations) -> Fit | None:
     """The law of `Sight` on these measurements, with the noise of repeats; None where no picture gave a depth."""
     both = sight_of(data)
     return None if both is None else refit_with_pure_noise(fit(Model(Sight()), both))
+
+
+def reading_error_mm(fitted: Fit) -> float:
+    """How far the picture reads from certified depths, corrected for the effects in the model alone; rms in mm.
+
+    Of presses left out of the fit, over the slopes beside the faces, which no walls hide; over the faces where
+    those were not read.
+    """
+    data, law = fitted.data, fitted.model.slices(fitted.data)["law"]
+    problem = Problem(fitted.model, data, fitted.parameters, Whitener(data, fitted.noise, fitted.about))
+    looked, folds, error = _beside(data) if _beside(data).any() else _of_face(data) > 0, press_folds(data), []
+    for fold in np.unique(folds):
+        out = (folds == fold)[data.press]
+        values = problem.full(fit_without(problem, fitted.values, out).values)
+        values[law] = 0.0  # what the height map may be off by besides
+        error.append((data.normal_N - fitted.model.predict(values, data))[out & looked])
+    return float(np.sqrt(np.mean(np.concatenate(error) ** 2)))
+
+
+def read_alone(fitted: Fit) -> Floats:
+    """What the picture would read (N,), mm, with the fitted effects and nothing else wrong."""
+    values = fitted.values.copy()
+    values[fitted.model.slices(fitted.data)["law"]] = 0.0
+    return fitted.model.predict(values, fitted.data)
 
 
 def depth_ratio(fitted: Fit) -> Floats:

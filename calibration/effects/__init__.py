@@ -20,6 +20,7 @@ from calibration.effects.force_bias import ForceBias
 from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.force_gain import ForceGain
 from calibration.effects.friction import Friction
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.effects.mullins import Mullins
 from calibration.effects.photometric_drift import PhotometricDrift
@@ -66,22 +67,25 @@ EFFECTS: Mapping[str, Effect] = MappingProxyType(
     {effect.key: effect for effect in sorted(_BUILT, key=attrgetter("order"))}
 )
 CATALOGUE = tuple(EFFECTS)
+PLAIN: Mapping[str, Effect] = MappingProxyType({effect.key: effect for effect in INSTRUMENT_ERRORS})
 
 
 def get_effect(key: str) -> Effect:
-    """The effect of this key as it stands in the catalogue; "viscoelasticity:2" is one of two terms.
+    """The effect of this key as it stands in the catalogue, or the plain error of an instrument of this key.
 
-    Raises InputError for an unknown key.
+    "viscoelasticity:2" is one of two terms. Raises InputError for an unknown key.
     """
     name, _, terms = key.partition(":")
     if name == Viscoelasticity.key and terms in {str(k + 1) for k in range(MAX_TERMS)}:
         return Viscoelasticity(terms=int(terms))
+    if key in PLAIN:
+        return PLAIN[key]
     if key not in EFFECTS:
         raise InputError(
             "there is no effect of this name",
             where="effect",
             value=key,
-            remedy=f"Choose among: {', '.join(EFFECTS)}.",
+            remedy=f"Choose among: {', '.join(EFFECTS)}; of plain errors: {', '.join(PLAIN)}.",
         )
     return EFFECTS[key]
 

@@ -57,7 +57,8 @@ class Friction(EffectBase):
         nu = 0.48 if data.gel.poisson_ratio is None else data.gel.poisson_ratio
         dry = np.where(data.presses.lubricated == 1, 0.0, 1.0)[data.press]
         ratio = data.presses.radius_mm / data.gel.thickness_mm
-        surplus = np.array([sticking_surplus(nu, float(one)) for one in ratio])[data.press]
+        few, place = np.unique(ratio, return_inverse=True)
+        surplus = np.array([sticking_surplus(nu, float(one)) for one in few])[place][data.press]
         strain = np.maximum(state.depth_mm, 0) / state.thickness_mm
         line, curve = (np.interp(ratio, RATIOS, part)[data.press] for part in (LINES, CURVES))
         share = values[0] * dry

@@ -139,14 +139,21 @@ def _poisson(fitted: Fit, others: Sequence[Rival], assumptions: list[str]) -> tu
         found = _reaching(fitted.estimate("poisson_ratio"), others)
         if found.interval95 and np.diff(found.interval95)[0] < UNFIXED * np.diff(SILICONE_NU)[0]:
             return found, "radii"
-    low, high = SILICONE_NU
-    assumptions.append(f"nothing fixes poisson_ratio; silicone gels lie in [{low:g}, {high:g}]")
+    low, high = possible = poisson_range(fitted)
+    kind = "silicone gels lie" if possible == SILICONE_NU else "gels that the tables know lie"
+    assumptions.append(f"nothing fixes poisson_ratio; {kind} in [{low:g}, {high:g}]")
     why = (
         "one punch radius fixes the stiffness c and the curve E(nu), not nu"
         if not several
         else ("the radii differ too little for these errors to fix nu")
     )
-    return Estimate(None, None, SILICONE_NU, "1", why), "prior"
+    return Estimate(None, None, possible, "1", why), "prior"
+
+
+def poisson_range(fitted: Fit) -> Pair:
+    """Where nu lies if nothing fixes it."""
+    law = fitted.model.law
+    return law.poisson_range if isinstance(law, FlatPunch) else SILICONE_NU
 
 
 def _reaching(nu: Estimate, others: Sequence[Rival]) -> Estimate:
@@ -233,7 +240,7 @@ def _spread(fitted: Fit, nu: Estimate, radius: float) -> _Spread:
     nu_variance, centre = fitted.covariance[k, k], float(fitted.values[k])
     rest = variance - (cross**2 / nu_variance if nu_variance > 0 else 0.0)
     if nu.value is None:
-        nodes = np.linspace(*SILICONE_NU, NODES)
+        nodes = np.linspace(*poisson_range(fitted), NODES)
     elif nu.std == 0:
         nodes = np.array([nu.value])
     else:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.inputs.denoised_depth import BRANCHES, branches
+from calibration.inputs.denoised_depth import BRANCHES, branches, nominal_depth
 from calibration.inputs.observations import Observations
 from calibration.inputs.press_noise import TYPICAL_ZERO_MM
 from tactilevision.errors import InputError
@@ -205,15 +205,18 @@ def of_several_depths(data: Observations) -> Observations:
     return replace(kept, warnings=(*kept.warnings, warning))
 
 
-def clear_of_touch(data: Observations) -> Observations:
+def clear_of_touch(data: Observations, *, zero_mm: float = 0.0, noise_mm: float = 0.0) -> Observations:
     """Curves without the samples nearer to the first touch than three press zeros.
 
     They are air in one press and contact in the next: a zero moves no force on one side, all of it on the other.
+    `zero_mm` and `noise_mm`: std of presses' zeros and of a depth's reading, where they are known; depths then
+    count as read and as presses go alike.
     """
     if not data.is_curves:
         return data
-    std = np.hypot(TYPICAL_ZERO_MM, np.nan_to_num(data.depth_std_mm))
-    clear = np.abs(data.depth_mm) > TOUCH * std
+    std = np.hypot(max(TYPICAL_ZERO_MM, zero_mm), np.maximum(np.nan_to_num(data.depth_std_mm), noise_mm))
+    depth = np.abs(data.depth_mm)
+    clear = (np.minimum(depth, np.abs(nominal_depth(data))) if zero_mm else depth) > TOUCH * std
     kept = np.bincount(data.press, clear, minlength=data.count) > 0
     return data if clear.all() or not kept.all() else data.samples(clear)
 

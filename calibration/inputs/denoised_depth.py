@@ -118,10 +118,25 @@ def _steady(data: Observations) -> Floats:
 
 def _nominal(data: Observations, steady: Floats) -> Floats:
     deepest = np.maximum.reduceat(steady, data.first)
-    nominal = steady + (_alike(deepest, data.presses.radius_mm) - deepest)[data.press]
+    nominal = steady + (_reached(deepest, data.presses.radius_mm) - deepest)[data.press]
     flat = np.isin(branches(data), (HOLD, FREE)) if data.is_curves else np.ones(data.size, dtype=bool)
     nominal[flat] = _alike(nominal[flat], data.radius_mm[flat])
     return np.asarray(nominal)
+
+
+def _reached(deepest: Floats, radius: Floats) -> Floats:
+    """Deepest points (M,) at the mean of those of their radius that zeros alone may part.
+
+    Ramps that are read at any moment end anywhere: depths that follow each other over more than zeros do are none.
+    """
+    alike = deepest.copy()
+    for one in np.unique(radius):
+        mine = np.flatnonzero(radius == one)
+        mine = mine[np.argsort(deepest[mine], kind="stable")]
+        for row in np.split(mine, np.flatnonzero(np.diff(deepest[mine]) > SAME_MM) + 1):
+            if np.ptp(deepest[row]) < 2 * SAME_MM:
+                alike[row] = deepest[row].mean()
+    return alike
 
 
 def _alike(depths: Floats, radius: Floats) -> Floats:
@@ -147,13 +162,21 @@ def clusters(values: Floats, apart: float) -> Ints:
 
 
 def _course(time_s: Floats, depth_mm: Floats, ramp: bool) -> Floats:
-    """The mean of depths (n,), or a polynomial in the time through them; depths as read where they are too few,
-    or lie farther from it than readings scatter.
+    """The mean of depths (n,), or the plainest polynomial in the time that does (Schwarz 1978); depths as read
+    where they are too few, or lie farther from it than readings scatter.
+
+    Terms that are not there would follow the readings' noise, which is in the residual too.
     """
-    degree = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
-    if ramp and not (degree and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
+    highest = min(time_s.size // SAMPLES_A_DEGREE, COURSE) if ramp else 0
+    if ramp and not (highest and np.isfinite(time_s).all() and np.ptp(time_s) > 0):
         return depth_mm
-    if not degree:
+    if not highest:
         return np.full(time_s.size, np.mean(depth_mm))
-    course = np.asarray(np.polynomial.Polynomial.fit(time_s, depth_mm, degree)(time_s))
+    along = np.polynomial.legendre.legvander(2 * (time_s - time_s.min()) / np.ptp(time_s) - 1, highest)
+    q, _ = np.linalg.qr(along)
+    parts = q.T @ depth_mm
+    left = np.maximum(float(depth_mm @ depth_mm) - np.cumsum(parts**2), FINEST_MM**2 * time_s.size)
+    costs = time_s.size * np.log(left) + np.log(time_s.size) * np.arange(highest + 1)
+    degree = 1 + int(np.argmin(costs[1:]))
+    course = np.asarray(q[:, : degree + 1] @ parts[: degree + 1])
     return course if np.abs(depth_mm - course).max() < SAME_MM else depth_mm

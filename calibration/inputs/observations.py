@@ -133,6 +133,7 @@ class Observations:
     one sample's own noise, NaN where nobody stated it; errors shared by all presses of an indenter are not in it
     but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
     height map's own std of it. `falls`: what it reads of the gel beside. `slopes`: where the samples are such.
+    `depth_over_force_noise`: a depth's std over a force's, mm/N, where neither was stated and it was estimated.
     """
 
     gel: Gel
@@ -151,6 +152,7 @@ class Observations:
     reconstructed_std_mm: Floats | None = None
     falls: tuple[EdgeDrop, ...] = ()
     slopes: Slopes | None = None
+    depth_over_force_noise: float = 0.0
     recordings: tuple[str, ...] = ("",)
     shared: Shared = field(default=Shared())
     warnings: tuple[str, ...] = field(default=())

@@ -32,6 +32,7 @@ from tactilevision.mechanics.filleted_punch import rounded_contact
 from tactilevision.records import Floats, Gel, Pair
 
 SILICONE_NU: Pair = (0.45, 0.4999)  # of all silicones: the range where nothing states nu
+OPEN_NU: Pair = (0.3, 0.4999)  # of any gel: the range of the tables, where no bound is to be used
 # Poisson's ratios for which E is listed where nu is open: all silicones, in steps of .005
 NU_TABLE: tuple[float, ...] = (*np.round(np.arange(0.45, 0.4999, 0.005), 3).tolist(), SILICONE_NU[1])
 NOMINAL_NU = 0.48  # where nothing states nu: within SILICONE_NU; what E would be at others is in NU_TABLE
@@ -45,12 +46,14 @@ class FlatPunch(Composable):
 
     `sticking` from 0 (frictionless) to 1 (the gel sticks to the face) adds that share of the surplus stiffness;
     `bent` adds one gamma a radius; `one_depth` holds beta by theory, since such presses tell nothing of it.
+    `poisson_range`: where nothing fixes nu, it lies there.
     """
 
     free_poisson_ratio: bool = False
     sticking: float = 0.0
     bent: bool = False
     one_depth: bool = False
+    poisson_range: Pair = SILICONE_NU
 
     @property
     def key(self) -> str:
@@ -99,9 +102,12 @@ def on_its_edge(state: State, poisson_ratio: float, *, sticking: float = 0.0) ->
     if not np.any(state.edge_mm > 0):
         return state
     radius, share = state.radius_mm.copy(), state.factor.copy()
-    kinds = np.column_stack([state.radius_mm, state.edge_mm, state.thickness_mm])
-    for outer, edge, thickness in np.unique(kinds[kinds[:, 1] > 0], axis=0):
-        mine = np.all(kinds == (outer, edge, thickness), axis=1)
+    left = state.edge_mm > 0
+    while left.any():  # kinds of punch are few: quicker than to sort all samples
+        k = int(np.argmax(left))
+        outer, edge, thickness = (float(one[k]) for one in (state.radius_mm, state.edge_mm, state.thickness_mm))
+        mine = left & (state.radius_mm == outer) & (state.edge_mm == edge) & (state.thickness_mm == thickness)
+        left &= ~mine
         radius[mine], met = rounded_contact(
             state.depth_mm[mine],
             outer,
@@ -160,6 +166,11 @@ def radius_number(data: Observations) -> np.ndarray[tuple[int], np.dtype[np.intp
     return np.unique(data.presses.radius_mm, return_inverse=True)[1][data.press]
 
 
+def elastomer_bound(used: bool) -> Pair | None:
+    """What holds nu where nothing is stated of it; None where that is not wanted."""
+    return SILICONE_NU if used else None
+
+
 def poisson_parameter(gel: Gel, free: bool) -> Parameter:
     """nu with what is known of it: a prior where one is stated, else free in the silicones' range or held."""
     if gel.poisson_ratio is not None:
@@ -176,7 +187,7 @@ def poisson_parameter(gel: Gel, free: bool) -> Parameter:
             0.01,
             Prior(mean, spread, "recording.toml"),
         )
-    bounds = (0.3, 0.4999) if free else (NOMINAL_NU, NOMINAL_NU)
+    bounds = OPEN_NU if free else (NOMINAL_NU, NOMINAL_NU)
     return Parameter("poisson_ratio", "1", NOMINAL_NU, bounds, "Poisson's ratio of the gel", 0.01)
 
 

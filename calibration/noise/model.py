@@ -55,12 +55,13 @@ class Linear:
 
 
 def base_noise(data: Observations, slope_N_per_mm: Floats) -> tuple[Floats, bool]:
-    """b (N,) and whether it was stated."""
+    """b (N,) and whether it was stated; where not, its shape alone, about 1."""
     force, depth = data.force_std_N, slope_N_per_mm * data.depth_std_mm
     known = np.isfinite(force) | np.isfinite(depth)
     size = np.hypot(np.nan_to_num(force), np.nan_to_num(depth))
     if not (known.all() and (size > 0).all()):
-        return np.ones(data.size), False
+        shape = np.hypot(1.0, data.depth_over_force_noise * slope_N_per_mm)
+        return shape / float(np.median(shape)), False
     return size, True
 
 

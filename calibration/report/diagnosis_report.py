@@ -8,14 +8,23 @@ from dataclasses import dataclass
 from calibration.diagnosis.diagnosis import Added, Diagnosis
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta
 from calibration.diagnosis.score_test import FAILED
-from calibration.effects import get_effect
+from calibration.effects import PLAIN, get_effect
 from calibration.model.stages import EffectBase
 from calibration.report import page, wording
 from calibration.report.drawing import Card
 from calibration.report.report import Picture
-from calibration.report.verdict import SHARES, allowed_for, in_words, shown_size, verdict_sentence
+from calibration.report.verdict import (
+    SHARES,
+    allowed_for,
+    in_words,
+    reading_sentence,
+    shown_size,
+    stopped_sentence,
+    verdict_sentence,
+)
 from tactilevision.errors import InputError
 
+MISFIT = 0.05  # p of the most telling covariate, below which the page says that the model fails
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -37,7 +46,7 @@ def next_sentence(found: Diagnosis) -> str:
 
 def summary(found: Diagnosis) -> list[str]:
     """What a person at the terminal needs to see."""
-    lines = [f"{found.verdict}: {verdict_sentence(found)}"]
+    lines = [f"{found.verdict}: {verdict_sentence(found)}", *stopped_sentence(found), *reading_sentence(found)]
     for effect in found.effects:
         values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
         lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
@@ -67,26 +76,103 @@ class Drawn:
     picture: Picture | None
 
 
-def diagnosis_page(
-    title: str, found: Diagnosis, *, figures: Sequence[Picture], cards: Sequence[Drawn] = ()
-) -> str:
-    """The whole page."""
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The pictures of a diagnosis in the order of its story, and a card a candidate.
+
+    `misfit` where the model fails; `fall` how the error falls; `picture` of the depth that the picture reads;
+    `material` E before and after; `alike` what can be told apart; `every_press` all presses, folded away; `plain`
+    the plain error nearest to what no effect explains.
+    """
+
+    misfit: Sequence[Picture] = ()
+    fall: Sequence[Picture] = ()
+    picture: Sequence[Picture] = ()
+    material: Sequence[Picture] = ()
+    alike: Sequence[Picture] = ()
+    every_press: Sequence[Picture] = ()
+    cards: Sequence[Drawn] = ()
+    plain: Drawn | None = None
+
+
+def diagnosis_page(title: str, found: Diagnosis, shown: Evidence, *, commands: Sequence[str] = ()) -> str:
+    """The whole page: the verdict, the misfit, what explains it, what does not, the material, what to do next.
+
+    `commands`: what to try, ready to run.
+    """
+    standing = [one for one in shown.cards if one.card.key not in found.tried]
+    failed = [one for one in shown.cards if one.card.key in found.tried]
+    plain = [] if shown.plain is None else [_plain(shown.plain)]
     return page.page(
         title,
         _head(found),
-        page.section("The evidence", *(page.figure(p.data_uri, p.caption) for p in figures)),
-        page.section("Candidates", *(_card(drawn, found) for drawn in cards)),
-        page.section("What it does to the material", _material(found)),
-        page.section("Where beta does not fit theory", _outside(found)),
+        *_misfit(found, shown),
+        page.section(
+            _explains(found),
+            *plain,
+            *_figures(shown.fall),
+            *(_card(one, found) for one in standing),
+            _outside(found),
+        ),
+        page.folded(
+            "Looked at so far" if found.stopped else "Tried, and does not explain it",
+            *(_card(one, found) for one in failed),
+        ),
+        page.section("E before and after", *_figures(shown.material), _material(found)),
         page.section("What to measure next", _next(found)),
-        page.section("Not testable with these data", _untestable(found)),
-        page.section("Too small to show", _from_here_on(found)),
+        page.section("To try, ready to run", *(page.command(text) for text in commands)),
+        page.folded("Can these data tell effects apart?", *_figures(shown.alike)),
+        page.folded("Not testable with these data", _untestable(found)),
+        page.folded("Too small to show", _from_here_on(found)),
     )
+
+
+def _misfit(found: Diagnosis, shown: Evidence) -> list[str]:
+    """Where the model fails: of the force, unless the picture's depth alone does; the other folded away."""
+    force = [*_figures(shown.misfit), page.folded("Every press", *_figures(shown.every_press))]
+    seen = _figures(shown.picture)
+    if found.effects and not any(effect.key in found.fitted.model.keys for effect in found.effects):
+        quiet = page.folded("The forces, which the model explains as well as they repeat", *force)
+        return [page.section("Where the picture's depth fails", *seen, quiet)]
+    fails = min((one.p_adjusted for one in found.covariates_before), default=1.0) < MISFIT
+    return [
+        page.section("Where the model fails" if fails else "Measured and modelled force", *force),
+        page.folded("The depth that the picture reads, against the certified one", *seen),
+    ]
+
+
+def _figures(pictures: Sequence[Picture]) -> list[str]:
+    return [page.figure(one.data_uri, one.caption) for one in pictures]
+
+
+def _explains(found: Diagnosis) -> str:
+    """The heading over the candidates."""
+    if found.verdict == "UNKNOWN":
+        return "What comes nearest"
+    return "What may explain it" if len(found.candidates) > len(found.effects) else "What explains it"
+
+
+def _plain(drawn: Drawn) -> str:
+    """The plain error nearest to what no effect explains."""
+    rows = [(_parameter(name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
+    effect = PLAIN[drawn.card.key]
+    words = getattr(effect, "words", in_words(effect.key))
+    said = page.paragraph(
+        "No effect of the catalogue has this form. A plain error of an instrument comes nearest; a rig has it or "
+        "not, and only another measurement says which."
+    )
+    picture = "" if drawn.picture is None else page.figure(drawn.picture.data_uri, drawn.picture.caption)
+    return page.block("card", page.heading(f"Plain error: {words}"), picture, said, page.table(("", ""), rows))
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{wording.number(value)} {unit if unit != '1' else ''}".strip()
 
 
 def _head(found: Diagnosis) -> str:
     """What a reader in a hurry takes away."""
     lines = [page.paragraph(f"{found.verdict}. {verdict_sentence(found)}", kind="lead")]
+    lines += [page.paragraph(text) for text in (*stopped_sentence(found), *reading_sentence(found))]
     lines += [page.paragraph(_in_plain_words(effect)) for effect in found.effects]
     lines += [page.paragraph(_needed(w)) for w in found.would_have_to_be]
     lines += [page.paragraph(text) for text in (*_material_moves(found), *allowed_for(found))]
@@ -146,16 +232,13 @@ def _about(key: str) -> EffectBase | None:
 def _card(drawn: Drawn, found: Diagnosis) -> str:
     key = drawn.card.key
     about = _about(key)
-    rows = [
-        (_parameter(name), f"{wording.number(value)} {unit if unit != '1' else ''}".strip())
-        for name, value, unit in drawn.card.values
-    ]
+    rows = [(_parameter(name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
     for added in found.effects:
         if added.key == key:
             rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
             rows += [
                 ("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
-                ("error taken off presses left out", f"{100 * added.transfer_skill:.0f} %"),
+                *_fall_of(found, key),
             ]
     if about is not None:
         rows += [
@@ -171,6 +254,20 @@ def _card(drawn: Drawn, found: Diagnosis) -> str:
     return page.block("card", page.heading(title), picture, page.table(("", ""), [row for row in rows if row[1]]))
 
 
+def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
+    """What adding an effect of the force did to the error, as in the picture of its fall."""
+    keys = [effect.key for effect in found.effects if effect.key in found.fitted.model.keys]
+    if key not in keys or len(found.held_out) <= len(keys):
+        return []
+    before, after = (1e3 * found.held_out[keys.index(key) + k] for k in (0, 1))
+    return [("error on presses left out", f"from {before:.1f} to {after:.1f} mN")]
+
+
+def after_words(found: Diagnosis) -> str:
+    """What E after a diagnosis is of."""
+    return "with what was found" if found.effects else "with all that may be missing"
+
+
 def _material(found: Diagnosis) -> str:
     names = (
         ("Young's modulus E", "youngs_modulus"),
@@ -182,7 +279,7 @@ def _material(found: Diagnosis) -> str:
         (title, *(wording.estimate(getattr(result, name)) for result in (found.before, found.after)))
         for title, name in names
     ]
-    return page.table(("", "before", "after"), rows)
+    return page.table(("", "plain law", after_words(found)), rows)
 
 
 def _outside(found: Diagnosis) -> str:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.diagnosis.confirmation import TOLD_APART
 from calibration.diagnosis.diagnosis import Diagnosis
-from calibration.diagnosis.forward_selection import TOLD_APART
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with, separation
-from calibration.diagnosis.score_test import Scored, seen_covariates
-from calibration.diagnosis.vision_depth_check import depth_ratio, in_picture, unseen_beside
+from calibration.diagnosis.score_test import seen_covariates
+from calibration.diagnosis.vision_depth_check import depth_ratio, read_alone, unseen_beside
 from calibration.effects import EFFECTS, get_effect
 from calibration.fit.least_squares import Fit
 from calibration.fit.minimise import Box, differentiate
@@ -22,11 +22,14 @@ from calibration.model.stages import Effect
 from calibration.noise.model import Whitener
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from calibration.repeats.outlying_presses import own_zero_mm
-from tactilevision.plots.diagnosis import Offsets, Overlay, Panel, Sighting
+from calibration.report import wording
+from calibration.report.residual_strips import levels, most_bins
+from tactilevision.plots.diagnosis import Offsets, Overlay, Sighting
 from tactilevision.plots.indentation import FittedLine, PointCloud
 from tactilevision.records import CertifiedPoint, Floats
 
 STEPS = 60  # depths of a drawn curve
+PLAIN_ERROR = "the_plain_error"  # its name in a figure
 BINS = 8  # of a covariate, over which residuals are averaged in figures
 
 
@@ -47,6 +50,7 @@ def drawn_points(fitted: Fit, rejected: Sequence[CertifiedPoint] = ()) -> PointC
         thickness_mm=data.gel.thickness_mm,
         used=np.arange(data.size + len(extra)) < data.size,
         bars=not data.is_curves,
+        radius_mm=np.concatenate([data.radius_mm, np.full(len(extra), np.nan)]),
     )
 
 
@@ -86,17 +90,6 @@ def _box(fitted: Fit) -> Box:
         np.where(fixed, np.inf, high),
         np.array([p.scale for p in fitted.parameters]),
     )
-
-
-def residual_panels(fitted: Fit, scored: Sequence[Scored], *, most: int = 8) -> list[Panel]:
-    """The covariates that tell most, with the residual in its own std."""
-    seen = {c.name: c for c in seen_covariates(at_denoised_depth(fitted))}
-    residual = fitted.residual_N / np.maximum(fitted.about.base_N * fitted.noise.scale, 1e-12)
-    return [
-        Panel(s.key, seen[s.key].unit, seen[s.key].values, residual, s.p_adjusted)
-        for s in scored[:most]
-        if s.key in seen
-    ]
 
 
 def own_offsets(found: Diagnosis) -> Offsets | None:
@@ -144,21 +137,24 @@ def _parted(base: Fit, one: Candidate, other: Effect) -> float:
 
 
 def sighting(found: Diagnosis) -> Sighting | None:
-    """Seen over certified depth of each sample, with what the found effects make of it; None without a picture."""
+    """Seen over certified depth of each sample, as read and corrected; None where no picture gave a depth."""
     if found.sight is None:
         return None
     base, last = found.sight.base, found.sight.current
     data = base.data
-    against = [("certified depth (mm)", data.depth_mm), ("press", data.presses.order[data.press] + 1)]
+    against = [("certified depth (mm)", data.depth_mm)]
     if np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0:
         against.append(("time (min)", (data.time_s - data.time_s.min()) / 60))
+    else:
+        against.append(("press", data.presses.order[data.press] + 1))
     if data.slopes is not None:
         against += [
             ("slope beside the punch face (mm/mm)", data.slopes.slope),
             ("azimuth beside the face (°, 90 is down)", data.slopes.azimuth_deg),
         ]
     face = np.ones(data.size, dtype=bool) if data.slopes is None else np.isnan(data.slopes.slope)
-    return Sighting(depth_ratio(base), last.force_N / data.depth_mm, face, tuple(against))
+    corrected = data.normal_N / read_alone(last) if found.sight.steps else None
+    return Sighting(depth_ratio(base), corrected, face, tuple(against))
 
 
 def picture_lacks(found: Diagnosis) -> str:
@@ -183,18 +179,27 @@ def carded(found: Diagnosis) -> list[str]:
 def cards(found: Diagnosis, private: Sequence[Effect] = ()) -> list[Card]:
     """One card a candidate, fitted alone on top of the base model."""
     known = {**EFFECTS, **{effect.key: effect for effect in private}}
-    seen = {effect.key: effect for effect in in_picture(None if found.sight is None else found.sight.base.data)}
     by_sight = set() if found.sight is None else {s.key for s in found.sight.first.effects}
-    made = []
     elsewhere = {w.key for w in found.would_have_to_be} - {e.key for e in found.effects}
+    made = []
     for key in carded(found):
         if key in elsewhere:  # in the table of what each would have to be
             continue
-        if found.sight is not None and key in by_sight:
-            made.append(_card(found.sight.base, seen[key]))
+        if key in by_sight:
+            made.append(Card(key, (), None))  # its pictures are those of the picture's depth
         elif key in known:
             made.append(_card(found.base, known[key]))
     return made
+
+
+def plain_card(found: Diagnosis) -> Card | None:
+    """The plain error that comes nearest to what no effect explains; None where there is none."""
+    if found.plain is None:
+        return None
+    one = found.plain
+    pairs = zip(one.effect.parameters, one.own_values, strict=True)
+    values = tuple((p.name, float(v), p.unit) for p, v in pairs)
+    return Card(one.effect.key, values, replace(_overlay(found.fitted, one), key=PLAIN_ERROR))
 
 
 def _card(base: Fit, effect: Effect) -> Card:
@@ -211,19 +216,27 @@ def _overlay(base: Fit, candidate: Candidate) -> Overlay:
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)
     best = max(seen_covariates(at_denoised_depth(base)), key=lambda one: _spread(one, change / std))
-    number = bins(best, BINS)
-    rows = [number == k for k in range(int(number.max()) + 1)]
-    residual = base.residual_N / std
-    counts = np.array([np.count_nonzero(row) for row in rows])
-    spread = np.array([residual[row].std() for row in rows]) / np.sqrt(np.maximum(counts, 1))
+    number = bins(best, most_bins(best.name))
+    rows = [row for k in range(int(number.max()) + 1) if (row := np.flatnonzero(number == k)).size]
+
+    def mean(values: Floats) -> Floats:
+        return np.array([values[row].mean() for row in rows])
+
+    def reach(values: Floats) -> Floats:
+        return np.array([1.96 * values[row].std() / np.sqrt(row.size) for row in rows])
+
+    after = base.residual_N - change
     return Overlay(
-        name=best.name,
+        words=wording.covariate(best.name),
         unit=best.unit,
+        levels=levels(best.name, base.data),
         key=candidate.effect.key,
-        values=np.array([best.values[row].mean() for row in rows]),
-        residual=np.array([residual[row].mean() for row in rows]),
-        error=1.96 * spread,
-        predicted=np.array([(change / std)[row].mean() for row in rows]),
+        values=mean(best.values),
+        before=mean(base.residual_N),
+        before_reach=reach(base.residual_N),
+        after=mean(after),
+        after_reach=reach(after),
+        predicted=mean(change),
     )
 
 

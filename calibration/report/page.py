@@ -27,6 +27,9 @@ figure input { position: absolute; opacity: 0; }
 figure input:focus-visible + img { outline: 2px solid var(--soft); }
 @media screen { figure input:checked + img { position: fixed; inset: 0; z-index: 1; width: 100vw; height: 100vh;
        max-width: none; object-fit: contain; background: white; cursor: zoom-out; } }
+details { margin: .8rem 0; } summary { cursor: pointer; font-weight: 600; }
+pre { background: #f6f6f4; padding: .5rem .9rem; overflow-x: auto; font-size: .9em; }
+div.table { overflow-x: auto; }
 ul { padding-left: 1.2rem; } code { font-size: .92em; }
 """
 
@@ -63,6 +66,17 @@ def heading(text: str) -> str:
     return f"<h3>{escape(text)}</h3>"
 
 
+def folded(summary: str, *parts: str) -> str:
+    """Parts that a click on the summary unfolds; nothing where there is nothing."""
+    body = "\n".join(part for part in parts if part)
+    return f"<details><summary>{escape(summary)}</summary>\n{body}\n</details>" if body else ""
+
+
+def command(text: str) -> str:
+    """A command to be run as it is printed."""
+    return f"<pre>{escape(text)}</pre>" if text else ""
+
+
 def listing(items: Sequence[str]) -> str:
     """A list, or nothing."""
     return "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>" if items else ""
@@ -92,4 +106,4 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: Sequ
         + "</tr>"
         for row in rows
     )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="table"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'

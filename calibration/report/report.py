@@ -119,7 +119,7 @@ def _error_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
 ROUTES = {
     "bulge": "the rise of the gel beside the punch",
     "radii": "punches of several radii",
-    "prior": "stated in recording.toml",
+    "prior": "known beforehand",
     "beta": "the published law of β",
 }
 

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.diagnosis.diagnosis import Diagnosis
+from calibration.diagnosis.vision_depth_check import reading_error_mm
 from calibration.model.parameters import Parameter
 from calibration.report import wording
 
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
+SHOWN = 0.05  # adjusted p of an effect that stands out
 WIDER = 0.1  # of an interval: less need not be said
 SHARES = ("relative", "gain")  # parameters that are said in per cent
 
@@ -23,10 +25,9 @@ def in_words(key: str) -> str:
 def verdict_sentence(found: Diagnosis) -> str:
     """What is wrong with the rig or the gel, in one sentence; with presses set aside, also what holds without."""
     if found.set_aside:
-        rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
-        many = "it" if len(found.set_aside) == 1 else "them"
-        alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
-        return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+        return _without(found)
+    if found.stopped and not found.effects:
+        return _so_far(found)
     named = " and ".join(in_words(effect.key) for effect in found.effects)
     held = 1e3 * found.errors.held_out_before, 1e3 * found.errors.held_out_after
     way = "falls" if held[1] < held[0] else "goes"
@@ -57,6 +58,43 @@ def verdict_sentence(found: Diagnosis) -> str:
             known = f" beyond {named}" if named else ""
             what = f"that no effect of the catalogue explains{_left(found)}"
             return f"Something is missing from the model{known} {what}.{_nearest(found)}"
+
+
+def _without(found: Diagnosis) -> str:
+    """Which presses are set aside, and what holds without them."""
+    rest = replace(found, verdict=found.without, set_aside=(), odd=replace(found.odd, presses=()))
+    many = "it" if len(found.set_aside) == 1 else "them"
+    alone = _odd(replace(found, odd=replace(found.odd, wanders=(), scattered=False)))
+    return f"{alone}: set aside, to be looked at. Without {many}: {found.without}. {verdict_sentence(rest)}"
+
+
+def _so_far(found: Diagnosis) -> str:
+    """What a search that was stopped before it named anything has seen."""
+    shown = [one.key for one in found.score_test if one.p_adjusted < SHOWN]
+    if not shown:
+        return "No effect stands out so far."
+    most = ", then ".join(in_words(key) for key in shown[:2])
+    seen = f"Something is missing from the model{_left(found)}"
+    return f"{seen}; so far it looks most like {most}, which is not confirmed."
+
+
+def stopped_sentence(found: Diagnosis) -> list[str]:
+    """That the time was over before the search was, where it was."""
+    if not found.stopped:
+        return []
+    return ["The time was over before the search was: this is the best answer so far, and others may be better."]
+
+
+def reading_sentence(found: Diagnosis) -> list[str]:
+    """What a wrong scale of the picture's depth is, beside what steep walls hide, so that one number stands."""
+    read = set() if found.sight is None else {step.best.effect.key for step in found.sight.steps}
+    gain = next((dict(e.parameters).get("gain") for e in found.effects if e.key in read), None)
+    if found.sight is None or gain is None or gain.value is None:
+        return []
+    before, after = (1e3 * reading_error_mm(fitted) for fitted in (found.sight.base, found.sight.current))
+    fall = f"The error of the depth that the picture reads goes from {before:.0f} to {after:.0f} um"
+    hidden = " Punch faces read less still: steep walls hide part of their depth, which is no gain."
+    return [f"{fall} on presses left out.{hidden if found.sight.base.data.slopes is not None else ''}"]
 
 
 def unseen_sentence(found: Diagnosis) -> str:
@@ -112,7 +150,7 @@ def _odd(found: Diagnosis) -> str:
         parts.append(f"{many} {', '.join(odd.presses)} {why}")
     if odd.wanders:
         since = f", since press {found.change_point}" if found.change_point else ""
-        on = " and ".join(_said(name) for name, _ in odd.wanders[:2])
+        on = " and ".join(wording.covariate(name) for name, _ in odd.wanders[:2])
         parts.append(f"the presses' zeros change with {on}{since}")
     if odd.scattered:
         noise = found.fitted.noise
@@ -126,7 +164,7 @@ def _left(found: Diagnosis) -> str:
     left = found.left
     if left is None:
         return ""
-    on = " and ".join(list(dict.fromkeys(_said(key) for key in left.covariates))[:2])
+    on = " and ".join(list(dict.fromkeys(wording.covariate(key) for key in left.covariates))[:2])
     parts = [f"it depends on {on}"] if on else []
     if left.size_N > 0:
         over = f" and varies over {left.length_mm:.2g} mm of depth" if np.isfinite(left.length_mm) else ""
@@ -156,24 +194,6 @@ def _nearest(found: Diagnosis) -> str:
     keys, share = found.nearest
     named = " with ".join(in_words(key) for key in keys.split("+"))
     return f" Nearest to it comes {named}, which explains {100 * share:.0f} % of it."
-
-
-def _said(name: str) -> str:
-    """A covariate's name as a person says it."""
-    return {
-        "w": "the depth",
-        "w/h": "the depth",
-        "1/w": "the depth",
-        "P": "the force",
-        "t": "the time in the press",
-        "a": "the punch's radius",
-        "T": "the temperature",
-        "x": "the place in x",
-        "y": "the place in y",
-        "log rate": "the speed",
-        "wait": "the wait before",
-        "load/unload": "loading or unloading",
-    }.get(name, name)
 
 
 def shown_size(found: Diagnosis, key: str) -> str:

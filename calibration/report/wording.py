@@ -8,6 +8,32 @@ from typing import Any
 
 from tactilevision.records import Estimate
 
+COVARIATES = {
+    "w": "the depth",
+    "w/h": "the depth",
+    "1/w": "the depth",
+    "P": "the force",
+    "t": "the time in the press",
+    "a": "the punch's radius",
+    "T": "the temperature",
+    "x": "the place in x",
+    "y": "the place in y",
+    "log rate": "the speed",
+    "order": "the order of pressing",
+    "recording date": "the day",
+    "azimuth": "the direction on the pad",
+    "Fx": "the sideways force in x",
+    "Fy": "the sideways force in y",
+    "indenter": "the indenter",
+    "wait": "the wait before",
+    "load/unload": "loading or unloading",
+}
+
+
+def covariate(name: str) -> str:
+    """What was recorded, as a person says it."""
+    return COVARIATES.get(name, name)
+
 
 def number(value: float | None, std: float | None = None) -> str:
     """A number to two digits of its standard deviation, or to four significant digits."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.fit.identifiability import main_radius, modulus_of_nu, sticking_range
+from calibration.fit.identifiability import main_radius, modulus_of_nu, poisson_range, sticking_range
 from calibration.fit.rounded_edge import usual_softening
 from calibration.laws.flat_punch import SILICONE_NU
 from calibration.result.result import CalibrationResult
@@ -56,7 +56,7 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
     curve = np.array(modulus_of_nu(result.fitted, grid, radius=radius))
     relative = _relative_std(result)
     if nu is None or modulus is None:
-        across = np.linspace(*SILICONE_NU, STEPS)
+        across = np.linspace(*poisson_range(result.fitted), STEPS)
         centre, half = _modulus(result, across, radius), np.full(STEPS, ONE_UNKNOWN * relative)
     else:
         t = np.sin(np.linspace(-np.pi / 2, np.pi / 2, STEPS))  # close where the outline turns

@@ -2,13 +2,18 @@
 
     bulge   the rise of the gel beside the punch, from the pictures: no force, hardly any friction in it
     radii   punches of several radii feel the bonded base to different degrees
-    prior   what recording.toml states
+    prior   what recording.toml states; where it states nothing, the bound that elastomers keep
     beta    the published log law of the curvature: shown beside the others and never used, since beta says more
             about friction and the constitutive law than about nu
 
 Those that are independent of each other are combined by their variances. Where they contradict each other, what is
 combined is as uncertain as the contradiction is large (Birge's ratio): none is dropped, none is believed alone.
 Source: Birge, Phys. Rev. 40 (1932) 207.
+
+The bound is no measurement. Solid elastomers are nearly incompressible (nu above .495: Nedoluha, Saadawi, Barney,
+Soft Matter 2025, doi 10.1039/d5sm00535c); .45 leaves room for what pads of cast silicone were found to have in
+place. It cuts off what the pictures' error leaves below it. A nu that lies below it all the same is kept, its std
+reaches to the bound, and the flag `nu_below_bound` says so: a foam, or an error of the pictures.
 """
 
 from __future__ import annotations
@@ -20,15 +25,18 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import STATED_NU_STD, FlatPunch
+from calibration.laws.flat_punch import SILICONE_NU, STATED_NU_STD, FlatPunch
 from calibration.laws.paper import poisson_from_beta
 from calibration.model.composition import Model
 from tactilevision.errors import ConvergenceError
-from tactilevision.records import Estimate, Gel
+from tactilevision.records import Estimate, Gel, Pair
 
 HIGHEST = 0.4999  # nu that the tables reach; .5 has no finite stiffness of a thin layer
 AT_BOUND = 1e-4  # of nu: nearer to its bound a fit stands at it
 CONTRARY = 3.0  # sigmas between two routes from which a warning says so
+BELOW_SIGMA = 2.0  # sigmas under the bound from which nu and the bound contradict each other
+CUT_SIGMA = 3.0  # sigmas above the bound from which it cuts off nothing that counts
+BELOW_BOUND = "nu_below_bound"  # the flag of a nu that contradicts the bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +53,15 @@ def of_bulge(bulge: Estimate | None) -> tuple[Route, ...]:
     return () if bulge is None else (Route("bulge", bulge, used=bulge.value is not None and bool(bulge.std)),)
 
 
-def of_prior(gel: Gel) -> tuple[Route, ...]:
-    """The stated value; a std that is not stated is STATED_NU_STD."""
+def of_prior(gel: Gel, *, bulge: Estimate | None = None, bound: Pair | None = None) -> tuple[Route, ...]:
+    """The stated value; a std that is not stated is STATED_NU_STD. Else the bound, used where it cuts `bulge`."""
     if gel.poisson_ratio is None:
-        return ()
+        if bound is None:
+            return ()
+        limits = Estimate(
+            None, None, bound, "1", f"{bound[0]:g} to {bound[1]:g}: a bound of elastomers, no measurement"
+        )
+        return (Route("prior", limits, used=within(bulge, bound) != bulge),)
     std = STATED_NU_STD if gel.poisson_ratio_std is None else gel.poisson_ratio_std
     return (Route("prior", _estimate(gel.poisson_ratio, std), used=True),)
 
@@ -86,8 +99,39 @@ def of_beta(beta: Estimate) -> tuple[Route, ...]:
     return (Route("beta", Estimate(value, (high - low) / 3.92, (low, high), "1", note), used=False),)
 
 
-def informed(data: Observations, bulge: Estimate | None) -> Observations:
-    """The data with what the pictures say of nu weighed into the gel's prior; a nu stated as exact stays."""
+def within(nu: Estimate | None, bound: Pair | None) -> Estimate | None:
+    """nu as it is above a lower bound: mean and std of the normal that is cut there.
+
+    One that contradicts the bound by BELOW_SIGMA keeps its value, and its std reaches half-way to the bound.
+    """
+    if nu is None or nu.value is None or not nu.std or bound is None:
+        return nu
+    from scipy.stats import truncnorm
+
+    beyond = (bound[0] - nu.value) / nu.std
+    if beyond < -CUT_SIGMA:
+        return nu
+    if contradicts(nu, bound):
+        std = max(nu.std, (bound[0] - nu.value) / 2)
+        return replace(nu, std=std, interval95=(nu.value - 1.96 * std, nu.value + 1.96 * std))
+    cut = truncnorm(beyond, np.inf, loc=nu.value, scale=nu.std)
+    low, high = cut.ppf((0.025, 0.975))
+    return replace(nu, value=float(cut.mean()), std=float(cut.std()), interval95=(float(low), float(high)))
+
+
+def contradicts(nu: Estimate | None, bound: Pair | None) -> bool:
+    """Whether a nu lies below the bound by more than its deviation allows."""
+    if nu is None or nu.value is None or not nu.std or bound is None:
+        return False
+    return bound[0] - nu.value > BELOW_SIGMA * nu.std
+
+
+def informed(data: Observations, bulge: Estimate | None, *, bound: Pair | None = SILICONE_NU) -> Observations:
+    """The data with what the pictures say of nu weighed into the gel's prior; a nu stated as exact stays.
+
+    Where nothing is stated of nu, it is held within `bound`; None leaves the bound out.
+    """
+    bulge = within(bulge, bound) if data.gel.poisson_ratio is None else bulge
     routes = [route for route in (*of_bulge(bulge), *of_prior(data.gel)) if route.used]
     if not any(route.name == "bulge" for route in routes) or data.gel.poisson_ratio_std == 0:
         return data
@@ -107,7 +151,7 @@ def apart(routes: Sequence[Route]) -> float:
 
 
 def tightest(routes: Sequence[Route]) -> str:
-    """The name of the used route of the smallest std; "prior" where there is none."""
+    """The name of the used route of the smallest std; "prior" where there is none. The bound is not named."""
     known = [route for route in routes if route.used and route.poisson_ratio.std is not None]
     return min(known, key=lambda route: route.poisson_ratio.std or 0.0).name if known else "prior"
 
@@ -131,13 +175,20 @@ def in_words(routes: Sequence[Route]) -> tuple[list[str], list[str]]:
     if used > 1:
         lines.append(f"the routes to Poisson's ratio that were used lie {between:.1f} standard deviations apart")
     silent = [
-        f"{words[r.name]} cannot tell: {r.poisson_ratio.why}" for r in routes if r.poisson_ratio.value is None
+        f"{words[r.name]} cannot tell: {r.poisson_ratio.why}"
+        for r in routes
+        if r.poisson_ratio.value is None and r.name != "prior"
     ]
+    silent += [f"Poisson's ratio is held to {r.poisson_ratio.why}" for r in routes if r.used and _is_bound(r)]
     warning = [
         f"the routes to Poisson's ratio contradict each other by {between:.1f} standard deviations: "
         "its interval is widened by as much"
     ]
     return [*lines, *silent], warning if between > CONTRARY else []
+
+
+def _is_bound(route: Route) -> bool:
+    return route.name == "prior" and route.poisson_ratio.value is None
 
 
 def _sigmas(one: Estimate, other: Estimate) -> float:

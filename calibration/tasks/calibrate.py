@@ -16,14 +16,16 @@ from calibration.inputs.checks import at_one_depth, check, of_several_depths, of
 from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws import FLAT, default_law, get_law, shape_of
-from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Law
 from calibration.repeats.pure_error import allow_for_indenters
 from calibration.result.edge_allowance import allow_for_edge
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import (
+    BELOW_BOUND,
     Route,
+    contradicts,
     in_words,
     informed,
     of_beta,
@@ -35,7 +37,7 @@ from calibration.result.poisson_routes import (
 from calibration.result.result import NO_CLOCK, CalibrationResult
 from calibration.tasks.fit_errors import fit_errors, judged, with_errors
 from tactilevision.errors import NothingCertified
-from tactilevision.records import Estimate
+from tactilevision.records import Estimate, Pair
 
 ONE_DEPTH = "one_depth"  # the flag of a result whose curvature is theory's
 
@@ -47,13 +49,15 @@ def calibrate(
     effects: Model | None = None,
     clock_offset: Estimate | None = None,
     bulge: Estimate | None = None,
+    bound: Pair | None = SILICONE_NU,
 ) -> CalibrationResult:
     """Fit a law to the accepted points, or to the curves where there are no points.
 
     `law` a Law or the key of one ("default": the flat punch; where there is none, the ball or the cone); `effects`
     a model whose effects are fitted along; `clock_offset` and `bulge` (nu from the rise beside the punch) come
-    from the certificate, where it has them. Raises NothingCertified where every press was rejected, InputError for
-    measurements no law can be fitted to.
+    from the certificate, where it has them; `bound` holds nu to what elastomers have where nothing is stated of
+    it, None leaves that out. Raises NothingCertified where every press was rejected, InputError for measurements
+    no law can be fitted to.
     """
     sets = [measured] if isinstance(measured, Measured) else list(measured)
     seen = observe(sets)
@@ -61,16 +65,22 @@ def calibrate(
     stated = _sized(of_shape(seen, shape_of(chosen)))
     if shape_of(chosen) == FLAT:
         stated = of_several_depths(stated)
-    data = informed(stated, bulge) if isinstance(chosen, FlatPunch) else stated
+    data = informed(stated, bulge, bound=bound) if isinstance(chosen, FlatPunch) else stated
     single = isinstance(chosen, FlatPunch) and at_one_depth(data)
     check(data, shape=shape_of(chosen), one_depth=single)
-    model = Model(_free(chosen, data, single=single), effects.effects if effects else ())
+    free = _free(chosen, data, single=single)
+    if isinstance(free, FlatPunch):
+        free = replace(free, poisson_range=bound or OPEN_NU)
+    model = Model(free, effects.effects if effects else ())
     fitted = fit(model, data)
     result = with_errors(determine_material(allow_for_indenters(fitted)), fit_errors(judged(fitted)))
     if single:
         result = _of_one_depth(result)
     if isinstance(chosen, FlatPunch):
-        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *of_prior(stated.gel))))
+        known = of_prior(stated.gel, bulge=bulge, bound=bound)
+        result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *known)))
+        if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
+            result = _below_bound(result)
     rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
 
@@ -87,6 +97,15 @@ def _with_routes(result: CalibrationResult, routes: tuple[Route, ...]) -> Calibr
         warnings=(*result.warnings, *warnings),
         assumptions=(*result.assumptions, *lines),
     )
+
+
+def _below_bound(result: CalibrationResult) -> CalibrationResult:
+    """The result with what it means that nu lies below what elastomers have."""
+    said = (
+        "Poisson's ratio lies below what solid elastomers have: a foam, or an error of the pictures; its std "
+        "was widened towards the bound. State poisson_ratio in recording.toml, or use --no-prior"
+    )
+    return replace(result, flags=(*result.flags, BELOW_BOUND), warnings=(*result.warnings, said))
 
 
 def observe(sets: Sequence[Measured]) -> Observations:

@@ -8,20 +8,30 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.alternative_explanation import suggested
+from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
+from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
 from calibration.fit.least_squares import Fit, fit
 from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.deadline import NEVER, SILENT, Deadline, Progress
 from calibration.inputs.observations import Observations
-from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.flat_punch import SILICONE_NU, FlatPunch
 from calibration.model.composition import Model
 from calibration.model.stages import Effect
+from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
+from calibration.result.result import CalibrationResult
 from calibration.tasks.fit_errors import fit_errors
 from tactilevision.errors import ConvergenceError, InputError
-from tactilevision.records import Estimate
+from tactilevision.records import Estimate, Floats, Pair
+
+LEFT = 0.01  # p of what the last model leaves, below which plain errors are tried on it: as in a diagnosis
+MANY = 8  # starts of an effect that are all fitted; of more the most promising
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +39,8 @@ class Compared:
     """One model: its effects in the order added, parameters, and rms errors in N.
 
     `percent` is of the largest force, `um` at the median slope of force against depth; `covariates` the residual's
-    dependence on everything recorded, the most telling first.
+    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None of the
+    picture's depth, whose errors are in mm in place of N.
     """
 
     name: str
@@ -43,6 +54,7 @@ class Compared:
     chi2: float
     covariates: tuple[Scored, ...]
     fitted: Fit
+    material: CalibrationResult | None = None
 
     def as_json(self, before: Compared | None = None) -> dict[str, Any]:
         """One entry of comparison.json; `before` is the base model that the errors are held against."""
@@ -64,6 +76,13 @@ class Compared:
             "rms_error_um": self.um,
             "chi2": self.chi2,
             "covariates": [{"name": c.key, "p_adjusted": c.p_adjusted} for c in self.covariates],
+            "youngs_modulus_MPa": None if self.material is None else self.material.youngs_modulus.as_json(),
+            "presses": [
+                {"press": label, "rms_before_N": before, "rms_after_N": after}
+                for label, before, after in zip(
+                    self.fitted.data.presses.label, _of_presses(base.fitted), _of_presses(self.fitted), strict=True
+                )
+            ],
         }
 
 
@@ -71,11 +90,15 @@ class Compared:
 class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
-    `left_out` the effects that could not be added to those before, and why.
+    `left_out` the effects that could not be added to those before, and why; `pictured` the same of effects on the
+    depth that the picture gives, held against the certified one, from what is read on; `suggested` keys of plain
+    errors that would take more off the last model's error than they cost.
     """
 
     models: tuple[Compared, ...]
     left_out: tuple[tuple[str, str], ...] = ()
+    pictured: tuple[Compared, ...] = ()
+    suggested: tuple[str, ...] = ()
 
     def as_json(self) -> list[dict[str, Any]]:
         """The content of comparison.json."""
@@ -88,31 +111,85 @@ def compare(
     *,
     rng: np.random.Generator,
     bulge: Estimate | None = None,
+    progress: Progress = SILENT,
+    deadline: Deadline = NEVER,
+    bound: Pair | None = SILICONE_NU,
 ) -> Comparison:
     """The base law, then with each effect added on top of those before.
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
-    and the next one is added without it. `bulge`: nu from the rise beside the punch.
-    Raises InputError for unusable data.
+    and the next one is added without it. One of the picture's depth is added there, where there is a certified
+    one. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
+    any more. Raises InputError for unusable data.
     """
-    data = informed(clear_of_touch(usable(data)), bulge)
+    stated = clear_of_touch(usable(data))
+    data = informed(stated, bulge, bound=bound)
     model = base_model(data)
+    progress(0, len(effects) + 1, "the plain law")
     found = [judge(fit_alone(model, data), rng)]
+    pictured: list[Compared] = []
     left_out = []
-    for added in effects:
+    for number, added in enumerate(effects, start=1):
         effect = get_effect(added) if isinstance(added, str) else added
-        if why := effect_directions(found[0].fitted, [effect])[1].get(effect.key):
-            left_out.append((effect.key, why))
-            continue
-        larger = model + effect
+        progress(number, len(effects) + 1, effect.key.replace("_", " "))
+        why = "the time was over" if deadline.passed else ""
         try:
-            one = evaluate(larger, data, rng=rng)
+            unseen = why or effect_directions(found[0].fitted, [effect])[1].get(effect.key, "")
+            if not unseen:
+                one = evaluate(model + effect, data, rng=rng, on=found[-1].fitted)
+                found.append(replace(one, effects=(*found[-1].effects, effect.key)))
+                model = model + effect
+            elif why or not _in_picture(pictured, effect, stated):
+                left_out.append((effect.key, unseen))
         except Exception as fault:  # a private effect may raise anything; the next one may still do
             left_out.append((effect.key, str(fault) or type(fault).__name__))
-            continue
-        found.append(replace(one, effects=(*found[-1].effects, effect.key)))
-        model = larger
-    return Comparison(tuple(found), tuple(left_out))
+    return Comparison(tuple(found), tuple(left_out), tuple(pictured), _suggested(found[-1], deadline))
+
+
+def _suggested(last: Compared, deadline: Deadline) -> tuple[str, ...]:
+    """Plain errors worth a try, where something is left of the last model's error."""
+    if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > LEFT:
+        return ()
+    return tuple(one.effect.key for one in suggested(last.fitted))
+
+
+def _in_picture(pictured: list[Compared], effect: Effect, data: Observations) -> bool:
+    """Add the effect to the models of the picture's depth; False where no such depth shows it."""
+    seen = pictured[-1].fitted if pictured else fit_vision_depth(data)
+    shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
+    if seen is None or shown is None or shown.missing(seen.data):
+        return False
+    fitted = adopt(seen, refit_with(seen, shown))
+    if not pictured:
+        pictured.append(_as_read(seen, ()))
+    pictured.append(_as_read(fitted, (*pictured[-1].effects, effect.key)))
+    return True
+
+
+def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:
+    """A model of the picture's depth, errors in mm: of what is read, corrected by its effects alone."""
+    error, data = reading_error_mm(fitted), fitted.data
+    return Compared(
+        name=" + ".join((fitted.model.law.key, *keys)),
+        effects=keys,
+        parameters=tuple(
+            (p.name, fitted.estimate(p.name)) for p in fitted.parameters if p.name.partition(".")[0] in keys
+        ),
+        rms_N=float(np.sqrt(np.mean((data.normal_N - data.depth_mm) ** 2))) if not keys else fitted.rms_error_N,
+        held_out_N=error,
+        repeatability_N=repeatability_rms(fitted),
+        percent=100 * error / float(np.median(data.depth_mm)),
+        um=1e3 * error,
+        chi2=fitted.chi2,
+        covariates=(),
+        fitted=fitted,
+    )
+
+
+def _of_presses(fitted: Fit) -> Floats:
+    """The rms error of each press (M,), N."""
+    press = fitted.data.press
+    return np.sqrt(np.bincount(press, fitted.residual_N**2) / np.bincount(press))
 
 
 def fit_alone(model: Model, data: Observations) -> Fit:
@@ -133,9 +210,16 @@ def base_model(data: Observations) -> Model:
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 
 
-def evaluate(model: Model, data: Observations, *, rng: np.random.Generator) -> Compared:
-    """Fit one model and look at what it leaves."""
-    return judge(refit_with_pure_noise(fit(model, data)), rng)
+def evaluate(model: Model, data: Observations, *, rng: np.random.Generator, on: Fit | None = None) -> Compared:
+    """Fit one model and look at what it leaves; `on` the fit that its last effect was added to.
+
+    Of an effect with many starts only those are tried that promise most on that fit.
+    """
+    added = [one for one in model.effects if on is None or one.key not in on.model.keys]
+    starts = None
+    if on is not None and len(added) == 1 and len(added[0].starts(data)) > MANY:
+        starts = refit_with(on, added[0]).values[None]
+    return judge(refit_with_pure_noise(fit(model, data, starts=starts)), rng)
 
 
 def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
@@ -156,4 +240,5 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
         chi2=fitted.chi2,
         covariates=residual.covariates,
         fitted=fitted,
+        material=determine_material(fitted),
     )

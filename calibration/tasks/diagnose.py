@@ -1,30 +1,33 @@
 """From a misfit to its cause: what is missing from the model, what cannot be told apart, what to measure next.
 
-    testable? -> base model -> search (screen, refit, confirm, add) -> is anything left?
+    testable? -> base model -> search (test, refit, confirm, add) -> is anything left? -> does it matter?
 
-Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. Each
-decision is a p-value calibrated by the screen's bootstrap; none is a tuned threshold, and two searches share one
-error rate. The verdict is ADEQUATE (nothing stands out), IDENTIFIED (an effect, and no other that fits as well),
-AMBIGUOUS (several fit as well, or beta is not one that theory allows), UNKNOWN (something is left that no effect
-of the catalogue explains).
+Forces are searched, and, where the picture's own depth stands beside a certified one, the picture too. One test,
+at one level, stands before anything but ADEQUATE, calibrated by one bootstrap (score_test.py); two searches share
+it. Evidence ranks what it lets through, held-out presses confirm it. The verdict is ADEQUATE (nothing stands out,
+or what does is harmless), IDENTIFIED (an effect, and no other that fits as well), AMBIGUOUS (several fit as well,
+or beta is not one that theory allows), UNKNOWN (something is left that no effect of the catalogue explains, and E,
+a force or a depth may be off by more than its interval says).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.alternative_explanation import AlternativeExplanation, alternative_explanation
 from calibration.diagnosis.change_point import change_point
-from calibration.diagnosis.diagnosis import NOTHING_ODD, Added, Diagnosis, Errors
-from calibration.diagnosis.forward_selection import MOST, TOLD_APART, Searched, Step, forward_selection
+from calibration.diagnosis.confirmation import TOLD_APART
+from calibration.diagnosis.diagnosis import Added, Diagnosis, Errors
+from calibration.diagnosis.forward_selection import Searched, Step, forward_selection
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
+from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
+from calibration.diagnosis.score_test import LEVEL
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
@@ -32,49 +35,23 @@ from calibration.effects import EFFECTS
 from calibration.fit.identifiability import holding
 from calibration.fit.least_squares import Fit
 from calibration.inputs.checks import clear_of_touch, usable
+from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
+from calibration.laws.flat_punch import SILICONE_NU
+from calibration.model.composition import Model
 from calibration.model.stages import Effect
-from calibration.repeats.outlying_presses import OutlyingPresses, outlying_presses
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
-from tactilevision.records import Estimate
+from tactilevision.records import Estimate, Pair
 
-LEVEL = 0.05  # family-wise chance of naming an effect where there is none
-LEFT_LEVEL = 0.01  # of saying that something unknown is left
-MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
-
-
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What one search ends in: the steps that stand, what was tried where something is left or `otherwise` does as
-    well, and p of what is left.
-    """
-
-    searched: Searched
-    steps: tuple[Step, ...]
-    tried: tuple[str, ...]
-    left: float
-    unknown: bool
-    flags: tuple[str, ...]
-    odd: OutlyingPresses = NOTHING_ODD
-    alternative_explanation: AlternativeExplanation | None = None
-
-    @property
-    def sets(self) -> list[tuple[Candidate, ...]]:
-        """The candidates of each step that stands."""
-        return [step.equals for step in self.steps]
-
-    @property
-    def fitted(self) -> Fit:
-        """The last fit that stands."""
-        return self.steps[-1].fitted if self.steps else self.searched.start
 
 
 def diagnose(
@@ -84,18 +61,22 @@ def diagnose(
     effects: Sequence[Effect] = (),
     known: Sequence[Effect] = (),
     bulge: Estimate | None = None,
+    bound: Pair | None = SILICONE_NU,
+    watch: Watch = UNWATCHED,
 ) -> Diagnosis:
     """Diagnose measurements against the catalogue and the private `effects`; `known` ones are in from the start.
 
-    `bulge`: nu from the rise beside the punch; forces are fitted with it, and the picture is held against none of
-    its own. A candidate that cannot be fitted is passed over. Raises InputError where no law can be fitted at all.
+    `bulge`: nu from the rise beside the punch, held within `bound`; forces are fitted with it, and the picture is
+    held against none of its own. A candidate that cannot be fitted is passed over. Where the time of `watch` is
+    over, nothing new is looked for: the answer is the best so far, `stopped`. Raises InputError where no law can
+    be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge)
+    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
-    while found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
+    while not watch.over and found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
         aside, foreign = (*aside, *found.odd.presses), foreign or found.odd.foreign
         others = ~np.isin(np.array(data.presses.label), aside)
         found = fitted(data.take(others))
@@ -109,23 +90,35 @@ def _diagnosed(
     known: Sequence[Effect],
     rng: np.random.Generator,
     bulge: Estimate | None,
+    bound: Pair | None,
+    watch: Watch,
 ) -> Diagnosis:
     """These presses, all of them."""
-    seen, data = fit_vision_depth(data), informed(data, bulge)
+    seen, data = fit_vision_depth(data), informed(data, bulge, bound=bound)
     model = base_model(data)
     for effect in known:
         model = model + effect
-    parts = 1 if seen is None else 2
-    found_there = forward_selection(fit_alone(model, data), catalogue, rng=rng, level=LEVEL / parts)
-    force = _against_instrument_errors(
-        _outcome(found_there, LEFT_LEVEL / parts, outlying_presses(found_there.current, rng))
+    level = LEVEL if seen is None else LEVEL / 2
+    watch.tell("fitting the plain law")
+    begin = base_fit(model, data)
+    found_there = forward_selection(begin, catalogue, rng=rng, level=level, of_rig=True, watch=watch)
+    force = against_instrument_errors(
+        outcome(found_there, level, odd_presses(found_there, level)), watch, level=level
     )
     sight = None
     if seen is not None:
-        sight = _outcome(
-            forward_selection(seen, in_picture(seen.data), rng=rng, level=LEVEL / parts), LEFT_LEVEL / parts
-        )
+        sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level, watch=watch), level)
+    watch.tell("what it does to the material")
     return _determine(force, sight, catalogue, rng)
+
+
+def base_fit(model: Model, data: Observations) -> Fit:
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
+    of the touch by as much as these presses' zeros scatter.
+    """
+    first = fit_alone(model, data)
+    shaped = clear_of_own_touch(first, with_sample_noise(first))
+    return first if shaped is first.data else fit_alone(model, shaped)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:
@@ -144,40 +137,13 @@ def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreig
     )
 
 
-def _outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD) -> _Outcome:
-    """Whether the steps stand: not where they leave something and explain but a part of it, or are all used up."""
-    left, steps = searched.last.lack_of_fit, searched.steps
-    flags = ["bend_within_theory"] if getattr(searched.current.model.law, "bent", False) else []
-    flags += ["press_stands_out"] if odd.presses else []
-    flags += ["presses_wander"] if odd.wanders else []
-    flags += ["presses_scatter"] if odd.scattered else []
-    odd_alone = odd or (odd.scattered and not steps)
-    if left >= level and not odd_alone:
-        return _Outcome(searched, steps, (), left, False, tuple(flags))
-    if 0 < len(steps) < MOST and searched.explained > MOSTLY and not odd_alone:  # named; its form is not exact
-        return _Outcome(searched, steps, (), left, False, (*flags, "small_remainder"))
-    tried = [s.best.effect.key for s in steps] or [s.key for s in searched.first.effects if s.p_adjusted < LEVEL]
-    return _Outcome(searched, (), tuple(tried), left, True, tuple(flags), odd)
-
-
-def _against_instrument_errors(force: _Outcome) -> _Outcome:
-    """With the plain error that does as well as what was named, which then stands no more, or better than what was
-    tried.
-    """
-    found = alternative_explanation(force.searched) if force.steps or (force.unknown and not force.odd) else None
-    if found is None:
-        return force
-    return replace(
-        force, steps=(), tried=force.tried or found.instead_of, unknown=True, alternative_explanation=found
-    )
-
-
 def _determine(
-    force: _Outcome, sight: _Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
+    force: Outcome, sight: Outcome | None, catalogue: Sequence[Effect], rng: np.random.Generator
 ) -> Diagnosis:
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
-    before, alone = determine_material(base), _concluded(fitted)
+    before = determine_material(base)
+    alone = _concluded(fitted, before if fitted is base else determine_material(fitted))
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
@@ -189,8 +155,7 @@ def _determine(
     candidates = tuple(dict.fromkeys(keys))
     missing, visible = _testable(both)
     looked = _looked_for(catalogue, sight)
-    missing = {key: why for key, why in missing.items() if key not in candidates}
-    errors = _errors(base, fitted)
+    missing, errors = {k: why for k, why in missing.items() if k not in candidates}, _errors(base, fitted)
     left = unexplained(force.searched, force.alternative_explanation) if force.unknown else None
     small = hidden(fitted, [e for e in looked if e.key not in candidates], missing=missing, visible=visible)
     return Diagnosis(
@@ -206,24 +171,23 @@ def _determine(
         ),
         change_point=change_point(fitted, rng) if force.unknown else None, odd=force.odd, left=left,
         nearest=nearest(force.searched) if force.unknown else None, would_have_to_be=explained,
-        alternative_explanation=force.alternative_explanation,
+        alternative_explanation=force.alternative_explanation, left_over=force.remainder,
         tried=tuple(key for one in both for key in one.tried), sizes={e.key: e.parameters[0] for e in looked},
+        plain=force.plain, stopped=any(one.searched.stopped for one in both),
         held_out=(errors.held_out_before, *(_held_out(s.fitted, fitted, errors) for s in force.steps)),
     )  # fmt: skip
 
 
-def _moduli(
-    force: _Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]
-) -> list[float]:
+def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: Sequence[Candidate]) -> list[float]:
     """What else E may be, over that of the base fit."""
     moduli = [*(one.modulus_MPa for one in explained), *(float(one.values[0]) for one in instead)]
     moduli += [] if force.alternative_explanation is None else [force.alternative_explanation.modulus_MPa]
     return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 
 
-def _concluded(fitted: Fit) -> CalibrationResult:
+def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """The material of the last fit, with a word where samples scatter by more than was stated of them."""
-    result, times = determine_material(fitted), beyond_stated(fitted)
+    times = beyond_stated(fitted)
     if times is None:
         return result
     said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
@@ -232,7 +196,7 @@ def _concluded(fitted: Fit) -> CalibrationResult:
 
 def _material(
     alone: CalibrationResult,
-    both: tuple[_Outcome, _Outcome | None],
+    both: tuple[Outcome, Outcome | None],
     catalogue: Sequence[Effect],
     shares: Sequence[float],
 ) -> tuple[CalibrationResult, tuple[UndetectedEffect, ...]]:
@@ -240,15 +204,23 @@ def _material(
     force, sight = both
     averaged, unseen = average_models(alone.youngs_modulus, force.fitted, effects=catalogue)
     after = _spanning(alone, force.sets if not force.unknown else [_tried(force.searched)], shares)
+    after = _bent_or(after, force.searched)
     after = replace(
         after,
         youngs_modulus=holding(after.youngs_modulus, averaged.interval95),
-        warnings=(*after.warnings, *((NOT_TRUSTED,) if force.unknown else ())),
+        warnings=(*after.warnings, *_remarks(force)),
     )
     return (after if sight is None else _risen(after, sight)), unseen
 
 
-def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
+def _remarks(force: Outcome) -> tuple[str, ...]:
+    """What is to be said of E beside its value, where something is left."""
+    if force.unknown:
+        return (NOT_TRUSTED,)
+    return () if force.remainder is None else (force.remainder.sentence,)
+
+
+def _verdict(both: Sequence[Outcome], flags: Sequence[str]) -> str:
     if any(one.unknown for one in both):
         return "UNKNOWN"
     if "beta_outside_theory" in flags or any(len(s) > 1 for one in both for s in one.sets):
@@ -256,7 +228,7 @@ def _verdict(both: Sequence[_Outcome], flags: Sequence[str]) -> str:
     return "IDENTIFIED" if any(one.steps for one in both) else "ADEQUATE"
 
 
-def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float]]:
+def _testable(both: Sequence[Outcome]) -> tuple[dict[str, str], dict[str, float]]:
     """What neither search could look for and why, and the smallest amplitude that would have been seen."""
     first = [one.searched.first for one in both]
     looks = [
@@ -270,7 +242,7 @@ def _testable(both: Sequence[_Outcome]) -> tuple[dict[str, str], dict[str, float
     return missing, visible
 
 
-def _looked_for(catalogue: Sequence[Effect], sight: _Outcome | None) -> list[Effect]:
+def _looked_for(catalogue: Sequence[Effect], sight: Outcome | None) -> list[Effect]:
     """The catalogue, of the picture as it was looked at there: a ceiling of slopes has another unit."""
     seen = () if sight is None else in_picture(sight.searched.base.data)
     return list({e.key: e for e in (*catalogue, *(one.inner for one in seen))}.values())
@@ -308,7 +280,21 @@ def _spanning(
     return replace(after, youngs_modulus=replace(E, interval95=(low, high)), warnings=(*after.warnings, warning))
 
 
-def _risen(after: CalibrationResult, sight: _Outcome) -> CalibrationResult:
+def _bent_or(after: CalibrationResult, searched: Searched) -> CalibrationResult:
+    """E's interval stretched to what the effects make of it that explain a bend within theory's as well."""
+    E, start = after.youngs_modulus, searched.start
+    others = {c.effect.key: float(c.values[0] / start.values[0]) for c in searched.bend_or}
+    if not others or E.interval95 is None:
+        return after
+    key = max(others, key=lambda one: abs(np.log(others[one])))
+    low, high = E.interval95[0] * min(1.0, *others.values()), E.interval95[1] * max(1.0, *others.values())
+    what, off = key.replace("_", " "), 100 * (others[key] - 1)
+    warning = f"what was taken for a bend that theory allows may be {what} as well: E is then {off:+.0f} %"
+    wide = replace(E, interval95=(low, high))
+    return replace(after, youngs_modulus=wide, warnings=(*after.warnings, warning))
+
+
+def _risen(after: CalibrationResult, sight: Outcome) -> CalibrationResult:
     """E's interval stretched to what it would be if the certified depth forgot the gel's rise."""
     share = max((risen(c, sight.fitted.data) for s in sight.sets for c in s), default=0.0)
     E = after.youngs_modulus

@@ -9,7 +9,22 @@ from typing import Annotated, Any
 
 import typer
 
-from tactilevision.cli import calibrate, depth, diagnose, force, plan, simulate, tabulate, train, validate, view
+from tactilevision.cli import (
+    calibrate,
+    calibrate_sensor,
+    compare,
+    depth,
+    diagnose,
+    force,
+    live,
+    plan,
+    simulate,
+    steps,
+    tabulate,
+    train,
+    validate,
+    view,
+)
 from tactilevision.runs import output_lock
 
 app = typer.Typer(
@@ -33,12 +48,14 @@ def alone(command: Callable[..., None], *, into: str = "out", file: bool = False
 
 
 app.command("calibrate")(alone(calibrate.calibrate))
+app.command("calibrate-sensor")(alone(calibrate_sensor.calibrate_sensor, file=True))
 app.command("depth")(alone(depth.depth))
 app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))
-app.command("compare")(alone(diagnose.compare))
-app.command("steps")(alone(diagnose.steps, into="folder"))
+app.command("compare")(alone(compare.compare))
+app.command("steps")(alone(steps.steps, into="folder"))
 app.command("new-effect")(diagnose.new_effect)
+app.command("live")(live.live)
 app.command("force")(alone(force.force))
 app.command("plan")(plan.plan)
 app.command("validate")(alone(validate.validate))

@@ -43,6 +43,7 @@ def calibrate(
         LawName,
         typer.Option(help="default: kappa from first principles at the true a/h; paper: the published route."),
     ] = LawName.DEFAULT,
+    prior: console.PriorOption = True,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
@@ -54,7 +55,7 @@ def calibrate(
     from tactilevision.cli import pictures
     from tactilevision.files import plain_name, staged
 
-    outcomes = [_calibrate_one(taken, law.value) for taken in take(recordings)]
+    outcomes = [calibrate_one(taken, law.value, prior=prior) for taken in take(recordings)]
     with staged(out) as stage:
         _write(outcomes[-1], stage, form)
         if not _holds_a_recording(out):
@@ -76,15 +77,17 @@ def calibrate(
         raise latest.fault
 
 
-def _calibrate_one(taken: Taken, law: str) -> Outcome:
+def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:
     """Raises InputError where the measurements were wrong as they came, before any press was looked at."""
+    from calibration.laws.flat_punch import elastomer_bound
     from calibration.tasks.calibrate import calibrate as fit_material
     from tactilevision.errors import InputError, NothingCertified
 
     clock = taken.certificate.clock_offset if taken.certificate else None
     taken, bulge = beside_the_punch(taken) if law == LawName.DEFAULT else (taken, None)
     try:
-        result = fit_material(taken.measured, law=law, clock_offset=clock, bulge=bulge)
+        bound = elastomer_bound(prior)
+        result = fit_material(taken.measured, law=law, clock_offset=clock, bulge=bulge, bound=bound)
     except (NothingCertified, InputError) as fault:
         looked_at = taken.certificate is not None
         if isinstance(fault, InputError) and not looked_at and all(point.accepted for point in taken.points):

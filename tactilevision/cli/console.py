@@ -1,8 +1,10 @@
-"""What the terminal sees: progress while somebody watches, a plain summary, one clear line for a failure."""
+"""What the terminal sees: progress, as a bar or as lines, a plain summary, one clear line for a failure."""
 
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
@@ -36,8 +38,16 @@ ClusterOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
+PriorOption = Annotated[
+    bool,
+    typer.Option(
+        "--prior/--no-prior", help="Hold Poisson's ratio to what elastomers have, where nothing is stated of it."
+    ),
+]
+
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
+LINE_EVERY_S = 10.0  # s between two lines of progress where there is no terminal: none for what is done sooner
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
 
 
@@ -49,9 +59,10 @@ class Progress(Protocol):
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A bar with the remaining time on standard error while that is a terminal; silence when piped."""
+    """A bar with the remaining time on standard error; where that is no terminal, a line every ten seconds."""
     if not sys.stderr.isatty():
-        yield lambda done, total, what="": None
+        with _progress_lines(title) as tell:
+            yield tell
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -68,6 +79,28 @@ def progress_bar(title: str) -> Iterator[Progress]:
             bar.update(task, completed=done, total=total, description=title_now)
 
         yield advance
+
+
+@contextmanager
+def _progress_lines(title: str) -> Iterator[Progress]:
+    """A line now and then, also while nothing is told: what is at work, how far, and since when."""
+    began, state, ended = time.monotonic(), [title], threading.Event()
+
+    def tell(done: int, total: int, what: str = "") -> None:
+        counted = f": {done} of {total}" if total > done + 1 or done >= total else ""
+        state[0] = f"{title} {what}".rstrip() + counted
+
+    def watch() -> None:
+        while not ended.wait(LINE_EVERY_S):
+            typer.echo(f"{state[0]}, {time.monotonic() - began:.0f} s", err=True)
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield tell
+    finally:
+        ended.set()
+        thread.join()
 
 
 def say(*lines: str) -> None:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,6 +36,7 @@ def depth(
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    mm_per_px: source.ScaleOption = None,
     calibration: Annotated[
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="calibration.json of this recording: holds the faces."),
@@ -45,6 +45,8 @@ def depth(
     with_std: Annotated[
         bool, typer.Option("--std", help="Also the depths' standard deviation, in depth_std/.")
     ] = False,
+    even_so: source.EvenSoOption = False,
+    shadows: source.ShadowsOption = True,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
@@ -55,7 +57,8 @@ def depth(
     from tactilevision.batch.tree import reconstruct_tree
 
     warned: list[str] = []
-    light = _teller(method, warned)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    light = _teller(chosen, warned)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
@@ -65,15 +68,14 @@ def depth(
                 where=path,
                 remedy="Name the recording, or leave --calibration out.",
             )
-        read = partial(source.open_branch, sensor=sensor, reference=reference)
-        run = partial(reconstruct_tree, path, out, read=read, light=light, method=method or "", **how)
+        how |= {"read": chosen.open_branch, "light": light, "method": chosen.way}
         with console.progress_bar("frames") as progress:
-            branches = run(progress=progress)
+            branches = reconstruct_tree(path, out, progress=progress, **how)
         rows, refused = _gathered(branches)
         content = {"passed_over": refused, "faces_certified": False}
         maps = f"SOURCE/{maps}"
     else:
-        recording = source.open_source(path, sensor, reference=reference)
+        recording = chosen.open(path)
         with console.progress_bar("calibrating the light"):
             reconstructor = light(recording)
             anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
@@ -89,7 +91,7 @@ def depth(
         )
 
 
-def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reconstructor]:
+def _teller(chosen: source.Choice, warned: list[str]) -> Callable[[Recording], Reconstructor]:
     """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
 
     def tell(recording: Recording, lines: tuple[str, ...]) -> None:
@@ -99,7 +101,7 @@ def _teller(method: str | None, warned: list[str]) -> Callable[[Recording], Reco
 
     def light(recording: Recording) -> Reconstructor:
         tell(recording, recording.warnings)
-        reconstructor = source.open_reconstructor(recording, method)
+        reconstructor = chosen.light(recording)
         tell(recording, reconstructor.warnings)
         return reconstructor
 

@@ -5,60 +5,95 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from tactilevision.cli import console
+from tactilevision.cli import misfit_pictures as keep
+
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.diagnosis.residual_maps import ResidualMap
+    from calibration.fit.least_squares import Fit
     from calibration.model.stages import Effect
-    from calibration.report.diagnosis_report import Drawn
+    from calibration.report.diagnosis_report import Drawn, Evidence
+    from calibration.report.drawing import Card
     from calibration.report.report import Picture
     from tactilevision.cli.measure import Taken
     from tactilevision.cli.pictures import FigureFolder
 
-RED_IS = "red: a pattern that is not chance; grey: single readings; bars: 95 % intervals of the bins' means"
+
+def write_diagnosis(
+    found: Diagnosis,
+    folder: FigureFolder,
+    *,
+    title: str,
+    private: Sequence[Effect],
+    reliefs: Sequence[ResidualMap],
+    commands: Sequence[str],
+) -> None:
+    """The figures and report.html."""
+    from calibration.report.diagnosis_report import diagnosis_page
+    from tactilevision.files import write_text
+
+    shown = evidence(found, private, reliefs, folder=folder)
+    write_text(folder.path / "report.html", diagnosis_page(title, found, shown, commands=commands))
 
 
-def evidence(found: Diagnosis, reliefs: Sequence[ResidualMap], *, folder: FigureFolder) -> list[Picture]:
-    """Where the model fails, how the error falls, what the picture says, what can be told apart."""
-    return [
-        *_of_the_misfit(found, folder),
-        *_of_the_picture(found, reliefs, folder),
-        *_of_the_fits(found, folder),
-        *_of_what_looks_alike(found, folder),
-    ]
+def evidence(
+    found: Diagnosis, private: Sequence[Effect], reliefs: Sequence[ResidualMap], *, folder: FigureFolder
+) -> Evidence:
+    """Every picture of the page."""
+    from calibration.report.diagnosis_report import Evidence, after_words
+    from calibration.report.drawing import cards, plain_card
+    from calibration.report.error_fall import BASE, error_fall_of_diagnosis, error_fall_of_sight
+    from calibration.report.force_curves import force_curves
 
-
-def _of_the_misfit(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
-    """Presses that stand out, residuals over what was recorded, and the error on presses left out."""
-    from calibration.report.drawing import own_offsets, residual_panels
-    from tactilevision.plots import diagnosis as draw
-
-    kept, offsets = [], own_offsets(found)
-    if offsets is not None:
-        words = (
-            "How far each press lies from the others, as an offset of its depth; red: it cannot be one of them."
+    fits = shown_fits(found)
+    curves = force_curves(fits)
+    fall = error_fall_of_diagnosis(found)
+    plain = plain_card(found)
+    before_after = {BASE: found.before.youngs_modulus, after_words(found): found.after.youngs_modulus}
+    with console.progress_bar("drawing") as progress:
+        return Evidence(
+            misfit=[
+                *_of_odd_presses(found, folder),
+                *keep.keep_presses(curves, found.base.data.gel.thickness_mm, folder),
+                *_strips(found, fits, folder),
+            ],
+            fall=keep.keep_falls([*([fall] if len(fall.models) > 1 else []), *error_fall_of_sight(found)], folder),
+            picture=_of_the_picture(found, reliefs, folder),
+            material=keep.keep_moduli(list(before_after), list(before_after.values()), folder),
+            alike=list(_of_what_looks_alike(found, folder)),
+            every_press=keep.keep_every_press(curves, folder, progress),
+            cards=[_drawn(card, folder) for card in cards(found, private)],
+            plain=None if plain is None else _drawn(plain, folder),
         )
-        kept.append(folder.keep(draw.draw_offsets(offsets), "presses.png", caption=words))
-    panels = draw.draw_residuals(residual_panels(found.base, found.covariates_before))
-    words = f"What the plain law leaves, the most telling first ({RED_IS})."
-    kept.append(folder.keep(panels, "residuals.png", caption=words))
-    count, errors = len(found.held_out), found.errors
-    if count > 1:
-        names = ["base", *(_words(e.key) for e in found.effects if e.key in found.fitted.model.keys)]
-        fall = draw.draw_waterfall(names[:count], found.held_out, repeatability_N=errors.floor)
-        words = "Error on presses left out of the fit; dashed: the repeatability, how far like presses scatter."
-        kept.append(folder.keep(fall, "error.png", caption=words))
-    return kept
 
 
-def _of_the_fits(found: Diagnosis, folder: FigureFolder) -> Iterator[Picture]:
-    """The model before, and after where something was added."""
-    from calibration.report.drawing import drawn_points, fitted_lines
-    from tactilevision.plots.indentation import draw_fit
+def shown_fits(found: Diagnosis) -> dict[str, Fit]:
+    """The plain law's fit, and the last one's where effects of the force were added."""
+    from calibration.report.error_fall import BASE
 
-    for name, fitted in (("before", found.base), ("after", found.fitted)):
-        if name == "before" or fitted is not found.base:
-            drawn = draw_fit(drawn_points(fitted), fitted_lines(fitted))
-            yield folder.keep(drawn, f"fit_{name}.png", caption=f"The measurements and the model, {name}.")
+    named = [e.key.replace("_", " ") for e in found.effects if e.key in found.fitted.model.keys]
+    return {BASE: found.base} | ({f"+ {' + '.join(named)}": found.fitted} if named else {})
+
+
+def _strips(found: Diagnosis, fits: dict[str, Fit], folder: FigureFolder) -> list[Picture]:
+    from calibration.report.residual_strips import residual_strips
+
+    scored = [found.covariates_before, found.covariates][: len(fits)]
+    return keep.keep_strips(residual_strips(fits, scored), folder)
+
+
+def _of_odd_presses(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
+    """Presses that stand out."""
+    from calibration.report.drawing import own_offsets
+    from tactilevision.plots.diagnosis import draw_offsets
+
+    offsets = own_offsets(found)
+    if offsets is None:
+        return []
+    words = "How far each press lies from the others, as an offset of its depth. Blue: like the others"
+    words += "; red: it cannot be one of them." if any(offsets.odd) else "."
+    return [folder.keep(draw_offsets(offsets), "offsets.png", caption=words)]
 
 
 def _of_what_looks_alike(found: Diagnosis, folder: FigureFolder) -> Iterator[Picture]:
@@ -83,31 +118,32 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Fi
     kept, seen = [], sighting(found)
     if seen is not None:
         words = (
-            "The depth that the picture gives, of each face and of the slopes beside it, over the certified one;"
+            "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "
+            "slopes beside them. Red: as read"
         )
-        words = f"{words} 1 is right. {picture_lacks(found)}".strip()
+        words += "; blue: corrected by what was found." if seen.corrected is not None else "."
+        words = f"{words} {picture_lacks(found)}".strip()
         kept.append(folder.keep(draw.draw_sighting(seen), "reconstructed.png", caption=words))
     for number, one in enumerate(reliefs):
         p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
+        words = (
+            f"What the height maps leave ({p}). Red: deeper than expected; blue: less deep; grey: not compared."
+        )
         drawn = draw.draw_residual_map(one.residual_mm, one.axis, count=one.count)
-        kept.append(folder.keep(drawn, f"height_map_{number}.png", caption=f"What the height maps leave ({p})."))
+        kept.append(folder.keep(drawn, f"height_map_{number}.png", caption=words))
     return kept
 
 
-def drawn_cards(found: Diagnosis, private: Sequence[Effect], *, folder: FigureFolder) -> list[Drawn]:
-    """Each candidate with what it would leave, over what is left."""
+def _drawn(card: Card, folder: FigureFolder) -> Drawn:
+    """A candidate with what it would leave, over what is left without it and with it."""
     from calibration.report.diagnosis_report import Drawn
-    from calibration.report.drawing import cards
     from tactilevision.plots.diagnosis import draw_overlay
 
-    made = []
-    for card in cards(found, private):
-        picture = None
-        if card.overlay is not None:
-            words = f"What the plain law leaves, and what {_words(card.key)} alone would."
-            picture = folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words)
-        made.append(Drawn(card, picture))
-    return made
+    if card.overlay is None:
+        return Drawn(card, None)
+    name = _words(card.overlay.key)
+    words = f"Red: left by the plain law; black: what {name} alone would leave; blue: left with {name}."
+    return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
 
 
 def reliefs(taken: Sequence[Taken]) -> list[ResidualMap]:

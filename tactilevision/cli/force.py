@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ import numpy as np
 import typer
 
 from tactilevision.cli import console, source
+from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
     from tactilevision.force.calibrated import Sensitivity
@@ -28,34 +30,33 @@ class Form(StrEnum):
 
 def force(
     path: Annotated[Path, typer.Argument(help="A recording, a video, or a folder of frames.")],
-    calibration: Annotated[Path, typer.Option(help="calibration.json, with E and nu.")],
+    calibration: Annotated[
+        Path | None, typer.Option(help="calibration.json, with E and nu; of a profile its own if left out.")
+    ] = None,
     out: console.OutOption = Path("force_out"),
     sensor: source.SensorOption = None,
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
+    even_so: source.EvenSoOption = False,
+    mm_per_px: source.ScaleOption = None,
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
+    shadows: source.ShadowsOption = True,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
     """Turn frames into maps of traction on the gel (MPa) and resultants (N), with figures."""
-    from dataclasses import replace
-
-    from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
-    from tactilevision.force.folder import force_folder, force_job
+    from tactilevision.force.folder import force_folder
     from tactilevision.force.recorded_comparison import write_comparison
 
-    material = read_material(calibration)
-    offset = read_clock_offset(calibration)
-    recording = source.open_source(path, sensor, reference=reference)
-    if recording.sensor.gel is not None:
-        check_gel(calibration, recording.sensor.gel)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
+    known = _known_material(chosen, calibration)
+    recording, material, offset = _with_gel(chosen.open(path), known), known.material, known.clock_offset_s
     with console.progress_bar("calibrating the light"):
-        reconstructor = source.open_reconstructor(recording, method)
+        job = _job(recording, chosen, known, out, form)
+    reconstructor, anchor = job.reconstructor, job.anchor
     console.warn([*recording.warnings, *reconstructor.warnings])
-    anchor = source.open_face_correction(recording, reconstructor, calibration=calibration)
-    job = replace(force_job(recording, reconstructor, material=material, out=out, form=form.value), anchor=anchor)
     with console.progress_bar("frames") as progress:
         rows = force_folder(
             recording, job, clock_offset_s=offset, workers=workers, cluster=cluster, progress=progress
@@ -72,6 +73,76 @@ def force(
         console.say(f"  `tactilevision diagnose {beside}` finds what separates depth and force")
     content |= {"sensitivity": _figures(recording, job, rows, out / "figures", most=pictures)}
     console.hand_over(content, json)
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """E and nu; the clock's offset and the gel's thickness beside them, where they are said; and where from."""
+
+    material: Material
+    clock_offset_s: float | None
+    thickness_mm: float | None
+    path: Path | None
+
+
+def _known_material(chosen: source.Choice, calibration: Path | None) -> _Known:
+    """Of the calibration.json that was named, else of the profile. Raises InputError where there is neither."""
+    from tactilevision.force.calibrated import read_clock_offset, read_material, read_thickness_mm
+
+    if calibration is not None:
+        offset, thickness_mm = read_clock_offset(calibration), read_thickness_mm(calibration)
+        return _Known(read_material(calibration), offset, thickness_mm, calibration)
+    profile = chosen.profile
+    if profile is None:
+        raise InputError(
+            "E and nu of the gel are not known",
+            where="force",
+            remedy="Name what `calibrate` wrote with --calibration, or a profile with --sensor.",
+        )
+    if profile.material is None:
+        raise InputError(
+            "the profile holds no E and nu of its gel",
+            where=profile.path,
+            remedy="Name a calibration.json with --calibration, or make the profile with one.",
+        )
+    return _Known(profile.material, None, None, None)
+
+
+def _with_gel(recording: Recording, known: _Known) -> Recording:
+    """The recording; where its gel is not described, with a gel as thick as the calibration's, which is said."""
+    from tactilevision.force.calibrated import check_gel
+    from tactilevision.records import Gel
+
+    gel = recording.sensor.gel
+    if gel is not None:
+        if known.path is not None:
+            check_gel(known.path, gel)
+        return recording
+    if known.thickness_mm is None:
+        return recording
+    said = f"guessed: the gel is {known.thickness_mm:g} mm thick, as the calibration's, and has no sides nearby"
+    sensor = replace(recording.sensor, gel=Gel(known.thickness_mm))
+    return replace(recording, sensor=sensor, warnings=(*recording.warnings, said))
+
+
+def _job(recording: Recording, chosen: source.Choice, known: _Known, out: Path, form: Form) -> ForceJob:
+    """What turns a frame into forces: by the profile that was named, or by the recording's own light."""
+    from tactilevision.force.folder import force_job
+
+    sensor = chosen.calibrated(recording)
+    reconstructor = chosen.light(recording)
+    fits = sensor is not None and known.path is None
+    job = force_job(
+        recording,
+        reconstructor,
+        material=known.material,
+        out=out,
+        form=form.value,
+        untouched=sensor.untouched if sensor else None,
+        compliance=sensor.compliance if sensor and fits else None,
+    )
+    anchor = source.open_face_correction(recording, reconstructor, calibration=known.path)
+    return replace(job, anchor=anchor)
 
 
 def _material(material: Material) -> dict[str, Any]:

@@ -39,14 +39,17 @@ class Taken:
         return Measured(self.recording, self.points, curves)
 
 
-def take(paths: Sequence[Path]) -> list[Taken]:
-    """Read recordings, the oldest first, and certify those that have frames."""
+def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
+    """Read recordings, the oldest first, and certify those that have frames.
+
+    `answered`: words of a warning that is not said, since the command answers what it asks.
+    """
     from tactilevision.recording import read_recording
 
     opened = sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
     for recording in opened:
         console.warn(recording.warnings)
-    return [_certified(one) if one.frame_names else Taken(one, None) for one in opened]
+    return [_certified(one, answered) if one.frame_names else Taken(one, None) for one in opened]
 
 
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
@@ -61,7 +64,7 @@ def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     return replace(taken, certificate=certificate), found
 
 
-def _certified(recording: Recording) -> Taken:
+def _certified(recording: Recording, answered: str) -> Taken:
     from tactilevision.certificate.certify import certify, require_all
     from tactilevision.reconstruct import build_reconstructor
 
@@ -70,5 +73,6 @@ def _certified(recording: Recording) -> Taken:
         reconstructor = build_reconstructor(recording)
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
-    console.warn([*reconstructor.warnings, *certificate.warnings])
+    warnings = [*reconstructor.warnings, *certificate.warnings]
+    console.warn([one for one in warnings if not answered or answered not in one])
     return Taken(recording, certificate, reconstructor)

@@ -42,8 +42,11 @@ def of_fit(result: CalibrationResult, points: Sequence[CertifiedPoint], *, folde
     from calibration.report.drawing import drawn_points, fitted_lines
 
     fitted = result.fitted
-    drawn = indentation.draw_fit(drawn_points(fitted, points), fitted_lines(fitted))
-    words = "Certified points and the fitted law; bars and bands are 95 % intervals."
+    lines = fitted_lines(fitted)
+    drawn = indentation.draw_fit(drawn_points(fitted, points), lines)
+    several = len({line.name for line in lines}) > 1
+    colours = "one colour a radius" if several else "black: accepted; blue: the law"
+    words = f"Certified points and the fitted law ({colours}; grey: rejected); bars and bands are 95 % intervals."
     return [folder.keep(drawn, "fit.png", caption=words), _material(result, folder)]
 
 

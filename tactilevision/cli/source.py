@@ -2,25 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tactilevision.cli import console
+from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
     from tactilevision.certificate.depth.face_depth import FaceDepthCorrection
+    from tactilevision.profile.model import Profile
+    from tactilevision.profile.sensor import CalibratedSensor
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
 
 SensorOption = Annotated[
     str | None,
-    typer.Option(help="For a bare folder of frames: a sensor's name, or a TOML file with a [sensor] table."),
+    typer.Option(
+        help="A profile (.tvs) that `calibrate-sensor` wrote; for a bare folder of frames also a sensor's "
+        "name, or a TOML file with a [sensor] table."
+    ),
 ]
 ReferenceOption = Annotated[
     Path | None,
-    typer.Option(help="For a bare folder of frames: a frame of the untouched gel, or a folder of them."),
+    typer.Option(
+        help="A frame of the untouched gel, or a folder of them; of a bare folder the first frame if left out."
+    ),
+]
+ScaleOption = Annotated[
+    float | None,
+    typer.Option(
+        "--mm-per-px",
+        help="Scale of the (rectified) frames; of a bare folder guessed from the sensor if left out.",
+    ),
 ]
 MethodOption = Annotated[
     str | None,
@@ -28,16 +45,132 @@ MethodOption = Annotated[
         help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
+EvenSoOption = Annotated[
+    bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
+]
+ShadowsOption = Annotated[
+    bool,
+    typer.Option(
+        "--shadows/--no-shadows",
+        help="Undo cast shadows, where frames show them and balls tell the lamps; slower.",
+    ),
+]
 
 
-def open_source(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
-    """Read a recording, or a bare folder of frames where its sensor and reference are named."""
-    from tactilevision.recording import layout, read_folder, read_recording, require
+@dataclass(frozen=True)
+class Choice:
+    """What was said of sensor, untouched gel, light and scale; all of it may be left out."""
 
-    bare = sensor is not None or reference is not None or path.suffix.lower() in layout.VIDEO_SUFFIXES
-    recording = read_folder(path, sensor=sensor, reference=reference) if bare else read_recording(path)
-    require(recording, "frames", step="making height maps")
-    return recording
+    sensor: str | None = None
+    reference: Path | None = None
+    method: str | None = None
+    mm_per_px: float | None = None
+    shadows: bool = True
+    even_so: bool = True
+
+    @cached_property
+    def profile(self) -> Profile | None:
+        """The sensor profile that was named. Raises InputError where it cannot be used with the rest."""
+        from tactilevision.profile.contents import SUFFIX
+        from tactilevision.profile.read import read_profile
+
+        if self.sensor is None or not self.sensor.lower().endswith(SUFFIX):
+            return None
+        for option, value in (("--method", self.method), ("--mm-per-px", self.mm_per_px)):
+            if value is not None:
+                raise InputError(
+                    "is said by the sensor profile already", where=option, value=value, remedy="Leave it out."
+                )
+        return read_profile(self.sensor)
+
+    @property
+    def way(self) -> str:
+        """What decides how frames are read: the method's name, or the profile's content."""
+        from tactilevision.photometric.storage import digest
+
+        return self.method or ("" if self.profile is None else digest(self.profile.path))
+
+    def open(self, path: Path) -> Recording:
+        """Read a recording, or a bare folder of frames whose sensor is named."""
+        from tactilevision.recording import read_folder, require
+
+        if self.profile is not None:
+            from tactilevision.profile.use import open_with_profile
+
+            recording = open_with_profile(path, self.profile, reference=self.reference)
+        elif self._is_recording(path):
+            recording = self._of_recording(path)
+        else:
+            recording = read_folder(
+                path,
+                sensor=self.sensor,
+                reference=self.reference,
+                mm_per_px=self.mm_per_px,
+                guess=not self._has_own_reference(),
+            )
+        require(recording, "frames", step="making height maps")
+        return recording
+
+    def open_branch(self, path: Path) -> Recording:
+        """A source in a tree: without a profile, a recording knows its own sensor and reference."""
+        from tactilevision.recording import layout
+
+        own = self.profile is None and (path / layout.SETTINGS).is_file()
+        return (
+            Choice(method=self.method, shadows=self.shadows, even_so=self.even_so).open(path)
+            if own
+            else self.open(path)
+        )
+
+    def light(self, recording: Recording) -> Reconstructor:
+        """Calibrate the light from the recording's own references, or use the method or profile that was named.
+
+        Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the
+        default: its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
+        With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
+        InputError for a calibration that fails its own balls.
+        """
+        from tactilevision.quality.fitness import check_fit
+
+        sensor = self.calibrated(recording)
+        made = self._built(recording) if sensor is None else sensor.reconstructor
+        if made.referenced is not None and not self.even_so:
+            check_fit(made.referenced.card, remedy="--even-so")
+        return made
+
+    def _built(self, recording: Recording) -> Reconstructor:
+        from tactilevision.reconstruct import build_reconstructor
+        from tactilevision.reconstruct.shadows_seen import with_shadows
+
+        made = build_reconstructor(recording, self.method or ("auto" if recording.balls else None))
+        return with_shadows(recording, made) if self.shadows else made
+
+    def calibrated(self, recording: Recording) -> CalibratedSensor | None:
+        """The profile's sensor, once it has looked at some of the frames; None where no profile was named."""
+        if self.profile is None:
+            return None
+        from tactilevision.profile.use import sensor_for
+
+        return sensor_for(recording, self.profile)
+
+    def _is_recording(self, path: Path) -> bool:
+        """Whether recording.toml says all that is needed, or is asked for because there is nothing else."""
+        from tactilevision.recording import layout
+
+        if not path.exists() or any(path.glob(f"*/{layout.SETTINGS}")):  # the reader says what is meant
+            return self.sensor is None
+        return self.sensor is None and (path / layout.SETTINGS).is_file()
+
+    def _has_own_reference(self) -> bool:
+        """Whether a saved method was named, which brings a picture of the untouched gel along."""
+        return self.method is not None and Path(self.method).with_suffix(".npz").is_file()
+
+    def _of_recording(self, path: Path) -> Recording:
+        from tactilevision.recording import read_folder, read_recording
+
+        if self.reference is None and self.mm_per_px is None:
+            return read_recording(path)
+        return read_folder(path, reference=self.reference, mm_per_px=self.mm_per_px)
 
 
 def is_tree(path: Path) -> bool:
@@ -45,25 +178,6 @@ def is_tree(path: Path) -> bool:
     from tactilevision.batch.tree import find_sources
 
     return path.is_dir() and find_sources(path) not in ((path,), ())
-
-
-def open_branch(path: Path, sensor: str | None, *, reference: Path | None) -> Recording:
-    """A source in a tree: a recording knows its own sensor and reference."""
-    from tactilevision.recording import layout
-
-    own = (path / layout.SETTINGS).is_file()
-    return open_source(path, None if own else sensor, reference=None if own else reference)
-
-
-def open_reconstructor(recording: Recording, method: str | None) -> Reconstructor:
-    """Calibrate the light from the recording's own references, or use the method file that was named.
-
-    Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the default:
-    its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
-    """
-    from tactilevision.reconstruct import build_reconstructor
-
-    return build_reconstructor(recording, method or ("auto" if recording.balls else None))
 
 
 def open_face_correction(

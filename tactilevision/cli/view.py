@@ -43,7 +43,7 @@ def view(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: Annotated[
-        float | None, typer.Option(help="Scale of a depth TIFF that does not state its own.")
+        float | None, typer.Option(help="Scale of frames, or of a depth TIFF that does not state its own.")
     ] = None,
     terms: Annotated[
         bool, typer.Option("--terms", help="Also draw which part of the depth's deviation is the largest where.")
@@ -61,7 +61,7 @@ def view(
     if _is_tiff(path):
         height = _read_tiff(path, mm_per_px)
     else:
-        opened = _Opened(source.open_source(path, sensor, reference=reference), method)
+        opened = _Opened(path, source.Choice(sensor, reference, method, mm_per_px))
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
@@ -134,13 +134,14 @@ def _terms(height: HeightMap, opened: _Opened | None) -> dict[str, npt.NDArray[n
 class _Opened:
     """Frames with the way from them to depth, made when it is needed first: names are checked before."""
 
-    def __init__(self, recording: Recording, method: str | None) -> None:
-        self.recording, self.method = recording, method
+    def __init__(self, path: Path, chosen: source.Choice) -> None:
+        self.recording: Recording = chosen.open(path)
+        self.chosen = chosen
 
     @cached_property
     def reconstructor(self) -> Reconstructor:
         with console.progress_bar("calibrating the light"):
-            made = source.open_reconstructor(self.recording, self.method)
+            made = self.chosen.light(self.recording)
         console.warn([*self.recording.warnings, *made.warnings])
         return made
 

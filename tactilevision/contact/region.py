@@ -27,6 +27,7 @@ from tactilevision.uncertainty.untouched_noise import map_noise_mm, untouched_st
 STEEPEST = 0.9  # of the greatest mean slope: where the edge is; tests/contact/test_region.py
 LEVELS = 20  # of depth, between the shallowest and the deepest of a region
 SMOOTH_PX = 1.0  # px: sigma of the blur before slopes are taken
+SAMPLED = 4  # pixels along each side, of which one tells how much is known of a map
 MIN_SLOPE_PX = 3  # pixels, too few to tell a slope
 
 Array = npt.NDArray[np.floating[Any]]
@@ -36,25 +37,51 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     """Mask (H, W) of where something presses.
 
     A region is deeper than the limit of depth. Slow waves of untouched gel go as deep over wide areas. So it
-    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. Specks
-    do not count. Limits: records/contact_thresholds.py.
+    counts where enough pixels of it pass the wide limit, by the `error` of the method that made the map. That
+    widens with the stated deviation; slopes and colours do not, and a region counts, too, where enough of it is
+    steeper, or of another colour, than untouched gel is (`strong_evidence`). Specks do not count. Limits:
+    records/contact_thresholds.py.
     """
-    from scipy.ndimage import find_objects
-    from skimage.measure import label
-
     found = np.zeros(height.depth_mm.shape, np.bool_)
-    deep = height.valid & (height.depth_mm > depth_limit_mm(map_noise_mm(height)))
-    labels = label(deep, connectivity=1)
-    sizes = np.bincount(labels.ravel())
+    deep = in_question(height)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(deep.view(np.uint8), connectivity=4)
+    sizes = stats[:, cv2.CC_STAT_AREA]
     surely = np.bincount(labels[deep & (height.depth_mm > _surely_mm(height, error))], minlength=len(sizes))
-    sizes[surely < CONTACT.depth_min_px] = 0
+    unsure = (surely < CONTACT.depth_min_px) & (sizes >= CONTACT.depth_min_px)
+    if unsure[1:].any():
+        strong = np.bincount(labels[deep & strong_evidence(height)], minlength=len(sizes))
+        unsure &= strong < np.maximum(CONTACT.strong_share * sizes, CONTACT.depth_min_px)
+    sizes[unsure | (sizes < CONTACT.depth_min_px)] = 0
     sizes[0] = 0
-    windows = find_objects(labels)
     for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
-        rows, columns = windows[k - 1]
-        window = rows, columns
+        left, top, across, down = stats[k, :4]
+        window = slice(top, top + down), slice(left, left + across)
         found[window] |= _to_its_edge(height, window, labels[window] == k)
     return found
+
+
+def in_question(height: HeightMap) -> Bools:
+    """Mask (H, W) of what is deeper than the map is rough."""
+    if not height.valid.any():
+        return height.valid
+    limit_mm = depth_limit_mm(map_noise_mm(height), float(height.depth_mm[height.valid].max()))
+    return np.asarray(height.valid & (height.depth_mm > limit_mm))
+
+
+def strong_evidence(height: HeightMap) -> Bools:
+    """Mask (H, W) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off.
+
+    Empty for a map of which next to nothing is known: its slopes tell nothing either.
+    """
+    if height.std_mm is not None and np.median(height.std_mm[::SAMPLED, ::SAMPLED]) > CONTACT.strong_blind_mm:
+        return np.zeros(height.depth_mm.shape, np.bool_)
+    smooth = cv2.GaussianBlur(np.asarray(height.depth_mm, np.float32), (0, 0), SMOOTH_PX)
+    down, across = np.gradient(smooth, height.mm_per_px[1], height.mm_per_px[0])
+    strong = np.hypot(across, down) > CONTACT.strong_slope
+    if height.colour_change is not None:
+        coloured = (height.colour_change > CONTACT.strong_colour_sigma).astype(np.uint8)
+        strong |= cv2.resize(coloured, strong.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    return np.asarray(strong)
 
 
 def at_border(contact: Bools) -> bool:

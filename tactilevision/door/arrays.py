@@ -48,20 +48,32 @@ def read_arrays(path: Path | str) -> Mapping[str, npt.NDArray[Any]]:
     the file system refuses.
     """
     with open_regular(path) as file:
-        try:
-            with zipfile.ZipFile(file) as packed:
-                total = sum(about.file_size for about in packed.infolist())
-                check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=path)
-                return {about.filename.removesuffix(".npy"): _member(packed, about, path)
-                        for about in packed.infolist()}  # fmt: skip
-        except InputError:
-            raise
-        except DAMAGED as fault:
-            raise _damaged(fault, path) from fault
+        return _unpacked(file, path)
 
 
-def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, path: Path | str) -> npt.NDArray[Any]:
-    where = f"{path}, {about.filename}"
+def unpack_arrays(data: bytes, *, where: object) -> Mapping[str, npt.NDArray[Any]]:
+    """The arrays of the bytes of a .npz file by their names, of any shape, in their unit.
+
+    Raises InputError as `read_arrays` does.
+    """
+    return _unpacked(io.BytesIO(data), where)
+
+
+def _unpacked(file: BinaryIO, where: object) -> Mapping[str, npt.NDArray[Any]]:
+    try:
+        with zipfile.ZipFile(file) as packed:
+            total = sum(about.file_size for about in packed.infolist())
+            check(total / 1e6, "MAX_ARRAY_MB", what="what it unpacks to, in MB,", where=where)
+            return {about.filename.removesuffix(".npy"): _member(packed, about, where)
+                    for about in packed.infolist()}  # fmt: skip
+    except InputError:
+        raise
+    except DAMAGED as fault:
+        raise _damaged(fault, where) from fault
+
+
+def _member(packed: zipfile.ZipFile, about: zipfile.ZipInfo, source: object) -> npt.NDArray[Any]:
+    where = f"{source}, {about.filename}"
     with packed.open(about) as member:
         _check_header(member, where)  # type: ignore[arg-type]
     with packed.open(about) as member:

@@ -47,13 +47,18 @@ def read_json(path: Path | str) -> dict[str, Any]:
 
     Raises InputError where it is no such table, OSError where the file system refuses.
     """
-    text = read_text(path)
+    return parse_json(read_text(path), where=path)
+
+
+def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
+    """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
+    check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
         content = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_finite)
     except (ValueError, RecursionError) as fault:
-        raise InputError(f"is not JSON: {str(fault)[:200]}", where=path) from fault
+        raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
     if not isinstance(content, dict):
-        raise InputError("is not a table of JSON", where=path, value=type(content).__name__)
+        raise InputError("is not a table of JSON", where=where, value=type(content).__name__)
     return content
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -51,11 +52,14 @@ def read_material(path: Path | str) -> Material:
     interval's width. An incompressible gel counts as nu = .4999. Raises InputError for a file that is not a
     calibration, or holds no number for E or nu, or one that no gel has.
     """
-    path = Path(path)
-    content = _content(path)
-    modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", path)
-    poisson, poisson_std = _estimate(content, "poisson_ratio", path)
-    covariance = _covariance(content, path)
+    return material_of(read_calibration(path), where=path)
+
+
+def material_of(content: Mapping[str, Any], *, where: object) -> Material:
+    """As `read_material`, of the content of calibration.json; `where` is the file, for what errors say."""
+    modulus, modulus_std = _estimate(content, "youngs_modulus_MPa", where)
+    poisson, poisson_std = _estimate(content, "poisson_ratio", where)
+    covariance = _covariance(content, where)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
     incompressible = MAX_POISSON < poisson <= 0.5
@@ -108,7 +112,7 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
     return Sensitivity("both together", "", (float("nan"), float("nan")), np.stack([now - half, now + half]))
 
 
-def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, float]:
+def _estimate(content: Mapping[str, Any], key: str, path: object) -> tuple[float, float]:
     entry = content.get(key)
     alone = number(entry, what=key, where=path)
     if alone is not None:
@@ -127,7 +131,8 @@ def _estimate(content: dict[str, Any], key: str, path: Path) -> tuple[float, flo
     raise InputError(f"{key} is missing", where=path, remedy="Take the calibration.json that `calibrate` wrote.")
 
 
-def _content(path: Path | str) -> dict[str, Any]:
+def read_calibration(path: Path | str) -> dict[str, Any]:
+    """The content of calibration.json. Raises InputError where it cannot be read."""
     try:
         return read_json(path)
     except (OSError, InputError) as fault:
@@ -139,7 +144,7 @@ def _content(path: Path | str) -> dict[str, Any]:
         ) from fault
 
 
-def _covariance(content: dict[str, Any], path: Path) -> Floats | None:
+def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
     """(2, 2) of E and nu, from {"of": names, "matrix": rows} or from the rows alone with E and nu first."""
     entry = content.get("covariance")
     names = ["youngs_modulus_MPa", "poisson_ratio"]
@@ -169,9 +174,7 @@ def _covariance(content: dict[str, Any], path: Path) -> Floats | None:
 
 def check_gel(path: Path | str, gel: Gel) -> None:
     """Raises InputError where calibration.json was made on a gel of another thickness: it is another sensor's."""
-    made_on = _content(path).get("gel")
-    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
-    thickness = number(thickness, what="the thickness of the gel", where=path)
+    thickness = read_thickness_mm(path)
     if thickness is not None and abs(thickness / gel.thickness_mm - 1) > SAME_GEL:
         raise InputError(
             "is the calibration of another gel",
@@ -181,8 +184,15 @@ def check_gel(path: Path | str, gel: Gel) -> None:
         )
 
 
+def read_thickness_mm(path: Path | str) -> float | None:
+    """Thickness of the gel that calibration.json was made on; None: not in it."""
+    made_on = read_calibration(path).get("gel")
+    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
+    return number(thickness, what="the thickness of the gel", where=path)
+
+
 def read_clock_offset(path: Path | str) -> float | None:
     """F/T clock minus camera clock from a calibration.json that `read_material` accepts; None: not in it."""
-    stated = _content(path).get("clock_offset_s")
+    stated = read_calibration(path).get("clock_offset_s")
     value = stated.get("value") if isinstance(stated, dict) else stated
     return number(value, what="clock_offset_s", where=path)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,21 +22,33 @@ from tactilevision.force.inverse import Cells
 from tactilevision.force.kernel import CellCompliance, layer_cells
 from tactilevision.force.lateral_boundaries.table import SideTable, side_table
 from tactilevision.force.nodes import NodeGrid
-from tactilevision.records import Bools, Floats, Gel
+from tactilevision.records import Bools, Floats, Gel, Material, Pair
 
 POISSON_STEP = 1e-3  # of Poisson's ratio, over which the compliance's slope is taken
 SIDE_POISSON_STEP = 4e-3  # the table is right to some 1e-4 of itself
 
 
+@dataclass(frozen=True, slots=True)
+class Slopes:
+    """What the compliance's slope in nu is made of: of the layer itself, and the sides for a smaller nu."""
+
+    layer: CellCompliance
+    sides: SideTable | None
+
+
 @dataclass(frozen=True)
 class GelCompliance:
-    """Compliance between cells at modulus 1 MPa; `inside` (rows, columns) says which cells lie on the gel."""
+    """Compliance between cells at modulus 1 MPa; `inside` (rows, columns) says which cells lie on the gel.
+
+    `kept` is its slope in nu, made before (kept_compliance.py); None: made when it is asked for.
+    """
 
     gel: Gel
     poisson_ratio: float
     layer: CellCompliance
     inside: Bools = field(repr=False)
     sides: SideTable | None = None
+    kept: Slopes | None = field(default=None, repr=False)
 
     @property
     def grid(self) -> NodeGrid:
@@ -84,9 +97,13 @@ class GelCompliance:
 
     def prepare_slope(self) -> None:
         """Make now what `by_poisson` needs."""
-        if self.sides is not None and self.sides.table.any():
-            self._sides_lower  # noqa: B018
-        self._poisson_slope  # noqa: B018
+        self.slopes  # noqa: B018
+
+    @property
+    def slopes(self) -> Slopes:
+        """What `by_poisson` needs."""
+        felt = self.sides is not None and self.sides.table.any()
+        return Slopes(self._poisson_slope, self._sides_lower if felt else None)
 
     def _of_sides(self, sides: SideTable | None, cells: Cells, like: Floats) -> Floats:
         none = np.zeros_like(like)
@@ -102,14 +119,34 @@ class GelCompliance:
     @cached_property
     def _sides_lower(self) -> SideTable | None:
         """The sides for a smaller nu; made only where a contact feels them."""
+        if self.kept is not None:
+            return self.kept.sides
         return side_table(self.gel, self.grid, poisson_ratio=self.poisson_ratio - SIDE_POISSON_STEP)
 
     @cached_property
     def _poisson_slope(self) -> CellCompliance:
+        if self.kept is not None:
+            return self.kept.layer
         lower = layer_cells(
             self.grid, thickness_mm=self.gel.thickness_mm, poisson_ratio=self.poisson_ratio - POISSON_STEP
         )
         return CellCompliance(self.grid, (self.layer.table - lower.table) / POISSON_STEP)
+
+
+class CalibratedGel(Protocol):
+    """What a sensor that was calibrated for force knows; None: not known, or not made yet."""
+
+    @property
+    def gel(self) -> Gel | None: ...
+
+    @property
+    def material(self) -> Material | None: ...
+
+    @property
+    def mm_per_px(self) -> Pair: ...
+
+    @property
+    def compliance(self) -> GelCompliance | None: ...
 
 
 def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: bool = True) -> GelCompliance:
@@ -117,7 +154,7 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
 
     Raises InputError where no cell lies on the gel.
     """
-    inside = _on_gel(gel, grid)
+    inside = on_gel(gel, grid)
     if not inside.any():
         raise InputError(
             "no part of the view lies on the gel",
@@ -130,8 +167,8 @@ def gel_compliance(gel: Gel, grid: NodeGrid, *, poisson_ratio: float, sides: boo
     return GelCompliance(gel, poisson_ratio, layer, inside, table)
 
 
-def _on_gel(gel: Gel, grid: NodeGrid) -> Bools:
-    """Cells that lie wholly on the gel."""
+def on_gel(gel: Gel, grid: NodeGrid) -> Bools:
+    """Mask (rows, columns) of the cells that lie wholly on the gel."""
     half = grid.spacing_mm / 2
     x, y = np.abs(grid.x_mm)[None, :] + half, np.abs(grid.y_mm)[:, None] + half
     if gel.shape == "disc" and gel.radius_mm is not None:

@@ -27,10 +27,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_fill_holes
 
-from tactilevision.force.compliance import GelCompliance, gel_compliance
-from tactilevision.force.contact import at_border, candidate_cells, overlooked_cells
+from tactilevision.errors import InputError
+from tactilevision.force.border import force_beyond, is_cut
+from tactilevision.force.compliance import CalibratedGel, GelCompliance, gel_compliance
+from tactilevision.force.contact import candidate_cells, overlooked_cells
 from tactilevision.force.inverse import Cells, Solution, solve_all, solve_normal
 from tactilevision.force.large_depth import depth_factors
 from tactilevision.force.nodes import NodeGrid, lay_grid
@@ -72,24 +73,39 @@ class ForceSettings:
 
 
 class ForceField:
-    """`ForceField(gel, material, mm_per_px)(height, shear)`; shear None leaves fx and fy unknown (NaN)."""
+    """`ForceField(gel, material, mm_per_px)(height, shear)`, or `ForceField(sensor)` for a calibrated sensor.
+
+    shear None leaves fx and fy unknown (NaN).
+    """
 
     def __init__(
         self,
-        gel: Gel,
-        material: Material,
-        mm_per_px: Pair,
+        gel: Gel | CalibratedGel,
+        material: Material | None = None,
+        mm_per_px: Pair | None = None,
         *,
         view_px: tuple[int, int] | None = None,
         settings: ForceSettings | None = None,
+        compliance: GelCompliance | None = None,
     ) -> None:
-        self.gel, self.material, self.mm_per_px = gel, material, mm_per_px
+        own = gel if isinstance(gel, Gel) else gel.gel
+        if not isinstance(gel, Gel):
+            compliance, material, mm_per_px = gel.compliance, gel.material, gel.mm_per_px
+        if own is None or material is None or mm_per_px is None:
+            raise InputError(
+                "a force field needs the gel, its E and nu, and the scale",
+                where="ForceField",
+                remedy="Give all three, or a sensor that was calibrated for force.",
+            )
+        self.gel, self.material, self.mm_per_px = own, material, mm_per_px
         self.settings = ForceSettings() if settings is None else settings
         alike = self.settings.depth_correlation_px
         self._noise = PixelNoise(
-            self.settings.depth_std_mm, np.inf if alike is None else alike, STILL * gel.thickness_mm
+            self.settings.depth_std_mm, np.inf if alike is None else alike, STILL * own.thickness_mm
         )
-        self.compliance: GelCompliance | None = None if view_px is None else self._set_up(view_px)
+        self.compliance = compliance if compliance is not None and self._fits(compliance, view_px) else None
+        if self.compliance is None and view_px is not None:
+            self.compliance = self._set_up(view_px)
 
     def __call__(
         self, height: HeightMap, shear: ShearMap | None = None, *, measured: MeasuredForce | None = None
@@ -109,6 +125,11 @@ class ForceField:
             self.compliance = self._set_up(height.depth_mm.shape)
         seen = observe(self.compliance.grid, height, shear=None, noise=self._noise, inside=self.compliance.inside)
         return len(candidate_cells(seen.displacement_mm[-1], seen.depth_std_mm, known=seen.known)) > 0
+
+    def _fits(self, made: GelCompliance, view_px: tuple[int, int] | None) -> bool:
+        """Whether a compliance that was made before is one for these settings and this view."""
+        seen = view_px is None or view_px == made.grid.view_px
+        return seen and self.settings.sides and made.grid.spacing_mm == self.settings.spacing_mm
 
     def _set_up(self, view_px: tuple[int, ...]) -> GelCompliance:
         grid = lay_grid((view_px[0], view_px[1]), self.mm_per_px, spacing_mm=self.settings.spacing_mm)
@@ -136,7 +157,7 @@ class ForceField:
             unseen = 2 * grid.spacing_mm * reduced * least
             return _nothing(grid, height, (*flags, NO_CONTACT), unseen)
         flags += [] if len(seen.displacement_mm) == 3 else [NO_SHEAR]
-        if _is_cut(grid, found, seen):
+        if is_cut(grid, found, seen):
             flags.append(CUT)
         return self._report(compliance, seen, found, height, tuple(flags))
 
@@ -182,7 +203,7 @@ class ForceField:
         variance[2] += _doubtful(grid, found, scale, float(seen.std_mm[-1]), self.material.poisson_ratio) ** 2
         if parts == 1:
             variance[2] += (SHARE_STD * (weights[2] * by_share @ found.traction[0])) ** 2
-        variance[:3] += _beyond(grid, found, seen, scale, CUT in flags)
+        variance[:3] += force_beyond(grid, found, seen, scale=scale, cut=CUT in flags)
         std, fields = np.sqrt(variance), np.zeros((3, grid.shape[0] * grid.shape[1]))
         fields[3 - parts :, found.cells] = found.traction * scale
         errors = np.full_like(fields, np.nan)
@@ -267,39 +288,6 @@ def _doubtful(grid: NodeGrid, found: Solution, scale: Floats, std_mm: float, poi
     pressure = found.traction[-1]
     noise = std_mm / (grid.spacing_mm * (1 - poisson_ratio**2))
     return float(grid.cell_mm2 * (pressure * scale)[pressure < 2 * noise].sum())
-
-
-def _is_cut(grid: NodeGrid, found: Solution, seen: Observation) -> bool:
-    """Whether pressure reaches the border: that of its cells, summed, stands out of its own deviation.
-
-    That holds errors that the whole contact shares, and those of each cell alone.
-    """
-    edge = at_border(found.cells, binary_fill_holes(seen.known))
-    if not edge.any():
-        return False
-    weights = np.zeros((1, found.traction.size))
-    weights[0, -len(found.cells) :] = edge
-    shared = float(found.shift(weights, seen.depth_std_mm.ravel()[found.cells])[0])
-    own = float(found.propagate(weights, np.repeat(seen.std_mm, len(found.cells)))[0, 0])
-    return float(found.traction[-1][edge].sum()) > CONTACT.cell_sigma * float(np.hypot(shared, np.sqrt(own)))
-
-
-def _beyond(grid: NodeGrid, found: Solution, seen: Observation, scale: Floats, cut: bool) -> Floats:
-    """Squared force that may lie where nothing is known: beyond the border that cuts a contact, its cells'
-    traction carried on for half the contact's width; in a hole of the map, the mean traction round it, over no
-    more than it.
-    """
-    whole = np.asarray(binary_fill_holes(seen.known))
-    outer = at_border(found.cells, whole)
-    inner = at_border(found.cells, seen.known) & ~outer
-    half_width = np.sqrt(len(found.cells) / np.pi)
-    traction, square = found.traction * scale, np.zeros(len(found.traction))
-    if cut:
-        square += (grid.cell_mm2 * traction[:, outer].sum(axis=1) * half_width) ** 2
-    if inner.any():
-        missing = min(np.count_nonzero(whole & ~seen.known), half_width * np.count_nonzero(inner))
-        square += (grid.cell_mm2 * traction[:, inner].mean(axis=1) * missing) ** 2
-    return np.concatenate([np.zeros(3 - len(square)), square])
 
 
 def _nothing(grid: NodeGrid, height: HeightMap, flags: tuple[str, ...], unseen_N: float) -> TractionMap:

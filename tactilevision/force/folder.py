@@ -17,13 +17,14 @@ from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_re
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
+from tactilevision.force.compliance import GelCompliance
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.force.frame import ForceJob, FrameForce
 from tactilevision.force.readings import Readings
 from tactilevision.force.store import Form, TractionStore
 from tactilevision.force.wrench import triple
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, read_image
+from tactilevision.recording import Recording, is_bare, read_flats
 from tactilevision.records import Bytes, Material
 from tactilevision.runs import output_lock
 from tactilevision.sensors import rectify
@@ -100,31 +101,38 @@ def force_job(
     out: Path | str,
     settings: ForceSettings | None = None,
     form: Form = "npz",
+    untouched: Untouched | None = None,
+    compliance: GelCompliance | None = None,
 ) -> ForceJob:
     """All that a frame needs, made once: compliance, the untouched gel, and where tractions go.
 
-    Shear is followed from the first frame of the untouched gel among the recording's references; without one, fx
-    and fy stay unknown. Raises InputError where the sensor's gel is not described.
+    Shear is followed from the first frame of the untouched gel among the recording's references, or from
+    `untouched`; without one, fx and fy stay unknown. `compliance` is the gel's where it was made before. Raises
+    InputError where the sensor's gel is not described.
     """
     sensor = recording.sensor
     if sensor.gel is None:
+        bare = is_bare(recording)
         raise InputError(
             "forces need the gel's thickness",
-            where=recording.path / "recording.toml",
-            remedy="Add [sensor.gel] with thickness_mm, shape and size.",
+            where=recording.path if bare else recording.path / "recording.toml",
+            remedy="Name a TOML file with [sensor.gel] thickness_mm, shape and size, or a profile, with --sensor."
+            if bare
+            else "Add [sensor.gel] with thickness_mm, shape and size.",
         )
     view = (sensor.height_px, sensor.width_px)
-    field = ForceField(sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings)
+    field = ForceField(
+        sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings, compliance=compliance
+    )
     assert field.compliance is not None
     store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
-    return ForceJob(field, reconstructor, _untouched(recording), store)
+    return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
 
 
 def untouched_frame(recording: Recording) -> Bytes | None:
     """The first reference picture of the untouched gel, rectified; None where the recording has none."""
-    if not recording.flats:
-        return None
-    return rectify(recording.sensor, read_image(recording.flats[0], white_level=recording.white_level))
+    flats = read_flats(replace(recording, flats=recording.flats[:1]))
+    return rectify(recording.sensor, flats[0]) if flats else None
 
 
 def beside(row: FrameForce, readings: Readings) -> FrameForce:

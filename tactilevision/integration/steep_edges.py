@@ -9,9 +9,17 @@ change the smooth factor, which k = 1, 2 follow. The slope has no bound at the e
 steeper than any ball showed, colours saturate, and a quarter of a deep face's height hides there. Slopes
 farther out, and those at the foot of the blurred wall inside, are gentle and well read. They fix all unknowns of
 
-    seen slope = <sin t> / <cos t>      t = arctan(u'), u blurred by the edge's rounding, < > blurred by the camera
+    h(seen slope) = <S(t)> / <C(t)>     t = arctan(u'), u blurred by the edge's rounding, < > blurred by the camera
 
-(light is blurred, not slope, so a steep pixel counts by its normal), and the law carries the depth through.
+and the law carries the depth through. Light is blurred, not slope. A lamp that leans by L (1/tan of its elevation)
+gives max(0, cos t - L sin t cos f) to a wall whose foot points f away from it; round the whole rim that is
+
+    C = (cos t (pi - f0) + L sin t sin f0)/pi
+    S = (2/pi) (cos t sin f0/L + sin t ((pi - f0)/2 - sin(2 f0)/4))      cos f0 = min(1, 1/(L tan t)),  h = S/C
+
+sin t and cos t as long as no lamp is turned away from, L tan t < 1, and half the slope of a steep wall beyond:
+attached shadows. On a path tracer's faces of .3 to .6 mm (light passing through the punch) this brought depths
+from .77-.98 of the truth to .86-1.04.
 
 Only round rims with a sharp inner flank are treated so: the slopes of balls, cones and ridges grow gently and are
 left alone. Assumes a flat face, at least a third of whose rim is in the picture.
@@ -22,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -47,6 +56,12 @@ EACH = np.arange(6)  # the unknowns' places on a diagonal
 CONVERGENCE_TOL = 0.02
 
 
+LEAN = 2.1  # 1/tan of 25 degrees: lamps of these sensors stand at 15 to 35
+STEEPEST = 8.0  # slope to which light is tabled: steeper walls differ by less than a hundredth
+MIN_RATE = 0.02  # of h: walls so steep look alike
+TABLED = 801  # slopes in the table: finer ones change no depth by .1 um
+
+
 @dataclass(frozen=True, slots=True)
 class PunchEdge:
     """The wall round one flat face.
@@ -67,10 +82,15 @@ class PunchEdge:
     std_mm: float
 
 
-def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> list[PunchEdge]:
-    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably."""
+def find_punch_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float, lean: float = LEAN) -> list[PunchEdge]:
+    """The walls round flat faces in `slopes` (H, W); `limit` is the steepest slope that is read reliably.
+
+    `lean` of the lamps: 1/tan of their mean elevation.
+    """
+    light = wall_light(round(lean, 2))
     edges = [
-        _fit_edge(circle, limit, min(mm_per_px)) for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
+        _fit_edge(circle, limit, px=min(mm_per_px), light=light)
+        for circle in find_circular_edges(slopes, mm_per_px, limit=limit)
     ]
     return [edge for edge in edges if edge is not None]
 
@@ -112,13 +132,19 @@ def _interpolated(edge: PunchEdge, r: Floats, half: float) -> tuple[Floats, Floa
 
 
 def restore_windows(
-    fine: Sequence[Planes], windows: Sequence[Window], *, valid: Bools, mm_per_px: Pair, limit: float
+    fine: Sequence[Planes],
+    windows: Sequence[Window],
+    *,
+    valid: Bools,
+    mm_per_px: Pair,
+    limit: float,
+    lean: float = LEAN,
 ) -> list[PunchEdge]:
     """The walls found and restored, in place, in slopes (2, rows, columns) for each window of a picture."""
     edges = []
     for window, (p, q) in zip(windows, fine, strict=True):
         slopes = SlopeMap(p, q, valid[window])
-        restored = find_punch_edges(slopes, mm_per_px, limit=limit)
+        restored = find_punch_edges(slopes, mm_per_px, limit=limit, lean=lean)
         restore(slopes, restored, mm_per_px=mm_per_px)
         top, left = (side.start * step for side, step in zip(window, mm_per_px[::-1], strict=True))
         edges += [
@@ -127,7 +153,33 @@ def restore_windows(
     return edges
 
 
-def _fit_edge(edge: CircularEdge, limit: float, px: float) -> PunchEdge | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class WallLight:
+    """S, C and their rates dS/du, dC/du (n,) at `slopes` u (n,), and h = S/C with its rate; all without unit."""
+
+    slopes: Floats
+    sine: Floats
+    cosine: Floats
+    sine_rate: Floats
+    cosine_rate: Floats
+    seen: Floats
+    seen_rate: Floats
+
+
+@lru_cache
+def wall_light(lean: float) -> WallLight:
+    """The light round a wall under lamps of this lean, tabled over its slope."""
+    u = np.linspace(0.0, STEEPEST, TABLED)
+    t = np.arctan(u)
+    away = np.arccos(np.minimum(1.0, 1.0 / np.maximum(lean * u, 1e-9)))
+    cosine = (np.cos(t) * (np.pi - away) + lean * np.sin(t) * np.sin(away)) / np.pi
+    part = 0.5 * (np.pi - away) - 0.25 * np.sin(2.0 * away)
+    sine = 2.0 / np.pi * (np.cos(t) * np.sin(away) / lean + np.sin(t) * part)
+    seen = np.maximum.accumulate(sine / cosine) + 1e-9 * np.arange(u.size)
+    return WallLight(u, sine, cosine, np.gradient(sine, u), np.gradient(cosine, u), seen, np.gradient(seen, u))
+
+
+def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
     far = max(FAR * edge.radius_mm, 8 * px)
@@ -137,7 +189,7 @@ def _fit_edge(edge: CircularEdge, limit: float, px: float) -> PunchEdge | None:
     if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
-    law = _Law(edge.radius_mm, px, far)
+    law = _Law(edge.radius_mm, px, far, light)
     unknown, covariance = law.fitted(s[use], mean[use], std)
     shift, reach = float(unknown[0]), float(s[steep].max() + px)
     falls, fall, rate = law.falls(unknown, reach - shift)
@@ -154,8 +206,8 @@ def _fit_edge(edge: CircularEdge, limit: float, px: float) -> PunchEdge | None:
 class _Law:
     """The law on a fine grid. Unknowns: shift of the edge, log of its blur and the camera's (mm), c_0 to c_2."""
 
-    def __init__(self, radius_mm: float, px: float, far: float) -> None:
-        self.radius_mm, self.px, self.step = radius_mm, px, FINE * px
+    def __init__(self, radius_mm: float, px: float, far: float, light: WallLight) -> None:
+        self.radius_mm, self.px, self.step, self.light = radius_mm, px, FINE * px, light
         self.edges = np.arange(-14 * px, far + 8 * px, self.step)
         self.places = self.edges[:-1] + 0.5 * self.step
         s = np.maximum(self.edges, 0.0)
@@ -222,26 +274,29 @@ class _Law:
         """
         edge, camera = np.exp(unknown[1:3]) / self.step
         rates = _blur(self.rates, edge)
-        slope = unknown[3:] @ rates
-        up = 1.0 / np.sqrt(1.0 + slope * slope)
-        light = np.zeros((2, 5, len(slope)))  # sine and cosine; both, and by blur of the edge and the three c
-        light[0, 0], light[1, 0] = slope * up, up
+        slope, table = unknown[3:] @ rates, self.light
+        size, sign = np.abs(slope), np.sign(slope)
+        light = np.zeros((2, 5, len(slope)))  # S and C; both, and by blur of the edge and the three c
+        light[0, 0] = sign * np.interp(size, table.slopes, table.sine)
+        light[1, 0] = np.interp(size, table.slopes, table.cosine)
         light[0, 1, 1:-1] = edge**2 * (slope[2:] + slope[:-2] - 2.0 * slope[1:-1])
         light[0, 2:] = rates
-        light[0, 1:] *= up**3
-        np.multiply(light[0, 1:], -slope, out=light[1, 1:])
+        np.multiply(light[0, 1:], sign * np.interp(size, table.slopes, table.cosine_rate), out=light[1, 1:])
+        light[0, 1:] *= np.interp(size, table.slopes, table.sine_rate)
         sigma = max(camera, 1.0) * self.step
         distance = ((s - unknown[0])[:, None] - self.places) / sigma
         kernel = np.exp(-0.5 * distance * distance)
         blurred = np.matmul(light, kernel.T)
-        slopes = blurred[0, 0] / blurred[1, 0]
+        ratio = blurred[0, 0] / blurred[1, 0]
+        slopes = np.sign(ratio) * np.interp(np.abs(ratio), table.seen, table.slopes)
         light_rates = np.empty((2, 6, len(s)))
         light_rates[:, 1], light_rates[:, 3:] = blurred[:, 1], blurred[:, 2:]
         kernel *= distance
         light_rates[:, 0] = light[:, 0] @ kernel.T / sigma
         kernel *= distance
         light_rates[:, 2] = light[:, 0] @ kernel.T
-        return slopes, (light_rates[0] - slopes * light_rates[1]) / blurred[1, 0]
+        gain = blurred[1, 0] * np.maximum(np.interp(np.abs(slopes), table.slopes, table.seen_rate), MIN_RATE)
+        return slopes, (light_rates[0] - ratio * light_rates[1]) / gain
 
 
 def _blur(rows: Floats, sigma: float) -> Floats:

@@ -16,15 +16,18 @@ from tactilevision.photometric.ball.consistency import (
     coverage_warnings,
     odd_balls,
     reference_warnings,
+    scale_warnings,
     shared_contact,
 )
 from tactilevision.photometric.ball.cross_validation import (
+    SLOPE_SOFTENING,
     Fitter,
     ScaleUncertainty,
     gain_std,
     gains_of,
     gains_without,
     held_out,
+    patch_error,
     scale_uncertainty,
 )
 from tactilevision.photometric.ball.detection import Ball, find_ball
@@ -38,6 +41,7 @@ from tactilevision.photometric.ball.samples import (
     far_from,
     join,
     resting_samples,
+    told_alike,
     values_at,
     with_noise,
 )
@@ -46,6 +50,8 @@ from tactilevision.photometric.illumination.colour_change import ColourChange, P
 from tactilevision.photometric.illumination.drift import solid
 from tactilevision.photometric.markers import marked
 from tactilevision.photometric.method import CalibratedMethod
+from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
+from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bools, Bytes, Floats, Pair
@@ -53,8 +59,6 @@ from tactilevision.records import Bools, Bytes, Floats, Pair
 MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
-SLOPE_SOFTENING = 0.1  # slopes below are not asked to be right in proportion
-PATCHES = (8, 3)  # of a ball: round it, and outwards
 
 
 @runtime_checkable
@@ -112,16 +116,18 @@ def calibrate_from_balls(
     change = ColourChange(reference)
     balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
     _check_count(len(contact_parts), len(pictures), warnings)
-    pressed, resting = (with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts))
+    every = [with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts)]
+    pressed, resting = told_alike(*every, min_balls=MIN_BALLS)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
+    two_colours = _two_colours(best, *every)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
-    warnings += coverage_warnings(cover) + _observability_warnings(light)
-    warnings += _radii_warnings(best, balls, pressed, resting)
+    warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
+    warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
         _card(best, pressed, light),
@@ -133,7 +139,7 @@ def calibrate_from_balls(
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
     return Calibration(
-        CalibratedMethod(best.law, reference, relative, background, card),
+        CalibratedMethod(best.law, reference, relative, background, card, two_colours),
         tuple(balls),
         best.direction_error_deg,
         best.slope_error,
@@ -158,19 +164,32 @@ class _Fit:
     scale: ScaleUncertainty
     direction_error_deg: float
     slope_error: float
+    patch_error: float
 
 
 def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
-    """The law by the way to fit, and its ridge, that is least off at balls left out."""
+    """The law by the way to fit, and its ridge, that is least off at balls left out.
+
+    Raises InputError where too few balls are told by the same colours.
+    """
+    _check_count(told := len(np.unique(pressed.press)), told, ["the others lie where two colours are overexposed"])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
     scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
-    best = int(np.argmin([_relative_error(slopes, pressed) for slopes, _ in scores]))
+    patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
+    best = int(np.argmin(patch_errors))
     (fitter, ridge), (slopes, others) = ways[best], scores[best]
     law = fitter(pressed, resting, ridge=ridge)
     scale = scale_uncertainty(fitter, pressed, untouched_samples=resting, ridge=ridge, law=law, others=others)
     direction = float(np.median(direction_error_deg(slopes, pressed.slopes)))
     error = float(np.sqrt(np.mean(np.sum((slopes - pressed.slopes) ** 2, axis=1))))
-    return _Fit(law, fitter, ridge, slopes, others, scale, direction, error)
+    return _Fit(law, fitter, ridge, slopes, others, scale, direction, error, patch_errors[best])
+
+
+def _two_colours(best: _Fit, pressed: Samples, resting: Samples) -> TwoColourLaws:
+    """Laws of two colours each, fitted as the law of three was where that is a polynomial."""
+    as_best = isinstance(best.law, Polynomial)
+    fit, ridge = (best.fitter, best.ridge) if as_best else (fit_polynomial, RIDGES[1])
+    return fit_two_colours(fit, pressed, resting, ridge=ridge, error=best.patch_error)
 
 
 def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
@@ -191,7 +210,7 @@ def _card(best: _Fit, pressed: Samples, light: Observability) -> MethodCard:
 
 def _radii_warnings(best: _Fit, balls: Sequence[Ball | None], pressed: Samples, resting: Samples) -> list[str]:
     return contradicting_radii(
-        {number: ball.radius_mm for number, ball in enumerate(balls) if ball is not None},
+        {number: ball.radius_mm for number in map(int, np.unique(pressed.press)) if (ball := balls[number])},
         lambda group: gains_without(
             np.array(group), best.fitter, contact=pressed, untouched_samples=resting, ridge=best.ridge
         ),
@@ -238,7 +257,7 @@ def _collect(
     for number, picture in enumerate(pictures):
         name = picture.name or f"ball {number + 1}"
         try:
-            changes, _, valid = change.measure(picture.rgb)
+            changes, _, valid = change.measure_known(picture.rgb)
             if marks is not None:
                 valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
             ball = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
@@ -288,26 +307,6 @@ def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pai
         contact_radius_px=picture.contact_radius_px,
         usable=valid,
     )
-
-
-def _relative_error(slopes: Floats, samples: Samples) -> float:
-    """Mean distance from the true slope in parts of it: gentle slopes carry the rise, steep ones the depth.
-
-    Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
-    by pixel the best guess is one that reads all slopes too low.
-    """
-    steepness = np.hypot(*samples.slopes.T)
-    sector = np.floor(
-        (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
-    )
-    ring = np.floor(PATCHES[1] * 0.999999 * (steepness / steepness.max()) ** 2)
-    _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
-    count = np.bincount(patch.ravel())
-    true, off = (
-        np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
-        for many in (samples.slopes, slopes - samples.slopes)
-    )
-    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
 def _contact_in_reference(

@@ -15,10 +15,12 @@ from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.camera_response import response_from_card
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
+from tactilevision.photometric.markers import fill
+from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
 from tactilevision.photometric.protocols import ColourLaw, PhotometricMethod, PixelMethod, Reading
 from tactilevision.photometric.reference import Reference
-from tactilevision.records import Bools, Bytes, SlopeMap
+from tactilevision.records import Bools, Bytes, Floats, SlopeMap
 
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]
@@ -34,6 +36,7 @@ class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
     relative_error: float
     background: SlopeBackground | None
     card: MethodCard
+    two_colours: TwoColourLaws | None
     trusted_blocks: Bools
 
     @property
@@ -58,6 +61,7 @@ class CalibratedMethod:
     """A colour law with the reference it is used against.
 
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
+    `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
     Not thread-safe: buffers are reused; make one for each thread.
     """
 
@@ -66,6 +70,7 @@ class CalibratedMethod:
     relative_error: float = 0.0
     background: SlopeBackground | None = None
     card: MethodCard = field(default_factory=MethodCard)
+    two_colours: TwoColourLaws | None = None
 
     def __post_init__(self) -> None:
         self.name = self.law.name
@@ -98,8 +103,9 @@ class CalibratedMethod:
 
         Raises InputError for a frame that cannot be read.
         """
-        slopes = self.read(rgb_rectified).slopes
-        return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy))
+        reading = self.read(rgb_rectified)
+        slopes = reading.slopes
+        return replace(slopes, std=self._std(slopes.dz_dx, slopes.dz_dy, reading.lost_share))
 
     def read(self, rgb_rectified: Bytes) -> Reading:
         """The slopes, without their deviation, and what was found on the way."""
@@ -113,7 +119,14 @@ class CalibratedMethod:
             parts = ((window, changes[:, window[0]]) for window in strips(whole))
         slopes: Planes = np.empty((2, height, width), np.float32)
         steepest = self._read_into(slopes, parts)
-        return Reading(SlopeMap(slopes[0], slopes[1], valid & self.readable), drift, steepest)
+        self._fill_blind(slopes, whole)
+        return Reading(SlopeMap(slopes[0], slopes[1], self.valid(valid)), drift, steepest, self.lost_share())
+
+    def at(self, change: Floats, place: Floats) -> Floats:
+        """Slopes (N, 2) of changes (N, 3) at places (N, 2), by two colours where a change is not known (NaN)."""
+        if self.two_colours is None or np.isfinite(change).all():
+            return self.law.at(change, place)
+        return self.two_colours.at(change, place, otherwise=self.law)
 
     def evaluate_tiled(self, rgb_rectified: Bytes) -> Reading:
         """As `read`, gentle gel in means of pixels: for surfaces, in which single pixels do not matter."""
@@ -130,7 +143,27 @@ class CalibratedMethod:
         """Slopes (2, h, w) of a window of the frame that `change` has taken in, and the greatest |slope|."""
         rows, columns = window
         slopes: Planes = np.empty((2, rows.stop - rows.start, columns.stop - columns.start), np.float32)
-        return slopes, self._read_into(slopes, self.change.within(window), top=rows.start)
+        steepest = self._read_into(slopes, self.change.within(window), top=rows.start)
+        self._fill_blind(slopes, window)
+        return slopes, steepest
+
+    @cached_property
+    def two_colour_reader(self) -> TwoColourReader | None:
+        """What reads the pixels of the frame taken in of which a colour is missing."""
+        return None if self.two_colours is None else TwoColourReader(self.two_colours, self.change.noise)
+
+    def valid(self, complete: Bools) -> Bools:
+        """Where (H, W) slopes of the frame taken in are told: `complete`, by all colours, or by two of them."""
+        valid = complete & self.readable
+        if self.change.missing is None or self.change.partly is None or self.two_colour_reader is None:
+            return valid
+        return valid | self.two_colour_reader.readable(self.change.missing, self.change.partly)
+
+    def lost_share(self) -> Picture | None:
+        """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""
+        if self.change.missing is None or self.two_colour_reader is None:
+            return None
+        return self.two_colour_reader.lost_share(self.change.missing)
 
     def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
         """Set `slopes`, from the picture's row `top` on, by strips of changes (3, h, w); their greatest length."""
@@ -140,8 +173,30 @@ class CalibratedMethod:
             self.evaluate.strip(change, window, part)
             part *= self.kept_share[window]
             part -= self.bias[:, *window]
+            if self.change.missing is not None:
+                self._read_two_colours(part, change, window)
             steepest = max(steepest, cv2.norm(cv2.magnitude(part[0], part[1]), cv2.NORM_INF))
         return steepest
+
+    def _read_two_colours(self, part: Planes, change: Planes, window: Window) -> None:
+        """Set slopes `part` (2, h, w) of a window anew where a colour is missing; 0 where more are."""
+        missing, partly, reader = self.change.missing, self.change.partly, self.two_colour_reader
+        if reader is not None and missing is not None and partly is not None:
+            part[:, self._blind(window)] = 0.0
+            reader.read_into(part, change, window, missing=missing, partly=partly)
+
+    def _fill_blind(self, slopes: Planes, window: Window) -> None:
+        """Fill the slopes (2, h, w) of a window from around where fewer than two colours tell them."""
+        if self.change.missing is None or self.two_colours is None:
+            return
+        blind = self._blind(window)
+        if blind.any():
+            fill(slopes, blind.astype(np.uint8))
+
+    def _blind(self, window: Window) -> Bools:
+        assert self.change.missing is not None
+        assert self.change.partly is not None
+        return np.asarray(self.change.missing[:, *window].any(axis=0) & ~self.change.partly[window])
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""
@@ -151,15 +206,15 @@ class CalibratedMethod:
 
     def with_reference(self, reference: Reference) -> CalibratedMethod:
         """The same law against another picture of the untouched gel."""
-        return CalibratedMethod(self.law, reference, self.relative_error, self.background, self.card)
+        return replace(self, reference=reference)
 
     def with_card(self, card: MethodCard) -> CalibratedMethod:
         """The same method with another card."""
         return replace(self, card=card)
 
-    def _std(self, dz_dx: Array, dz_dy: Array) -> Array:
+    def _std(self, dz_dx: Array, dz_dy: Array, lost: Picture | None) -> Array:
         std = np.abs(dz_dx)
         std += np.abs(dz_dy)
-        std *= np.float32(self.relative_error)
+        std *= np.float32(self.relative_error) if lost is None else np.hypot(lost, np.float32(self.relative_error))
         std += self.noise
         return std

@@ -50,6 +50,7 @@ class TiledSlopes:
     valid: Bools
     drift: Drift
     steepest: float
+    lost_share: Picture | None = None
 
 
 def tile_px_for(method: PixelMethod) -> int:
@@ -98,20 +99,25 @@ class TiledEvaluator:
     def read(self, rgb: Bytes) -> Reading:
         """As the method's own reading, gentle gel in means."""
         tiles = self.read_tiles(rgb)
-        return Reading(self.full_map(tiles), tiles.drift, tiles.steepest)
+        return Reading(self.full_map(tiles), tiles.drift, tiles.steepest, tiles.lost_share)
 
     def read_tiles(self, rgb: Bytes) -> TiledSlopes:
         """What a frame says; less work than `read`. Raises as the method does."""
         drift, valid = self.method.change.take(rgb)
         self.maps.light(drift.gains)
         self._read()
+        lost_share = self.method.lost_share()
+        missing = None if lost_share is None else self._missing_tiles()
+        if missing is not None:
+            self._slopes[:, missing > 0] = 0.0
         steepest = cv2.norm(cv2.magnitude(*self._slopes), cv2.NORM_INF)
-        windows, fine = self.windows(self._slopes), []
+        windows, fine = self.windows(self._slopes, missing=missing), []
         for window in windows:
             slopes, steep = self.method.read_window(window)
             steepest = max(steepest, steep)
             fine.append(slopes)
-        return TiledSlopes(self._slopes, windows, fine, valid & self.method.readable, drift, steepest)
+        valid = self.method.valid(valid)
+        return TiledSlopes(self._slopes, windows, fine, valid, drift, steepest, lost_share)
 
     def full_map(self, tiles: TiledSlopes) -> SlopeMap:
         """The slopes of `tiles` pixel by pixel."""
@@ -134,10 +140,18 @@ class TiledEvaluator:
             part *= self.kept_share[window]
             part -= self.bias[:, window[0]]
 
-    def windows(self, slopes: Planes) -> list[Window]:
+    def _missing_tiles(self) -> Bytes:
+        """Means (h, w) that a colour of the frame taken in is missing in: not 0 there."""
+        missing = self.method.change.missing
+        assert missing is not None
+        whole = np.asarray(missing.any(axis=0))[self.even].astype(np.uint8) * np.uint8(255)
+        return np.asarray(cv2.resize(whole, self.size, interpolation=cv2.INTER_AREA))
+
+    def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:
         """Windows of the whole picture round what is not gentle in its coarse `slopes`, a block to spare.
 
-        Lone means are noise, but where they scatter about each other too much there is a contact of their size.
+        Where `missing` (h, w) is not 0 a colour is missing, and means tell nothing. Lone means are noise, but
+        where they scatter about each other too much there is a contact of their size.
         """
         height, width = self.method.reference.shape
         steepest = cv2.max(np.abs(slopes[0]), np.abs(slopes[1]))
@@ -147,6 +161,8 @@ class TiledEvaluator:
         scatter = cv2.multiply(_scatter(slopes), self.per_noise)
         typical_scatter = float(median(scatter[::STRIDE, ::STRIDE].ravel()))
         active |= cv2.compare(scatter, SCATTER_SIGMA**2 * max(1.0, typical_scatter), cv2.CMP_GT)
+        if missing is not None:
+            active |= missing
         size = self._active.shape[1] // self.block, self._active.shape[0] // self.block
         blocks = cv2.resize(self._active, size, interpolation=cv2.INTER_AREA)  # not 0 where any pixel is not
         _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.dilate(blocks, ROUND))

@@ -54,11 +54,15 @@ class ColourLaw(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The slopes of one frame, the drift of its light, and the greatest |slope|."""
+    """The slopes of one frame, the drift of its light, and the greatest |slope|.
+
+    `lost_share`: relative error (H, W) of a slope where colours are missing; None where none is.
+    """
 
     slopes: SlopeMap
     drift: Drift
     steepest: float
+    lost_share: Picture | None = None
 
 
 class PixelMethod(Protocol):
@@ -77,5 +81,9 @@ class PixelMethod(Protocol):
     bias: Planes
     noise: Picture
     readable: Bools
+
+    def valid(self, complete: Bools) -> Bools: ...
+
+    def lost_share(self) -> Picture | None: ...
 
     def read_window(self, window: Window) -> tuple[Planes, float]: ...

@@ -32,6 +32,17 @@ class Reference:
     def shape(self) -> tuple[int, int]:
         return self.rgb.shape[0], self.rgb.shape[1]
 
+    @property
+    def overexposed(self) -> Bools | None:
+        """Where (3, H, W) a colour of the untouched gel is overexposed; None where none is."""
+        over = self.rgb >= SATURATED
+        return over.transpose(2, 0, 1).copy() if over.any() else None
+
+    @property
+    def lit_by_two(self) -> Bools:
+        """Where (H, W) colours that are not overexposed, two at least, have signal enough to tell slopes."""
+        return _lit_by_two(self.rgb, self.noise_grey)
+
 
 def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Reference:
     """The reference out of one or more rectified pictures of the untouched gel; its marks, if it `may_have_marks`.
@@ -54,7 +65,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     _check_agreement(stack, noise)
     signal = np.sqrt(np.sum((mean / np.asarray(noise, np.float32)) ** 2, axis=2))
     usable = (mean.max(axis=2) < SATURATED) & (signal > MIN_SIGNAL)
-    if usable.mean() < 0.3:
+    if (usable | _lit_by_two(mean, noise)).mean() < 0.3:
         dark = float(mean.mean()) < 100
         raise InputError(
             "most of the reference is " + ("black" if dark else "saturated"),
@@ -64,6 +75,12 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
         )
     marks = find_marks(np.rint(mean).astype(np.uint8)) if may_have_marks else None
     return Reference(mean, noise, usable, marks)
+
+
+def _lit_by_two(mean: npt.NDArray[np.float32], noise_grey: tuple[float, float, float]) -> Bools:
+    known = mean < SATURATED
+    signal = np.sqrt(np.sum((known * mean / np.asarray(noise_grey, np.float32)) ** 2, axis=2))
+    return np.asarray((known.sum(axis=2) >= 2) & (signal > MIN_SIGNAL))
 
 
 def darkest_grey(noise_grey: tuple[float, float, float]) -> float:

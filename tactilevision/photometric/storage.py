@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.door.arrays import read_arrays
+from tactilevision.door.arrays import unpack_arrays
 from tactilevision.door.documents import read_json
 from tactilevision.door.numbers import check_numbers
 from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
-from tactilevision.files import replacing, write_json
+from tactilevision.files import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import light_of
@@ -29,6 +29,7 @@ from tactilevision.photometric.methods.lookup import CELLS, Lookup
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.onnx_file import OPSET, open_bytes, run_network
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
+from tactilevision.photometric.methods.two_colours import COLOURS, TwoColourLaws, two_colour_laws
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
 
@@ -46,12 +47,23 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "marks": (),
     "relative_error": (),
     "quiet": (3, 0, 0),
+    "two_colours_coefficients": (COLOURS, 2, len(PRODUCTS), len(POWERS)),
+    "two_colours_steepest": (COLOURS,),
+    "two_colours_errors": (COLOURS,),
 }  # sides of each array; 0: any
 
 
 def save_method(method: ReferencedMethod, path: Path | str) -> Path:
     """Write `path` (.npz) and the card beside it; returns the path of the numbers."""
     target = Path(path).with_suffix(".npz")
+    for suffix, content in pack_method(method).items():
+        with replacing(target.with_suffix(suffix)) as temporary:
+            temporary.write_bytes(content)
+    return target
+
+
+def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
+    """The files of a method by their endings, the card last: .npz, .onnx where there is a network, .json."""
     arrays = {f"law_{name}": values for name, values in method.law.arrays().items()} | {
         "reference": method.reference.rgb,
         "noise_grey": np.asarray(method.reference.noise_grey),
@@ -61,14 +73,20 @@ def save_method(method: ReferencedMethod, path: Path | str) -> Path:
     }
     if method.background is not None:
         arrays["quiet"] = np.stack([method.background.bias_x, method.background.bias_y, method.background.noise])
-    with replacing(target) as temporary:
-        np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
-    entries: dict[str, Any] = {"format": FORMAT, "method": method.name, "sha256": digest(target)}
+    if method.two_colours is not None:
+        arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
+    numbers = pack_arrays(arrays, small=True)
+    files = {".npz": numbers}
+    entries: dict[str, Any] = {
+        "format": FORMAT,
+        "method": method.name,
+        "sha256": hashlib.sha256(numbers).hexdigest(),
+    }
     if isinstance(method.law, Network):
         light = np.round(light_of(method.reference), 1).tolist()  # the network may travel without its numbers
-        entries |= _save_network(method.law, target.with_suffix(".onnx")) | {"light": light}
-    write_json(target.with_suffix(".json"), method.card.to_json() | entries)
-    return target
+        files[".onnx"] = method.law.content
+        entries |= _about_network(method.law) | {"light": light}
+    return files | {".json": as_json(method.card.to_json() | entries).encode()}
 
 
 def load_method(path: Path | str) -> CalibratedMethod:
@@ -77,26 +95,38 @@ def load_method(path: Path | str) -> CalibratedMethod:
     card = read_card(target.with_suffix(".json"))
     if not target.is_file():
         raise InputError("the method's numbers are missing", where=target)
-    if card.format != FORMAT or card.sha256 != digest(target):
+    network = target.with_suffix(".onnx")
+    needed = card.method == Network.name and network.is_file()
+    return unpack_method(card, read_bytes(target), read_bytes(network) if needed else None, where=target)
+
+
+def unpack_method(card: MethodCard, numbers: bytes, network: bytes | None, *, where: Path) -> CalibratedMethod:
+    """The method of a card, the bytes of its .npz file, and those of its network, None for one without.
+
+    `where` is the file, for what errors say. Raises InputError where they do not belong together.
+    """
+    if card.format != FORMAT or card.sha256 != hashlib.sha256(numbers).hexdigest():
         raise InputError(
             "the method does not match its card",
-            where=target,
+            where=where,
             remedy="Copy both files together, or calibrate again.",
         )
-    arrays = read_arrays(target)
+    arrays = unpack_arrays(numbers, where=where)
     try:
-        return _method(card, arrays, target)
+        return _method(card, arrays, network, where)
     except InputError:
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
         raise InputError(
             f"the method's numbers do not fit together: {fault}",
-            where=target,
+            where=where,
             remedy="Copy it again, or calibrate again.",
         ) from fault
 
 
-def _method(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> CalibratedMethod:
+def _method(
+    card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], network: bytes | None, path: Path
+) -> CalibratedMethod:
     for name, array in arrays.items():
         _check_array(name, array, path)
     if arrays["usable"].shape != arrays["reference"].shape[:2]:
@@ -107,7 +137,16 @@ def _method(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path
     marks = find_marks(np.rint(arrays["reference"]).astype(np.uint8)) if arrays.get("marks", False) else None
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
-    return CalibratedMethod(_law(card, arrays, path), reference, float(arrays["relative_error"]), background, card)
+    law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
+    return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays))
+
+
+def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None:
+    """The laws of two colours, which files of before have none of."""
+    if "two_colours_coefficients" not in arrays:
+        return None
+    stored = {name: arrays[f"two_colours_{name}"] for name in ("coefficients", "steepest", "errors")}
+    return two_colour_laws(stored["coefficients"], steepest=stored["steepest"], errors=stored["errors"])
 
 
 def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
@@ -130,7 +169,9 @@ def _check_array(name: str, array: npt.NDArray[Any], path: Path) -> None:
 def save_network(network: Network, card: Mapping[str, Any], *, path: Path | str) -> Path:
     """Write a network that goes with no reference of its own: `path` (.onnx) and the card beside it."""
     target = Path(path).with_suffix(".onnx")
-    content = dict(card) | {"format": FORMAT, "method": network.name} | _save_network(network, target)
+    with replacing(target) as temporary:
+        temporary.write_bytes(network.content)
+    content = dict(card) | {"format": FORMAT, "method": network.name} | _about_network(network)
     write_json(target.with_suffix(".json"), content)
     return target
 
@@ -142,7 +183,7 @@ def load_network(path: Path | str, reference: Reference) -> CalibratedMethod:
     """
     target = Path(path).with_suffix(".onnx")
     card = read_card(target.with_suffix(".json"))
-    law = _network(card, target)
+    law = _network(card, read_bytes(target) if target.is_file() else None, target)
     error = 1.0 if card.held_out_relative_error is None else card.held_out_relative_error
     return CalibratedMethod(law, reference, error, None, card)
 
@@ -152,30 +193,28 @@ def digest(path: Path) -> str:
     return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
-def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> ColourLaw:
+def _law(card: MethodCard, arrays: Mapping[str, npt.NDArray[Any]], network: bytes | None, path: Path) -> ColourLaw:
     name = card.method
     if name == Polynomial.name:
         return Polynomial(arrays["law_coefficients"], float(arrays["law_steepest"]))
     if name == Lookup.name:
         return Lookup(arrays["law_table"].astype(np.float32), arrays["law_lowest"], arrays["law_highest"])
     if name == Network.name:
-        return _network(card, path.with_suffix(".onnx"))
+        return _network(card, network, path.with_suffix(".onnx"))
     raise InputError("no photometric method of that name", where=path, value=name)
 
 
-def _save_network(network: Network, path: Path) -> dict[str, Any]:
-    with replacing(path) as temporary:
-        temporary.write_bytes(network.content)
+def _about_network(network: Network) -> dict[str, Any]:
+    """Entries of the card of what holds a network."""
     return {"onnx_sha256": network.sha256, "onnx_opset": OPSET, "steepest_slope": network.steepest}
 
 
-def _network(card: MethodCard, path: Path) -> Network:
+def _network(card: MethodCard, content: bytes | None, path: Path) -> Network:
     """The network of a card, tried on one pixel so that a strange one is told now and not at the first frame."""
     if card.method != Network.name or card.onnx_sha256 is None or card.steepest_slope is None:
         raise InputError("the card is not that of a network", where=path, value=card.method)
-    if not path.is_file():
+    if content is None:
         raise InputError("the network is missing", where=path, remedy="Copy it together with its card.")
-    content = read_bytes(path)
     session = open_bytes(content, card.onnx_sha256, where=path)
     slopes = run_network(session, np.zeros((1, 5, 1, 1), np.float32))
     if slopes.shape != (1, 2, 1, 1):

@@ -18,7 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Terms = Mapping[str, npt.NDArray[np.floating[Any]]]
-COLOURS = (style.BLUE, style.SKY, style.GREY, style.GREEN, style.ORANGE, style.PURPLE, style.RED, "#4B3A1D")
+# as the terms are ordered
+COLOURS = (
+    style.BLUE,
+    style.SKY,
+    "#F2D54B",
+    style.GREY,
+    style.GREEN,
+    style.ORANGE,
+    style.PURPLE,
+    style.RED,
+    "#4B3A1D",
+)
 MIN_SHARE = 0.002  # of the picture: a term that is the largest over less has no entry in the legend
 DEEP = 0.5  # of the greatest depth: what counts as contact for the bars
 PALE = 0.4  # opacity of the bars that stand for all places but the contact

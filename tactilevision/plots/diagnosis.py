@@ -1,33 +1,19 @@
-"""Pictures of a diagnosis: what is left against everything recorded, how the error falls, what looks like what."""
+"""Pictures of a diagnosis: presses that stand out, what a candidate would leave, what looks like what."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.plots import style
+from tactilevision.plots.misfit import label_covariate
 from tactilevision.records import Bools, Floats
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-BINS = 8  # of a residual panel, each with as many residuals
-
-
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """One covariate: its values and the residual in its own std, (N,) each, and p adjusted for all panels."""
-
-    name: str
-    unit: str
-    values: Floats
-    residual: Floats
-    p_adjusted: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,79 +30,35 @@ class Offsets:
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """What is left against one covariate in bins (k,), with its error, and what a candidate would leave there."""
+    """What is left of the force against one covariate in k bins, N: without an effect and with it.
 
-    name: str
+    (k,) each, with the 95 % interval's half width, and what the effect alone would leave there; `words` of the
+    covariate, `levels` where it only counts.
+    """
+
+    words: str
     unit: str
+    levels: tuple[str, ...]
     key: str
     values: Floats
-    residual: Floats
-    error: Floats
+    before: Floats
+    before_reach: Floats
+    after: Floats
+    after_reach: Floats
     predicted: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """Of each sample (N,): seen over certified depth, the fit's, and whether it is a face (or a slope beside one);
-    `against` what it is drawn, by its label (N,), NaN where a sample has none.
+    """Of each sample (N,): seen over certified depth, as read and corrected by what was found (None: nothing was),
+    and whether it is a face (or a slope beside one); `against` what it is drawn, by its label (N,), NaN where a
+    sample has none.
     """
 
     ratio: Floats
-    fitted: Floats
+    corrected: Floats | None
     face: Bools
     against: tuple[tuple[str, Floats], ...]
-
-
-@style.house_look
-def draw_residuals(panels: Sequence[Panel]) -> Figure:
-    """What the model leaves against each covariate, the most telling first; bins with 95 % bands of their mean."""
-    columns = min(2, max(len(panels), 1))
-    rows = max(1, -(-len(panels) // columns))
-    figure, axes = style.new_figure(style.WIDTH_IN, 0.5 + 2.2 * rows, rows=rows, columns=columns)
-    for place, panel in zip(axes, panels, strict=False):
-        _panel(place, panel)
-    for place in axes[len(panels) :]:
-        place.set_axis_off()
-    style.legend_below(figure, columns=2)
-    return figure
-
-
-def _panel(axes: Axes, panel: Panel) -> None:
-    telling = panel.p_adjusted < 0.05
-    few = panel.values.size < 60
-    size, pale = (6, 0.8) if few else (2, 0.35)
-    axes.plot(panel.values, panel.residual, ".", ms=size, color=style.GREY, alpha=pale, label="single readings")
-    for low, high in _bins(panel.values):
-        inside = (panel.values >= low) & (panel.values <= high)
-        count = np.count_nonzero(inside)
-        if count < 2:
-            continue
-        mean, spread = panel.residual[inside].mean(), panel.residual[inside].std(ddof=1)
-        axes.errorbar(
-            panel.values[inside].mean(),
-            mean,
-            yerr=1.96 * spread / np.sqrt(count),
-            fmt="o",
-            ms=5,
-            color=style.RED if telling else style.BLUE,
-            label=f"mean of a bin, 95 %: {'a pattern' if telling else 'may be chance'}",
-        )
-    axes.axhline(0, color=style.GREY, lw=0.8)
-    p = f"p = {panel.p_adjusted:.2g}" if panel.p_adjusted > 1e-300 else "p < 1e-300"
-    axes.set_title(
-        f"{'depends on' if telling else 'no pattern in'} {panel.name} ({p})",
-        color=style.RED if telling else "black",
-        fontsize=9,
-    )
-    axes.set(xlabel=f"{panel.name} ({panel.unit})" if panel.unit else panel.name, ylabel="residual / std")
-
-
-def _bins(values: Floats) -> list[tuple[float, float]]:
-    levels = np.unique(values)
-    if levels.size <= BINS:
-        return [(float(v), float(v)) for v in levels]
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
-    return [(float(a), float(b)) for a, b in pairwise(edges)]
 
 
 @style.house_look
@@ -128,8 +70,15 @@ def draw_offsets(shown: Offsets) -> Figure:
     axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE, label="like the others")
     axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED, label="cannot be one of them")
     for k in place[odd]:
-        axes.annotate(shown.labels[k], (k, shown.offset_um[k]), xytext=(7, 0), textcoords="offset points",
-                      color=style.RED, weight="bold", va="center")  # fmt: skip
+        axes.annotate(
+            shown.labels[k],
+            (k, shown.offset_um[k]),
+            xytext=(7, 0),
+            textcoords="offset points",
+            color=style.RED,
+            weight="bold",
+            va="center",
+        )
     if shown.since is not None:
         axes.axvline(shown.since - 0.5, color=style.RED, ls="--", lw=1.2)
         axes.text(
@@ -146,24 +95,6 @@ def draw_offsets(shown: Offsets) -> Figure:
     axes.margins(y=0.15)
     axes.set(xlabel="press, in order", ylabel="own offset of depth (µm)", title="Each press's own offset")
     style.legend_below(figure)
-    return figure
-
-
-@style.house_look
-def draw_waterfall(names: Sequence[str], held_out_N: Sequence[float], *, repeatability_N: float) -> Figure:
-    """The held-out error from the base model to the last effect added, and the repeatability."""
-    figure, (axes,) = style.new_figure(min(2.6 + 1.2 * len(names), style.WIDTH_IN), 3.6)
-    bars = axes.bar(range(len(names)), 1e3 * np.array(held_out_N), color=style.BLUE, width=0.6)
-    bars[0].set_color(style.GREY)
-    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
-    if np.isfinite(repeatability_N):
-        axes.axhline(1e3 * repeatability_N, color=style.RED, ls="--", lw=1.2, label="repeatability")
-        style.legend_below(figure)
-    axes.set_xticks(
-        range(len(names)), [f"+ {n}" if k else n for k, n in enumerate(names)], rotation=15, ha="right"
-    )
-    axes.set(ylabel="rms error on presses left out (mN)", title="How the error falls")
-    axes.margins(y=0.2)
     return figure
 
 
@@ -194,20 +125,25 @@ def draw_confusability(keys: Sequence[str], separation: Floats) -> Figure:
 
 @style.house_look
 def draw_overlay(overlay: Overlay) -> Figure:
-    """A candidate's predicted residual as a line over the measured one."""
+    """What is left without an effect and with it, and what the effect alone would leave, as a line."""
     figure, (axes,) = style.new_figure(5.2, 3.6)
-    order = np.argsort(overlay.values)
-    axes.errorbar(overlay.values, overlay.residual, yerr=overlay.error, fmt="o", ms=4, color=style.GREY,
-                  label="what the base model leaves, 95 %")  # fmt: skip
+    order, name = np.argsort(overlay.values), overlay.key.replace("_", " ")
     axes.plot(
         overlay.values[order],
-        overlay.predicted[order],
+        1e3 * overlay.predicted[order],
         "-",
-        color=style.RED,
-        label=f"what {overlay.key.replace('_', ' ')} would leave",
+        color="black",
+        lw=1.2,
+        label=f"what {name} would leave",
     )
+    for values, reach, colour, label in (
+        (overlay.before, overlay.before_reach, style.RED, "left by the plain law, 95 %"),
+        (overlay.after, overlay.after_reach, style.BLUE, f"left with {name}, 95 %"),
+    ):
+        axes.errorbar(overlay.values, 1e3 * values, yerr=1e3 * reach, fmt="o", ms=4.5, color=colour, label=label)
     axes.axhline(0, color=style.GREY, lw=0.8)
-    axes.set(xlabel=f"{overlay.name} ({overlay.unit})" if overlay.unit else overlay.name, ylabel="residual / std")
+    label_covariate(axes, overlay.words, overlay.unit, levels=overlay.levels, values=overlay.values)
+    axes.set_ylabel("measured − model (mN)")
     style.legend_below(figure, columns=1)
     return figure
 
@@ -218,28 +154,30 @@ def draw_sighting(seen: Sighting) -> Figure:
     columns = min(2, len(seen.against))
     rows = -(-len(seen.against) // columns)
     figure, places = style.new_figure(style.WIDTH_IN, 0.5 + 2.4 * rows, rows=rows, columns=columns)
-    low, high = np.quantile(seen.ratio, [0.02, 0.98])
-    low, high, beside = min(low, seen.fitted.min(), 1), max(high, seen.fitted.max(), 1), ~seen.face
+    shown = [(seen.ratio, style.RED, "as read")]
+    if seen.corrected is not None:
+        shown.append((seen.corrected, style.BLUE, "corrected"))
+    every = np.concatenate([ratio for ratio, *_ in shown])
+    low, high = min(float(np.quantile(every, 0.005)), 1.0), max(float(np.quantile(every, 0.995)), 1.0)
     for axes, (label, values) in zip(places, seen.against, strict=False):
-        axes.plot(
-            values[seen.face], seen.ratio[seen.face], "s", ms=4, color=style.BLUE, mfc="none", label="punch faces"
-        )
-        if beside.any():
-            axes.plot(
-                values[beside],
-                seen.ratio[beside],
-                ".",
-                ms=4,
-                color=style.BLUE,
-                alpha=0.6,
-                label="slopes beside them",
-            )
-        axes.plot(values, seen.fitted, "_", ms=7, color=style.RED, label="with what was found")
+        for ratio, colour, name in shown:
+            for mine, mark, what in ((seen.face, "s", "punch faces"), (~seen.face, ".", "slopes beside them")):
+                if mine.any():
+                    axes.plot(
+                        values[mine],
+                        ratio[mine],
+                        mark,
+                        ms=4,
+                        color=colour,
+                        mfc="none" if mark == "s" else colour,
+                        alpha=0.8,
+                        label=f"{what}, {name}",
+                    )
         axes.axhline(1, color=style.GREY, lw=0.8)
-        axes.set(xlabel=label, ylabel="reconstructed / certified", ylim=(low - 0.05, high + 0.05))
+        axes.set(xlabel=label, ylabel="read / certified depth", ylim=(low - 0.05, high + 0.05))
     for axes in places[len(seen.against) :]:
         axes.set_axis_off()
-    style.legend_below(figure)
+    style.legend_below(figure, columns=2)
     return figure
 
 

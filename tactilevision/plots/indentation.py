@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
+from tactilevision.plots.misfit import radius_colours
 from tactilevision.records import Bools, Estimate, Floats, Pair
 
 if TYPE_CHECKING:
@@ -22,7 +23,8 @@ SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing
 class PointCloud:
     """What is drawn of the points, (N,) each: `fitted_N` the law's force there, `used` those that entered the fit.
 
-    `bars` is False for whole curves, whose samples would hide behind them.
+    `bars` is False for whole curves, whose samples would hide behind them; `radius_mm` (N,) of the punch, NaN
+    where it is not known, None where there is one.
     """
 
     depth_mm: Floats
@@ -33,6 +35,7 @@ class PointCloud:
     thickness_mm: float
     used: Bools
     bars: bool = True
+    radius_mm: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,8 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
     scatter(stiffness, cloud, x=strain, y=secant, bars=(depth_bar / cloud.thickness_mm, 1.96 * secant_std))
     left = cloud.force_N - cloud.fitted_N
     scatter(rest, cloud, x=strain, y=1e3 * left, bars=(None, 1e3 * force_bar))
-    for line, colour in zip(lines, style.CYCLE, strict=False):
+    several = list(_radii(cloud).values())
+    for line, colour in zip(lines, several or style.CYCLE, strict=False):
         low, high = line.force_N - 1.96 * line.force_std_N, line.force_N + 1.96 * line.force_std_N
         for axes, x, scale in (
             (force, line.depth_mm, np.ones_like(line.depth_mm)),
@@ -80,12 +84,16 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
 def scatter(
     axes: Axes, cloud: PointCloud, *, x: Floats, y: Floats, bars: tuple[Floats | None, Floats | None]
 ) -> None:
-    """Points x, y (n,), mm or N, with bars; those that were left out of the fit are hollow."""
+    """Points x, y (n,), mm or N, with bars, one colour a radius; those left out of the fit are hollow."""
     what = ", and 95 % interval" if cloud.bars else ""
-    for mask, colour, face, label in (
-        (cloud.used, "black", "black", "accepted" + what),
-        (~cloud.used, style.GREY, "white", "rejected" + what),
-    ):
+    parts = [(~cloud.used, style.GREY, "white", "rejected" + what)]
+    for radius, colour in _radii(cloud).items():
+        parts.append(
+            (cloud.used & (cloud.radius_mm == radius), colour, colour, f"accepted, a = {radius:g} mm{what}")
+        )
+    if len(parts) == 1:
+        parts.append((cloud.used, "black", "black", "accepted" + what))
+    for mask, colour, face, label in parts:
         kept = mask & np.isfinite(x) & np.isfinite(y)
         if not kept.any():
             continue
@@ -105,6 +113,14 @@ def scatter(
             elinewidth=0.8,
             label=label,
         )
+
+
+def _radii(cloud: PointCloud) -> dict[float, str]:
+    """A colour for each radius where there are several."""
+    if cloud.radius_mm is None:
+        return {}
+    radii = np.unique(cloud.radius_mm[cloud.used]).tolist()
+    return radius_colours(radii) if len(radii) > 1 else {}
 
 
 @style.house_look

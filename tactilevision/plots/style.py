@@ -28,6 +28,15 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE, GREY = (
     "#CC79A7",
     "#767676",
 )
+COLOUR_WORDS = {
+    BLUE: "blue",
+    ORANGE: "orange",
+    GREEN: "green",
+    RED: "red",
+    SKY: "light blue",
+    PURPLE: "pink",
+    GREY: "grey",
+}
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, GREY)
 DEPTH_MAP = "cividis"
 INVALID = "#d9d9d9"

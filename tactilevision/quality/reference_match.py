@@ -25,9 +25,11 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.quality.fitness import unfit
 from tactilevision.quality.image_shift import image_shift
+from tactilevision.quality.scene_faults import scene_faults
 from tactilevision.records import Bytes, Pair
-from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE
+from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE, UNFIT
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:
@@ -46,8 +48,8 @@ FRAMES_READ = 5  # frames of a recording
 class ReferenceMatch:
     """Flags the pictures of one method that are unlike its reference.
 
-    `other_light`: the method was made in another light than its reference. `shift_px` (right, down) of the
-    pictures; `contact_px`, where (x, y) the reference itself, or that of the calibration, shows a contact;
+    `other_light`: method or pictures are of another light or order than the reference. `shift_px` (right, down) of
+    the pictures; `contact_px`, where (x, y) the reference itself, or that of the calibration, shows a contact;
     `residuals` of the last picture, in the order of DEFAULT_BASELINE.
 
     `baseline` is what to compare with (`misfit`, `zero_std_mm`), None: what the method's card has.
@@ -60,6 +62,7 @@ class ReferenceMatch:
         self.other_light = False
         self.shift_px: Pair | None = None
         self.contact_px: Pair | None = method.card.contact_in_reference_px
+        self.unfit = bool(unfit(method.card))
         self.residuals: tuple[float, ...] = ()
 
     def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
@@ -85,9 +88,16 @@ class ReferenceMatch:
             "or the gel moved since? Depths are false; take a new reference",
         )
 
+    def check_scene(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """See by rectified `pictures` what happened since the reference (scene_faults.py); a warning for each."""
+        found = scene_faults(self.method.reference.rgb, pictures)
+        self.other_light |= any(fault.spoils for fault in found)
+        return tuple(fault.sentence for fault in found)
+
     def flags(self, drift: Drift | None, zero: ZeroPlane) -> tuple[str, ...]:
         """What makes a frame of this `drift` and zero plane doubtful (flags.py)."""
-        lasting = [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
+        lasting = [UNFIT] if self.unfit else []
+        lasting += [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
         if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
             lasting.append(BALLS)
         self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)
@@ -110,16 +120,16 @@ def baseline(residuals: Callable[[Bytes], tuple[float, ...]], pictures: Sequence
     return dict(zip(DEFAULT_BASELINE, map(float, np.median(measured, axis=0)), strict=True))
 
 
-def some_frames(recording: Recording) -> list[Bytes]:
-    """FRAMES_READ rectified frames spread over a recording, of a video its first; torn ones are passed over."""
+def some_frames(recording: Recording, *, count: int = FRAMES_READ) -> list[Bytes]:
+    """`count` rectified frames spread over a recording, of a video its first; torn ones are passed over."""
     from tactilevision.recording import read_frame
 
-    count = len(recording.frame_names)
-    if recording.frames_path is None or not count:
+    there = len(recording.frame_names)
+    if recording.frames_path is None or not there:
         return []
-    last = count - 1 if recording.frames_path.is_dir() else min(FRAMES_READ, count) - 1
+    last = there - 1 if recording.frames_path.is_dir() else min(count, there) - 1
     frames = []
-    for index in np.unique(np.linspace(0, last, FRAMES_READ).astype(int)):
+    for index in np.unique(np.linspace(0, last, count).astype(int)):
         with suppress(InputError):
             frames.append(rectify(recording.sensor, read_frame(recording, int(index)).rgb))
     return frames

@@ -26,7 +26,7 @@ from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import as_referenced
-from tactilevision.photometric.methods.weights import find_model
+from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.reconstructor import Reconstructor
@@ -60,10 +60,10 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
 
 
 def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reconstructor:
-    from tactilevision.recording import read_image
+    from tactilevision.recording import read_flats, read_image
 
     sensor = recording.sensor
-    flats = [rectify(sensor, read_image(path, white_level=recording.white_level)) for path in recording.flats]
+    flats = [rectify(sensor, rgb) for rgb in read_flats(recording)]
     if isinstance(method, str) and method not in PHOTOMETRIC:
         return _saved(method, sensor, flats)
     if method is None and not recording.balls:
@@ -157,18 +157,23 @@ def _saved(name: str, sensor: Sensor, flats: Sequence[Bytes]) -> Reconstructor:
 
 
 def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor:
-    sensor = recording.sensor
+    from tactilevision.recording import is_bare
+
+    sensor, bare = recording.sensor, is_bare(recording)
     path = find_model(_family(sensor.kind))
     if path is None or not flats:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
+        named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
         raise InputError(
             f"no {missing}",
-            where=recording.path / "reference" / ("ball" if flats else "flat"),
+            where=recording.path if bare else recording.path / "reference" / ("ball" if flats else "flat"),
             value=f"sensor {sensor.kind}",
-            remedy="Add them to the recording, or name a saved method.",
+            remedy=f"Name what was calibrated before with {named}."
+            + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
+            + ("" if bare else " Or add them to the recording."),
         )
     found = _without_balls(sensor, path, flats)
-    found.warnings = (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    found.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return found
 
 
@@ -179,7 +184,7 @@ def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Recons
     found = Reconstructor(sensor, method)
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
     if method.card.light is not None:  # else it was made for any light
-        found.warnings = found.reference_match.check_light(method.card.light)
+        found.warnings += found.reference_match.check_light(method.card.light)
     return found
 
 
@@ -226,5 +231,5 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
     check_view(calibrated.reference.shape, reference.shape)
     found = Reconstructor(sensor, calibrated.with_reference(reference))
     if found.reference_match is not None:
-        found.warnings = found.reference_match.check_light(light_of(calibrated.reference))
+        found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
     return found

@@ -15,17 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.integration.poisson import integrate
-from tactilevision.integration.steep_edges import PunchEdge, find_punch_edges, restore, restore_windows
+from tactilevision.integration.steep_edges import LEAN, PunchEdge, find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
 from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
 from tactilevision.photometric import Calibration
+from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.colour_change import Planes
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod, as_referenced
 from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
+from tactilevision.quality.fitness import unfit_warnings
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
+from tactilevision.reconstruct.unshadowed import undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
 from tactilevision.records.flags import DEEPER, add
 from tactilevision.sensors import rectify
@@ -52,7 +55,8 @@ class _Turn:
 class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
-    `calibration` is what the method was made from, None for a method that came ready.
+    `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
+    lamps' light, cast shadows are undone (unshadowed.py), which takes up to half a second a frame.
     """
 
     def __init__(
@@ -64,6 +68,7 @@ class Reconstructor:
         self.zero: ZeroPlane | None = None
         self.evidence: MapEvidence | None = None
         self.referenced = as_referenced(method)
+        self.warnings += unfit_warnings(self.referenced.card) if self.referenced else ()
         steepest = self.referenced.card.steepest_slope if self.referenced else None
         self.readable = READABLE * steepest if steepest else None
         self.error = DepthError(self.referenced, sensor.mm_per_px) if self.referenced else None
@@ -71,6 +76,9 @@ class Reconstructor:
         if self.referenced and (tiled := self.referenced.tiled_evaluator):
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
+        self.shadows: LightField | None = None
+        self.lean = LEAN
+        self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
 
     def height_map(self, frame: Frame) -> HeightMap:
@@ -80,17 +88,19 @@ class Reconstructor:
         unlike the reference is flagged (quality/reference_match.py).
         Raises InputError for a frame that is not of this sensor, black or saturated.
         """
-        surface, valid, std, flags = self._flagged(self.rectified(frame))
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, frame.time_s, frame.name, flags)
+        return self.rectified_map(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def rectified(self, frame: Frame) -> Bytes:
         """The rectified picture of a raw frame."""
         return rectify(self.sensor, frame.rgb)
 
-    def rectified_map(self, rgb: Bytes) -> HeightMap:
+    def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:
         """The height map of a picture that is rectified already."""
-        surface, valid, std, flags = self._flagged(rgb)
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, flags=flags)
+        with self.turn.lock:
+            surface, valid, std, flags = self._flagged(rgb)
+            drift = self.evidence.drift if self.evidence else None
+        change = drift.normalised_residual if drift else None
+        return HeightMap(surface, valid, self.sensor.mm_per_px, std, time_s, name, flags, colour_change=change)
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
@@ -101,7 +111,10 @@ class Reconstructor:
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
         with self.turn.lock:
-            surface, valid, std, flags = self._mapped(rgb)
+            if self.shadows is None:
+                surface, valid, std, flags = self._mapped(rgb)
+            else:
+                (surface, valid, std, flags), self.given_back = undo_shadows(self._mapped, rgb, self.shadows)
         gel = self.sensor.gel
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
@@ -111,13 +124,13 @@ class Reconstructor:
         """Depth, validity and deviation (H, W) each of a rectified picture, and its flags."""
         if self.grids and self.referenced and (tiled := self.referenced.tiled_evaluator):
             return self._on_two_grids(rgb, self.referenced, tiled, self.grids)
-        slopes, untouched, drift, steepest, surface = self._evaluate_tiled(rgb)
+        slopes, untouched, drift, steepest, surface, lost = self._evaluate_tiled(rgb)
         walls = self._walls(slopes, steepest)
         if surface is None or walls:
             surface = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), self.sensor.mm_per_px)
         self.zero = self._zero_plane(surface, untouched, self.sensor.mm_per_px)
         level(surface, self.zero)
-        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift)
+        std = self._std_mm(surface, steepest, lambda: slopes, walls=walls, drift=drift, lost_share=lost)
         valid = np.ones(surface.shape, np.bool_) if slopes.valid is None else slopes.valid
         return surface, valid, std, self.reference_match.flags(drift, self.zero) if self.reference_match else ()
 
@@ -129,14 +142,26 @@ class Reconstructor:
         walls: list[PunchEdge] = []
         if self.readable is not None and tiles.steepest >= self.readable:
             walls = restore_windows(
-                tiles.fine, tiles.windows, valid=tiles.valid, mm_per_px=self.sensor.mm_per_px, limit=self.readable
+                tiles.fine,
+                tiles.windows,
+                valid=tiles.valid,
+                mm_per_px=self.sensor.mm_per_px,
+                limit=self.readable,
+                lean=self.lean,
             )
         coarse = grids.coarse(tiles.coarse, tiles.windows, fine=tiles.fine)
         self.zero = self._zero_plane(coarse, tiles.drift.untouched & method.trusted_blocks, grids.coarse_mm)
         level(coarse, self.zero)
         tilt = slope_of(self.zero, coarse.shape, mm_per_px=grids.coarse_mm)
         surface = grids.whole(coarse, tiles.windows, fine=tiles.fine, tilt=tilt)
-        std = self._std_mm(surface, tiles.steepest, lambda: reader.full_map(tiles), walls=walls, drift=tiles.drift)
+        std = self._std_mm(
+            surface,
+            tiles.steepest,
+            lambda: reader.full_map(tiles),
+            walls=walls,
+            drift=tiles.drift,
+            lost_share=tiles.lost_share,
+        )
         return (
             surface,
             tiles.valid,
@@ -151,12 +176,17 @@ class Reconstructor:
         """
         if self.error is None or self.evidence is None:
             return {}
-        return self.error.terms_mm(height.depth_mm, self.evidence)
+        terms = self.error.terms_mm(height.depth_mm, self.evidence)
+        if self.given_back is not None:
+            every = self.error.every
+            terms["cast_shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
+        return terms
 
     def look(self, pictures: Sequence[Bytes]) -> None:
         """See by rectified pictures whether the reference is theirs, and free; warn, and flag maps, if not."""
         if self.reference_match is not None:
             self.warnings += (
+                *self.reference_match.check_scene(pictures),
                 *self.reference_match.check_shift(pictures),
                 *check_reference(self.reference_match, self.rectified_map, pictures=pictures),
             )
@@ -169,18 +199,19 @@ class Reconstructor:
         *,
         walls: list[PunchEdge],
         drift: Drift | None,
+        lost_share: Planes | None = None,
     ) -> Planes | None:
         if self.error is None or self.zero is None:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        self.evidence = MapEvidence(self.zero, hidden, walls, drift)
+        self.evidence = MapEvidence(self.zero, hidden, walls, drift, lost_share)
         return self.error.std_mm(depth, self.evidence)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
         if self.readable is None or steepest < self.readable:
             return []
-        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable)
+        walls = find_punch_edges(slopes, self.sensor.mm_per_px, limit=self.readable, lean=self.lean)
         restore(slopes, walls, mm_per_px=self.sensor.mm_per_px)
         return walls
 
@@ -213,11 +244,13 @@ class Reconstructor:
                 return True
         return False
 
-    def _evaluate_tiled(self, rgb: Bytes) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None]:
-        """Slopes, untouched blocks, the drift, the greatest |slope|, and the surface, where they are known."""
+    def _evaluate_tiled(
+        self, rgb: Bytes
+    ) -> tuple[SlopeMap, Bools, Drift | None, float, npt.NDArray[Any] | None, Planes | None]:
+        """Slopes, untouched blocks, drift, greatest |slope|, surface and `lost_share`, where they are known."""
         if self.referenced is None:
             slopes = self.method.slopes(rgb)
-            return slopes, flat_blocks(slopes), None, np.inf, None
+            return slopes, flat_blocks(slopes), None, np.inf, None, None
         reading, surface = self.elsewhere.read(rgb) if self.elsewhere else (self.referenced.read(rgb), None)
         untouched = reading.drift.untouched & self.referenced.trusted_blocks
-        return reading.slopes, untouched, reading.drift, reading.steepest, surface
+        return reading.slopes, untouched, reading.drift, reading.steepest, surface, reading.lost_share

@@ -1,10 +1,11 @@
 """Recordings on disk: the only room that knows the names and columns of their files (docs/format.md)."""
 
-from tactilevision.recording.folder import read_folder
-from tactilevision.recording.frames import iter_frames, read_frame
-from tactilevision.recording.images import read_image
+from tactilevision.recording.ball_folder import read_ball_folder
+from tactilevision.recording.folder import list_references, read_folder
+from tactilevision.recording.frames import iter_frames, read_flats, read_frame
+from tactilevision.recording.images import decode_image, read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
-from tactilevision.recording.need import require
+from tactilevision.recording.need import is_bare, require
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_image, write_maps, write_recording, write_settings
 from tactilevision.recording.write_tables import (
@@ -23,7 +24,12 @@ __all__ = [
     "BallPress",
     "Recording",
     "StageSeries",
+    "decode_image",
+    "is_bare",
     "iter_frames",
+    "list_references",
+    "read_ball_folder",
+    "read_flats",
     "read_folder",
     "read_frame",
     "read_image",

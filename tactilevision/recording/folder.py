@@ -10,8 +10,9 @@ import numpy as np
 
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
+from tactilevision.recording.guess import guess_flats, guess_scale
 from tactilevision.recording.model import Recording
-from tactilevision.recording.pictures import check_references, find_flats, find_frames, first_look, list_images
+from tactilevision.recording.pictures import check_references, find_frames, first_look, list_images
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.video import count_frames, stated_frames
@@ -23,47 +24,73 @@ if TYPE_CHECKING:
 
 
 def read_folder(
-    path: Path | str, sensor: Sensor | Path | str | None = None, *, reference: Path | str | None = None
+    path: Path | str,
+    sensor: Sensor | Path | str | None = None,
+    *,
+    reference: Path | str | None = None,
+    mm_per_px: float | None = None,
+    white_level: float | None = None,
+    guess: bool = False,
 ) -> Recording:
     """Take pictures as they are: in the order of their names, without times.
 
     `sensor` is a Sensor, the name of a known one, or a TOML file with a table [sensor] as in recording.toml;
-    `reference` a picture of the untouched gel, or a folder of such. Where `path` is a recording, what is not
-    given here is taken from it. Raises RecordingError for an empty folder, an unknown or missing sensor, and a
-    reference that is not there.
+    `reference` a picture of the untouched gel, or a folder of such, which is guessed with `guess` where there is
+    none; `mm_per_px` the scale, guessed where the sensor's usual one does not hold (guess.py). The warnings say
+    what was guessed. Where `path` is a recording, what is not given here is taken from it. `white_level` goes with
+    a Sensor. Raises RecordingError for an empty folder, an unknown or missing sensor, and a reference that is not
+    there.
     """
     root = Path(path)
-    flats = _references(None if reference is None else Path(reference)) or find_flats(root)
-    if sensor is None:
-        if not (root / layout.SETTINGS).is_file():
-            raise RecordingError(
-                "the sensor is not known",
-                where=root,
-                remedy=f"Name it with --sensor: {', '.join(SENSORS)}, or a TOML file.",
-            )
-        return replace(read_recording(root), flats=flats)
+    flats = list_references(None if reference is None else Path(reference))
+    if sensor is None and (root / layout.SETTINGS).is_file():
+        own = read_recording(root)
+        return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
     frames_path, names = _frames_of(root)
+    if sensor is None:
+        raise RecordingError(
+            "the sensor is not known",
+            where=root,
+            remedy=f"Name it with --sensor: {', '.join(SENSORS)}, a TOML file, or a profile (.tvs).",
+        )
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
-    white_level = settings.white_level if settings else None
+    white_level = settings.white_level if settings else white_level
     size, seen = first_look(frames_path, names, white_level=white_level)
     warnings += seen + _cut_short(frames_path, len(names))
-    check_references(size, flats[:1])
-    if not isinstance(sensor, Sensor):
-        assert settings is not None
-        sensor, notes = build_sensor(settings, place, frame_size_px=size)
+    found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else ())
+    check_references(size, found[0][:1])
+    if settings is not None:
+        sensor, notes = _built(settings, place, size, mm_per_px)
         warnings += notes
     return Recording(
         path=root,
         name=root.resolve().name,
-        sensor=sensor,
+        sensor=_scaled(sensor, mm_per_px),
         frames_path=frames_path,
         frame_names=names,
         frame_times_s=np.full(len(names), np.nan),
         frame_size_px=size,
-        flats=flats,
+        flats=found[0],
+        flat_frames=found[1],
         white_level=white_level,
-        warnings=warnings,
+        warnings=warnings + found[2],
     )
+
+
+def _built(
+    settings: SensorSettings, place: Path, size: tuple[int, int], mm_per_px: float | None
+) -> tuple[Sensor, tuple[str, ...]]:
+    """The sensor of settings that may leave its scale open."""
+    if mm_per_px is not None:
+        settings = settings.model_copy(update={"mm_per_px": [mm_per_px, mm_per_px]})
+    settings, guessed = guess_scale(settings, size)
+    sensor, notes = build_sensor(settings, place, frame_size_px=size)
+    return sensor, guessed + notes
+
+
+def _scaled(sensor: Sensor | Path | str, mm_per_px: float | None) -> Sensor:
+    assert isinstance(sensor, Sensor)
+    return sensor if mm_per_px is None else replace(sensor, mm_per_px=(mm_per_px, mm_per_px))
 
 
 def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
@@ -104,7 +131,8 @@ def _sensor_settings(sensor: Path | str) -> tuple[SensorSettings, Path, tuple[st
     return SensorSettings(kind=str(sensor)), Path("--sensor"), ()
 
 
-def _references(path: Path | None) -> tuple[Path, ...]:
+def list_references(path: Path | None) -> tuple[Path, ...]:
+    """The picture at `path`, or those in that folder; raises RecordingError where there are none."""
     if path is None:
         return ()
     found = (path,) if path.is_file() else tuple(path / name for name in list_images(path))

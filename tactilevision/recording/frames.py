@@ -50,6 +50,16 @@ def read_frame(recording: Recording, index: int) -> Frame:
     return frame
 
 
+def read_flats(recording: Recording) -> list[Bytes]:
+    """The raw pictures (H, W, 3), grey levels, of the untouched gel: those of their own, or frames taken for one.
+
+    Raises RecordingError for one that cannot be read.
+    """
+    if recording.flats:
+        return [read_image(path, white_level=recording.white_level) for path in recording.flats]
+    return [read_frame(recording, number).rgb for number in recording.flat_frames]
+
+
 def _frames(recording: Recording, wanted: list[int]) -> Iterator[Frame | BadFrame]:
     folder = recording.frames_path
     if folder is not None and folder.is_dir():

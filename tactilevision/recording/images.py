@@ -50,6 +50,15 @@ def read_stored(path: Path) -> npt.NDArray[Any]:
         raise TornImageError("the file is missing", where=path, remedy=_REMEDY_TORN) from fault
     except OSError as fault:
         raise RecordingError(f"cannot be read: {fault.strerror}", where=path) from fault
+    return _stored(data, path)
+
+
+def decode_image(data: bytes, path: Path) -> Bytes:
+    """As `read_image`, of the bytes of a file; `path` says what they are, for what errors say."""
+    return as_rgb(_stored(data, path), path)
+
+
+def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
     if not data:
         raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
     if path.suffix.lower() == ".npy":

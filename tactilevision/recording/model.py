@@ -57,8 +57,9 @@ class Recording:
     theirs as they are on disk, None where none could be read. `forces` and `force_std_N` are in
     the rectified frame's axes: `force_rotation` (3, 3) has been applied already. `clock_offset_s` is F/T clock
     minus camera clock, None where it has to be estimated. `white_level` is the number that full white has
-    in the files, None for the largest their bit depth holds. `extra` keeps the columns that have no field
-    here, by table and column; `settings` is recording.toml as written; `warnings` what a person should see.
+    in the files, None for the largest their bit depth holds. `flats` are pictures of the untouched gel; where
+    there are none, `flat_frames` are the frames that are taken for it. `extra` keeps the columns that have no
+    field here, by table and column; `settings` is recording.toml as written; `warnings` what a person should see.
     """
 
     path: Path
@@ -82,6 +83,7 @@ class Recording:
     curves: tuple[Curve, ...] = ()
     points: tuple[CertifiedPoint, ...] = ()
     flats: tuple[Path, ...] = ()
+    flat_frames: tuple[int, ...] = ()
     balls: tuple[BallPress, ...] = ()
     white_level: float | None = None
     extra: Mapping[str, Mapping[str, npt.NDArray[Any]]] = field(default_factory=dict)

@@ -37,6 +37,11 @@ _PLACES: dict[Need, tuple[str, str, str]] = {
 }
 
 
+def is_bare(recording: Recording) -> bool:
+    """Whether its pictures came without a recording.toml."""
+    return not (recording.path / layout.SETTINGS).is_file()
+
+
 def require(recording: Recording, *needs: Need, step: str) -> None:
     """Raise RecordingError for the first of `needs` that the recording lacks, naming the step and the file."""
     for need in needs:
@@ -55,6 +60,8 @@ def _has(recording: Recording, need: Need) -> bool:
             return recording.forces is not None
         case "stage":
             return recording.stage is not None
+        case "flats":
+            return bool(recording.flats or recording.flat_frames)
         case "gel":
             return recording.sensor.gel is not None
         case _:

@@ -129,7 +129,11 @@ def find_flats(root: Path) -> tuple[Path, ...]:
 
 def find_balls(root: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
     """Ball presses with what their table says of them, and warnings."""
-    folder, path = root / layout.BALLS, root / layout.BALL_TABLE
+    return read_balls(root / layout.BALLS, root / layout.BALL_TABLE)
+
+
+def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[str, ...]]:
+    """The ball presses in a folder by the table at `path`, and warnings; none where there is neither."""
     images = list_images(folder)
     if not images and not path.is_file():
         return (), ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,7 +95,11 @@ def _named(
         return sensor, ()
     warnings = []
     if settings.rectification is None and sensor.rectification is None:
-        warnings.append(f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already")
+        warnings.append(
+            "guessed: frames are rectified already; a TOML file with [sensor] rectification says otherwise"
+            if toml.name == "--sensor"
+            else f"{toml.name}: [sensor] rectification is left out: frames are taken as rectified already"
+        )
     straight = sensor.rectification[0].shape[::-1] if sensor.rectification else frame_size_px
     if straight != (usual.width_px, usual.height_px) and settings.mm_per_px is None:
         raise RecordingError(
@@ -123,6 +128,14 @@ def read_maps(path: Path) -> Maps:
             value=fault.value,
             remedy="Save it with numpy.savez(path, map_x=..., map_y=...).",
         ) from fault
+    return maps_of(arrays, path)
+
+
+def maps_of(arrays: Mapping[str, npt.NDArray[Any]], path: Path) -> Maps:
+    """map_x, map_y (height, width) float32, px, of the arrays of a rectification; `path` is their file.
+
+    Raises RecordingError where they are no such maps.
+    """
     missing = [name for name in ("map_x", "map_y") if name not in arrays]
     if missing:
         raise RecordingError(f"{missing[0]} is missing; there are {', '.join(arrays)}", where=path)

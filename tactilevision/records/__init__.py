@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from tactilevision.records.certified import REASONS, CertificationDetails, CertifiedPoint, EdgeDrop, EdgeProfile
 from tactilevision.records.maps import Footprint, Frame, HeightMap, ShearMap, SlopeMap, TractionMap
-from tactilevision.records.measured import Curve, ForceSeries, Material
+from tactilevision.records.measured import Curve, ForceSeries, Material, Wrench
 from tactilevision.records.numbers import Bools, Bytes, Estimate, Floats, Pair
 from tactilevision.records.rig import Gel, Indenter, Press, Sensor
 
@@ -42,4 +42,5 @@ __all__ = [
     "ShearMap",
     "SlopeMap",
     "TractionMap",
+    "Wrench",
 ]

@@ -5,7 +5,9 @@ next quantity exists. So there are six limits, not one; each stands in the unit 
 
     colour      r^2    > (4 s)^2                     blocks, normalised by their noise; s the picture's own scale
     slope       |g|    > 4 median |g| + .001         blocks, where no reference tells the colours
-    depth       d      > max(5 s_rough, .01 mm)      regions, of which MIN_PX must pass the wide limit too
+    depth       d      > max(5 s_rough, .01 mm)      regions, of which MIN_PX must pass the wide limit too,
+                                                     or a few in a hundred the limit of strong slope
+                                                     or strong colour
     live        d      > 5 s                         pixels, against what untouched gel comes out with
     reading     F      > max(5 s, .03 F_top)         readings of one press, tared
     cell        d      > max(3 s, .03 d_top)         cells of the force map; a patch's deepest must pass 5 s
@@ -39,6 +41,11 @@ class ContactThresholds:
     depth_min_px: int = 16  # pixels beyond the wide limit: the outermost of a map are noisier than it states
     depth_std_share: float = 0.3  # of a deviation found from a few free frames: how well it is known
     depth_speck: float = 0.1  # of the largest region's area: smaller ones are specks
+    depth_top_share: float = 0.5  # of the deepest: where a contact fills half of the map, that is no noise
+    strong_slope: float = 0.15  # mm/mm: gel beside 182 real presses comes out at .12 at most, the presses at .19
+    strong_colour_sigma: float = 80.0  # deviations of a block: beside those presses 53 at most, under them 127
+    strong_share: float = 0.03  # of a region that is so steep or so coloured; less may be a speck in it
+    strong_blind_mm: float = 0.25  # mm: median deviation of a map that tells nothing; half a black picture has .36
     live_sigma: float = 5.0  # deviations of untouched gel; benchmarks.stream
     live_min_px: int = 20  # pixels that reach it: fewer are noise
     live_unknown_std_mm: float = 0.02  # mm: deviation of a map that states none
@@ -65,9 +72,13 @@ def slope_limit(median_slope: float) -> float:
     return CONTACT.slope_medians * median_slope + CONTACT.slope_floor
 
 
-def depth_limit_mm(roughness_mm: float) -> float:
-    """Depth (mm) beyond which a region is in question, from the deviation of the map's shallower half."""
-    return max(CONTACT.depth_sigma * roughness_mm, CONTACT.depth_min_mm)
+def depth_limit_mm(roughness_mm: float, top_mm: float) -> float:
+    """Depth (mm) beyond which a region is in question, from the deviation of the map's shallower half.
+
+    No more than half of the deepest, `top_mm`.
+    """
+    rough_mm = min(CONTACT.depth_sigma * roughness_mm, CONTACT.depth_top_share * top_mm)
+    return max(rough_mm, CONTACT.depth_min_mm)
 
 
 def wide_depth_limit_mm(std_mm: Array, area_mm2: float) -> Array:

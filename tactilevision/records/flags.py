@@ -10,7 +10,10 @@ BORDER = "border"
 REFERENCE = "reference"
 BALLS = "balls"
 DEEPER = "deeper_than_gel"
+UNFIT = "unfit"
 MEANING = {
+    UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
+    "can be trusted",
     DEEPER: "the map is deeper than the gel is thick: no press reads like this, and no depth of it can be true",
     MOVED: "the picture lies beside its reference: depth may be false everywhere",
     REFERENCE: "the reference itself shows a contact, or the gel has changed there since: depth is false there, "

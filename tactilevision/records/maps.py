@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
+from tactilevision.records.measured import Wrench
 from tactilevision.records.numbers import Bools, Bytes, Floats, Pair
+
+_UNKNOWN = (math.nan,) * 3  # N mm: a moment that is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,9 @@ class HeightMap:
     not the same as 0; `mm_per_px` (x, y); `std_mm` (H, W) or None where the method does not know it. `flags` say
     what makes the map as a whole doubtful (flags.py).
 
+    `colour_change` (h, w), in blocks of the picture, or None: by how many deviations of noise their colours differ
+    from those of untouched gel in today's light.
+
     `positions` says what a pixel stands for: "deformed", the place where the camera sees the surface now (every
     map that is read from pictures), or "undeformed", where that piece of the surface lay in the untouched gel
     (nodes of a finite-element model). At a depth of .3 mm the two differ by some 3.5 % in the force.
@@ -70,6 +76,7 @@ class HeightMap:
     name: str = ""
     flags: tuple[str, ...] = ()
     positions: Positions = "deformed"
+    colour_change: npt.NDArray[np.floating[Any]] | None = None
 
     def __post_init__(self) -> None:
         if self.positions not in get_args(Positions):
@@ -167,3 +174,9 @@ class TractionMap:
     depth_mm: float = float("nan")
     time_s: float = float("nan")
     name: str = ""
+
+    @property
+    def wrench(self) -> Wrench:
+        """Force and moment in one."""
+        moment, moment_std = self.moment_Nmm or _UNKNOWN, self.moment_std_Nmm or _UNKNOWN
+        return Wrench(self.resultant_N, self.resultant_std_N, moment, moment_std)

@@ -62,3 +62,16 @@ class Material:
                 value=self.poisson_ratio,
                 remedy="For an incompressible gel take 0.4999.",
             )
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """Force (fx, fy, fz) N and moment (mx, my, mz) N mm about the pad's centre, each with its deviation.
+
+    NaN: not measured, as fx and fy are where nothing on the gel can be followed.
+    """
+
+    force_N: tuple[float, float, float]
+    force_std_N: tuple[float, float, float]
+    moment_Nmm: tuple[float, float, float]
+    moment_std_Nmm: tuple[float, float, float]

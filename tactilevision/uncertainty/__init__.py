@@ -5,6 +5,7 @@
     term           file                  what is not known                                vanishes where
     depth scale    depth_scale.py        the photometric scale, from ball to ball         the depth is 0
     leakage        leakage.py            slopes under a contact, felt beside it           nothing is deep nearby
+    missing colour missing_colour.py     what an overexposed colour would have told        all colours are known
     slope noise    slope_noise.py        the camera's noise, integrated                   the slopes have none
     untouched gel  untouched_gel.py      slow waves that drawn noise does not show        free frames come out flat
     zero plane     zero_plane.py         where depth 0 lies                               all blocks are coplanar

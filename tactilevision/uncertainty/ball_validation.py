@@ -12,7 +12,7 @@ saw the ball states of it (photometric/ball/cross_validation.py).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from tactilevision.integration.poisson import integrate
 from tactilevision.photometric import BallPicture, CalibratedMethod, Calibration
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import ball_samples
+from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Pair, SlopeMap
 from tactilevision.robust import mad_std
@@ -66,7 +67,7 @@ def held_out_depth(
     now, methods, balls = calibration.method, dict[int, CalibratedMethod](), list[Known]()
     for picture, ball, (law, gain) in _held_out_laws(calibration, pictures):
         if id(law) not in methods:
-            methods[id(law)] = CalibratedMethod(law, now.reference, now.relative_error, now.background)
+            methods[id(law)] = replace(now, law=law, card=MethodCard())
         slopes = methods[id(law)].slopes(picture.rgb)
         depth = integrate(SlopeMap(slopes.dz_dx, slopes.dz_dy), mm_per_px)
         found, true = dent_mm(depth, ball, mm_per_px=mm_per_px)
@@ -121,11 +122,11 @@ def seen_gain_std(
     gains, rng = [], np.random.default_rng(0)  # a fixed draw: a calibration does not change between runs
     for number, (picture, ball) in enumerate(zip(pictures, balls, strict=True)):
         if ball is not None:
-            change, _, valid = method.change.measure(picture.rgb)
+            change, _, valid = method.change.measure_known(picture.rgb)
             seen = ball_samples(
                 change, ball, mm_per_px=mm_per_px, number=number, most=GAIN_SAMPLES, valid=valid, rng=rng
             )
-            found = method.law.at(seen.change, seen.place)
+            found = method.at(seen.change, seen.place)
             gains.append(float(np.sum(found * seen.slopes) / np.sum(seen.slopes**2)))
     return mad_std(np.array(gains), centre=1.0)
 

@@ -1,6 +1,6 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
-    std^2 = max(scale, leakage) + free gel + zero plane + illumination + steep edges + steep slope
+    std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + steep slope
 
 The terms, their equations and limits stand in their own files (`tactilevision.uncertainty`); here they are summed.
 Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
@@ -25,6 +25,7 @@ from tactilevision.records import HeightMap, Pair, SlopeMap
 from tactilevision.uncertainty.depth_scale import place_gain_std, scale_variance
 from tactilevision.uncertainty.illumination import DriftError
 from tactilevision.uncertainty.leakage import leaked_variance
+from tactilevision.uncertainty.missing_colour import missing_colour_variance
 from tactilevision.uncertainty.slope_noise import noise_variance
 from tactilevision.uncertainty.steep_edge import add_edge_variance
 from tactilevision.uncertainty.steep_slope import STEEP_SHARE, add_steep_variance, hidden_step_mm
@@ -37,6 +38,7 @@ GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation
 TERMS = (
     "depth scale",
     "leakage",
+    "missing colour",
     "slope noise",
     "untouched gel",
     "zero plane",
@@ -51,13 +53,15 @@ class MapEvidence:
     """What one height map's deviation rests on, beside its depth.
 
     `slopes` (H, W) may be left out where edges were restored, and where none is too steep (`too_steep`); `edges`
-    are those that were restored; `drift` is None where the light was not followed.
+    are those that were restored; `drift` is None where the light was not followed. `lost_share` (H, W) is the
+    relative error of a slope where colours are missing, None where none is.
     """
 
     zero: ZeroPlane
     slopes: SlopeMap | None = None
     edges: Sequence[PunchEdge] = ()
     drift: Drift | None = None
+    lost_share: Picture | None = None
 
 
 class DepthError:
@@ -86,7 +90,10 @@ class DepthError:
         """Standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
         few = self._on_grid(depth_mm)
         scale = scale_variance(few, self.gain_square)
+        lost = self._lost(few, evidence)
         total = np.asarray(cv2.max(self._leaked(scale), scale, dst=scale))
+        if lost is not None:
+            total += lost
         cv2.addWeighted(total, 1.0, self.free_mm2, 1.0, zero_variance(evidence.zero), dst=total)
         light = self._light(evidence, total.shape)
         if light is not None:
@@ -104,12 +111,14 @@ class DepthError:
         """
         few = self._on_grid(depth_mm)
         scale = scale_variance(few, self.gain_square)
+        lost = self._lost(few, evidence)
         light, edges, steep = self._light(evidence, few.shape), np.zeros_like(few), np.zeros_like(few)
         add_edge_variance(edges, evidence.edges, mm_per_point=self._step_mm)
         add_steep_variance(steep, few, hidden_mm=self._hidden_mm(few, evidence))
         variances = (
             scale,
             np.maximum(self._leaked(scale) - scale, 0.0),
+            np.zeros_like(few) if lost is None else lost,
             self.noise_mm2,
             self.free_mm2 - self.noise_mm2,
             np.full_like(few, zero_variance(evidence.zero)),
@@ -137,6 +146,12 @@ class DepthError:
 
     def _leaked(self, scale_mm2: Picture) -> Picture:
         return leaked_variance(scale_mm2, self.leakage, every=self.every, mm_per_px=self.mm_per_px)
+
+    def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
+        if evidence.lost_share is None:
+            return None
+        share = cv2.resize(evidence.lost_share, few.shape[::-1], interpolation=cv2.INTER_AREA)
+        return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
     def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:
         if evidence.drift is None or evidence.drift.covariance is None:

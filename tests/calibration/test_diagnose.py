@@ -104,7 +104,7 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
         ("refit_with", ConvergenceError("no minimum")),
         pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         pytest.param("adopt", ConvergenceError("no minimum"), marks=pytest.mark.slow),
-        pytest.param("_skill", ZeroDivisionError(), marks=pytest.mark.slow),
+        pytest.param("skill", ZeroDivisionError(), marks=pytest.mark.slow),
         pytest.param("separation", ConvergenceError("no minimum"), marks=pytest.mark.slow),
     ],
 )
@@ -117,7 +117,7 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
     def failing(fitted: Fit, what: Candidate | Effect, *rest: Effect) -> object:
         effect = (rest or (what.effect if isinstance(what, Candidate) else what,))[0]
         asked.append(effect.key)
-        if effect.key == (asked[0] if fails in ("adopt", "_skill") else "depth_zero"):
+        if effect.key == (asked[0] if fails in ("adopt", "skill") else "depth_zero"):
             raise fault
         return whole(fitted, what, *rest)
 
@@ -128,7 +128,7 @@ def test_a_candidate_that_does_not_fit_is_passed_over(
     assert asked
     assert found.verdict in ("IDENTIFIED", "AMBIGUOUS")
     if fails != "separation":
-        failed = asked[0] if fails in ("adopt", "_skill") else "depth_zero"
+        failed = asked[0] if fails in ("adopt", "skill") else "depth_zero"
         assert [effect.key for effect in found.effects] == [({"depth_zero", "force_bias"} - {failed}).pop()]
 
 
@@ -161,7 +161,11 @@ def test_a_thickness_far_from_the_stated_one_is_flagged(relative: float, flagged
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "verdict", "keys"),
-    [("hidden_unknown", "UNKNOWN", []), ("hidden_material", "IDENTIFIED", ["viscoelasticity"])],
+    [
+        ("hidden_unknown", "UNKNOWN", []),
+        ("hidden_material", "IDENTIFIED", ["viscoelasticity"]),
+        ("hidden_two", "IDENTIFIED", ["viscoelasticity", "thickness_wedge"]),
+    ],
 )
 def test_the_samples_end_in_their_verdicts(name: str, verdict: str, keys: list[str]) -> None:
     recording = read_recording(Path(__file__).parents[2] / "sample_frames" / name)

@@ -11,6 +11,7 @@ from test_diagnose import noisy
 from test_effects import BASE, RICH
 from test_screen import MODEL, TRUTH, measured, presses
 
+from calibration.diagnosis.score_test import score_test
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.fit.least_squares import fit
 from calibration.inputs.checks import clear_of_touch
@@ -19,7 +20,7 @@ from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import CHORD, FlatPunch
 from calibration.laws.theory.admissible_range import bend_range
 from calibration.model.composition import Model
-from calibration.repeats.outlying_presses import outlying_presses, own_zero_mm
+from calibration.repeats.outlying_presses import WANDERS, outlying_presses, own_zero_mm
 from calibration.repeats.repeat_noise import repeat_noise
 from calibration.report.drawing import own_offsets
 from calibration.tasks.compare import base_model, fit_alone
@@ -115,7 +116,7 @@ def test_scatter_in_mm_accuses_no_press_of_the_stiffest_punch(
 ) -> None:
     data = unstated_points(np.random.default_rng(seed), jump_mm)
     fitted = fit_alone(base_model(data), data)
-    assert outlying_presses(fitted, np.random.default_rng(0)).presses == odd
+    assert outlying_presses(fitted).presses == odd
     if not odd:
         in_mm = fitted.noise.scale / np.median(fitted.about.slope_N_per_mm)
         assert in_mm < fitted.noise.zero_mm, "constant in mm, not in N"
@@ -126,7 +127,7 @@ def test_a_press_that_does_not_belong_is_found(jump_mm: float, odd: tuple[str, .
     data = presses(20)
     force = MODEL.predict(TRUTH, data.shifted(np.where(data.press == 5, jump_mm, 0.0)))
     fitted = fit_alone(base_model(data), measured(data, force, np.random.default_rng(1)))
-    found = outlying_presses(fitted, np.random.default_rng(0))
+    found = outlying_presses(fitted)
     assert found.presses == odd
     assert own_zero_mm(fitted)[5] > 0.8 * jump_mm - 0.012
 
@@ -148,10 +149,13 @@ def test_a_zero_that_jumps_is_unknown_since_its_press() -> None:
 
 def test_a_force_sensor_whose_zero_follows_the_temperature_is_told_by_the_air() -> None:
     warmth = RICH.temperature_C - 22
-    for per_K, wanders in ((0.0, ()), (0.003, ("T",))):
+    for per_K, follows in ((0.0, False), (0.003, True)):
         data = noisy(RICH, Model(FlatPunch()).predict(BASE, RICH) + per_K * warmth, 5)
-        odd = outlying_presses(fit_alone(base_model(data), data), np.random.default_rng(0))
-        assert tuple(name for name, _ in odd.wanders) == wanders
+        found = score_test(
+            fit_alone(base_model(data), data), (), rng=np.random.default_rng(0), draws=99, of_rig=True
+        )
+        p = {one.key: one.p_adjusted for one in found.others}[f"{WANDERS}T of the force"]
+        assert (p < 0.01) is follows
 
 
 def test_one_distance_from_the_edge_holds_the_length_of_its_effect() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ from test_diagnose import noisy
 from test_effects import BASE, RICH
 
 from calibration.diagnosis.alternative_explanation import alternative_explanation
-from calibration.diagnosis.forward_selection import Searched, Step
-from calibration.diagnosis.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
+from calibration.diagnosis.forward_selection import Round, Searched, Step
 from calibration.diagnosis.refit import adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest
 from calibration.effects import EFFECTS
+from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError, SinceTouch, since_touch
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
@@ -25,6 +26,7 @@ from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
 LAW = Model(FlatPunch())
+STANDING = tuple(Scored(error.key, 50.0, 0.0, 0.0) for error in INSTRUMENT_ERRORS)
 NOTHING = ScoreTest((), (Scored("w", 1.0, 1.0, 1.0),), {}, {})
 CREEP = np.array([-0.012, 1.5])
 
@@ -34,15 +36,18 @@ def planted(effect: Effect, values: Floats) -> Floats:
     return (LAW + effect).predict(np.concatenate([BASE, values]), RICH)
 
 
-def named(force_N: Floats, keys: Sequence[str], seed: int = 3) -> Searched:
-    """A search that added these effects, one after the other, and left nothing."""
+def named(
+    force_N: Floats, keys: Sequence[str], seed: int = 3, *, standing: Sequence[Scored] = STANDING
+) -> Searched:
+    """A search that began with these plain errors beyond chance, added these effects and left nothing."""
     base = current = refit_with_pure_noise(fit(LAW, noisy(RICH, force_N, seed)))
     steps = []
     for key in keys:
         best = refit_with(current, EFFECTS[key])
         current = adopt(current, best)
         steps.append(Step(best, Scored(key, 1.0, 0.0, 0.0), 0.5, current, (best,)))
-    return Searched(base, base, (), tuple(steps), NOTHING)
+    first = Round(replace(NOTHING, others=tuple(standing)), (), {})
+    return Searched(base, base, (first,), tuple(steps), NOTHING)
 
 
 @pytest.mark.slow
@@ -77,6 +82,14 @@ def test_where_nothing_was_named_a_plain_error_is_told_only_if_it_helps() -> Non
     assert found is not None
     assert found.key == "depth_way_back"
     assert found.sizes[0][1] == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_plain_error_without_a_reason_displaces_nothing() -> None:
+    back = next(error for error in INSTRUMENT_ERRORS if error.key == "depth_way_back")
+    force = planted(back, np.array([0.02]))
+    assert alternative_explanation(named(force, (), standing=())) is None
+    chance = [Scored(back.key, 9.0, 0.02, 0.3)]
+    assert alternative_explanation(named(force, (), standing=chance)) is None
 
 
 @pytest.mark.parametrize("error", INSTRUMENT_ERRORS, ids=lambda error: error.key)

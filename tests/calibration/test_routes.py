@@ -9,6 +9,7 @@ import pytest
 from made_recordings import Truth, draw
 
 from calibration.inputs.observations import Measured
+from calibration.laws.flat_punch import SILICONE_NU
 from calibration.laws.theory import admissible_range
 from calibration.result.joint_region import joint_picture
 from calibration.result.poisson_routes import of_beta
@@ -70,10 +71,50 @@ def test_a_picture_that_cannot_tell_changes_nothing() -> None:
     assert any("lost in the noise" in line for line in result.assumptions)
 
 
+def test_the_bound_of_elastomers_cuts_off_what_lies_below_it_and_no_more() -> None:
+    wide = calibrate(drawn(OPEN), bulge=bulge(0.46, 0.03))
+    open_ = calibrate(drawn(OPEN), bulge=bulge(0.46, 0.03), bound=None)
+    assert (wide.poisson_ratio.std or 1) < 0.8 * (open_.poisson_ratio.std or 0)
+    assert (wide.poisson_ratio.value or 0) > 0.47
+    assert [route.name for route in wide.routes if route.used] == ["bulge", "prior"]
+    assert wide.poisson_ratio_source == "bulge"
+    assert any("a bound of elastomers, no measurement" in line for line in wide.assumptions)
+    near, free = (calibrate(drawn(OPEN), bulge=bulge(0.478, 0.003), bound=b) for b in (SILICONE_NU, None))
+    assert near.poisson_ratio == free.poisson_ratio
+    assert [route.name for route in free.routes] == ["bulge", "beta"]
+
+
+def test_a_nu_below_the_bound_is_kept_widened_and_flagged() -> None:
+    low = calibrate(drawn(OPEN), bulge=bulge(0.42, 0.003))
+    assert low.poisson_ratio.value == pytest.approx(0.42, abs=0.002)
+    assert low.poisson_ratio.std == pytest.approx(0.015, rel=0.1)
+    assert "nu_below_bound" in low.flags
+    assert any("--no-prior" in line for line in low.warnings)
+    alone = calibrate(drawn(OPEN), bulge=bulge(0.42, 0.003), bound=None)
+    assert alone.poisson_ratio.std == pytest.approx(0.003, rel=0.1)
+    assert "nu_below_bound" not in alone.flags
+
+
+def test_a_stated_nu_takes_the_place_of_the_bound() -> None:
+    stated = calibrate(drawn(STATED), bulge=bulge(0.42, 0.02))
+    without = calibrate(drawn(STATED), bulge=bulge(0.42, 0.02), bound=None)
+    assert stated.poisson_ratio == without.poisson_ratio
+
+
+def test_where_nothing_fixes_nu_the_bound_is_all_that_holds_it() -> None:
+    held, open_ = (calibrate(drawn(OPEN), bound=b) for b in (SILICONE_NU, None))
+    assert held.poisson_ratio.value is None
+    assert open_.poisson_ratio.interval95 == (0.3, 0.4999)
+    low, high = held.youngs_modulus.interval95 or (0.0, 0.0)
+    lower, higher = open_.youngs_modulus.interval95 or (0.0, 0.0)
+    assert lower < high < higher
+    assert higher - lower > 1.5 * (high - low)
+
+
 def test_radii_stand_beside_the_picture() -> None:
     several = replace(OPEN, radii_mm=(1.5, 2.5, 3.5))
     result = calibrate(drawn(several), bulge=bulge(several.poisson_ratio, 0.003))
-    assert {route.name for route in result.routes} == {"bulge", "radii", "beta"}
+    assert {route.name for route in result.routes} == {"bulge", "prior", "radii", "beta"}
     low, high = result.poisson_ratio.interval95 or (0.0, 0.0)
     assert low < several.poisson_ratio < high
 

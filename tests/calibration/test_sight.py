@@ -15,6 +15,8 @@ from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.report.error_fall import error_fall_of_picture
+from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.records import Floats
 
@@ -94,6 +96,23 @@ def points(ratio: Floats, std: float) -> Observations:
     return replace(
         data.with_force(force), depth_source="gauge", reconstructed_mm=picture, reconstructed_std_mm=std * picture
     )
+
+
+def test_the_error_of_the_picture_falls_when_its_gain_is_added() -> None:
+    """Read a fifth too small, with 4 um of noise; the forces have nothing to do with it."""
+    data = points(np.full(15, 0.8), 0.05)
+    found = compare(data, ["photometric_gain", "photometric_drift"], rng=np.random.default_rng(0))
+    assert [model.effects for model in found.models] == [()]
+    assert [model.effects for model in found.pictured][:2] == [(), ("photometric_gain",)]
+    before, after = (model.held_out_N for model in found.pictured[:2])
+    assert before == pytest.approx(0.2 * np.sqrt(np.mean(data.depth_mm**2)), rel=0.05)
+    assert after < 0.1 * before
+    low, high = dict(found.pictured[1].parameters)["photometric_gain.gain"].interval95 or (0.0, 0.0)
+    assert low < -0.2 < high
+    (fall,) = error_fall_of_picture(found.pictured)
+    assert fall.unit == "mm"
+    assert fall.models[:2] == ("as read", "+ photometric gain")
+    assert fall.error[:2] == (before, after)
 
 
 @pytest.mark.slow

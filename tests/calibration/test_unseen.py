@@ -108,7 +108,7 @@ def test_one_reading_far_out_among_heavy_tails_is_no_foreign_press() -> None:
     tails[4] = 0.08
     force = MODEL.predict(TRUTH, data.shifted(tails[data.press]))
     one = fit_alone(base_model(data), measured(data, force, rng))
-    heavy = outlying_presses(one, np.random.default_rng(0))
+    heavy = outlying_presses(one)
     assert heavy.presses == ("p4",)
     assert not heavy.foreign
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_screen import MODEL, TRUTH, measured, presses, pure
 
-from calibration.diagnosis import forward_selection as module
+from calibration.diagnosis import confirmation
 from calibration.diagnosis.refit import refit_with
 from calibration.effects import EFFECTS
 
@@ -21,10 +21,10 @@ def test_a_rival_that_fits_better_by_its_own_noise_goes_first() -> None:
     truth, other = (refit_with(base, EFFECTS[key]) for key in ("depth_zero", "tilt"))
     wrong = replace(other, chi2=truth.chi2 - 5)
     far = replace(other, effect=EFFECTS["stiffening"], chi2=base.chi2)
-    again = module._weighed_again(base, wrong, (wrong, truth, far))
+    again = confirmation.weighed_again(base, wrong, (wrong, truth, far))
     assert [c.effect.key for c in again] == ["depth_zero", "tilt", "stiffening"]
     assert far.cost - wrong.cost == pytest.approx(again[2].cost - again[0].cost)
-    alone = module._weighed_again(base, truth, (truth, far))
+    alone = confirmation.weighed_again(base, truth, (truth, far))
     assert [c.chi2 for c in alone] == [truth.chi2, far.chi2], "nothing near it: as it was"
 
 
@@ -38,4 +38,4 @@ def test_the_likelihood_is_that_of_the_whole_covariance() -> None:
         + noise.zero_mm**2 * np.outer(about.slope_N_per_mm, about.slope_N_per_mm)
     )
     covariance += np.diag((noise.scale * about.base_N) ** 2)
-    assert module._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+    assert confirmation._log_volume(fitted) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)

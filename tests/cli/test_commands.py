@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes, one clear line for a fault, silence when piped."""
+"""The command line as a user meets it: exit codes, one clear line for a fault, lines of progress when piped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tactilevision.cli import main
+from tactilevision.cli import console, main
 from tactilevision.recording import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -210,3 +210,17 @@ def test_no_name_of_a_recording_leads_out_of_the_folder_of_results(
     assert read_recording(out / "01_a_.._.._b").points, "each folder of results is a recording of points"
     assert read_recording(out).points
     assert [path.name for path in (tmp_path / "results").iterdir()] == ["out"]
+
+
+def test_where_there_is_no_terminal_progress_is_lines(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "LINE_EVERY_S", 0.05)
+    with console.progress_bar("certifying") as progress:
+        progress(2, 9, "presses")
+        time.sleep(0.2)
+    said = capsys.readouterr().err.splitlines()
+    assert said[0].startswith("certifying presses: 2 of 9, ")
+    with console.progress_bar("quick"):
+        pass
+    assert capsys.readouterr().err == ""

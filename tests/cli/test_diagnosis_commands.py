@@ -40,14 +40,32 @@ def test_the_papers_points_are_not_called_adequate(
 
 
 def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--format", "svg", "--out", tmp_path) == 0
-    assert {"error.png", "error.svg"} <= {path.name for path in tmp_path.iterdir()}
-    models = json.loads((tmp_path / "comparison.json").read_text())
-    assert [model["effects"] for model in models] == [[], ["depth_zero"]]
+    own = tmp_path / "mine.py"
+    assert run(monkeypatch, "new-effect", own, "--key", "mine") == 0
+    chosen = ("--with", "depth_zero", "--effect", own, "--with", "force_over_time")
+    out = tmp_path / "out"
+    assert run(monkeypatch, "compare", PAPER, *chosen, "--format", "svg", "--out", out) == 0
+    names = {path.name for path in out.iterdir()}
+    assert {"error.png", "error.svg", "residuals.png", "secant.png", "modulus.png", "report.html"} <= names
+    models = json.loads((out / "comparison.json").read_text())
+    said = (out / "report.html").read_text()
+    assert [model["effects"][-1:] for model in models[:2]] == [[], ["depth_zero"]]
+    assert "Force over time is left out" in said, "points have no working time to drift over"
     assert {"before", "after", "held_out_before", "held_out_after", "floor"} <= set(models[1]["rms_error_N"])
+    assert models[1]["youngs_modulus_MPa"]["interval95"]
+    assert len(models[1]["presses"]) == len(models[0]["presses"]) > 2
+    assert "suggested" in models[-1]
 
 
-def test_a_step_is_taken_back_and_put_back_and_the_script_follows(
+def results(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != "history.json"
+    }
+
+
+def test_a_step_is_taken_back_and_put_back_and_all_that_is_shown_follows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--out", tmp_path) == 0
@@ -55,15 +73,61 @@ def test_a_step_is_taken_back_and_put_back_and_the_script_follows(
     assert "--with depth_zero" in script
     assert str(PAPER.resolve()) in script
     assert f"--out {tmp_path.resolve() / 'repeated'}" in script
-    (tmp_path / "calibration.json").write_text("{}")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "calibration_before.json").write_text('{"mine": 1}')
+    (tmp_path / "calibration.json").write_text('{"applied": 1}')
+    content = json.loads((tmp_path / "history.json").read_text())
+    (tmp_path / "history.json").write_text(json.dumps(content | {"applied": True}))
+    whole = results(tmp_path)
     assert run(monkeypatch, "steps", tmp_path, "--undo") == 0
+    assert "taken back: depth zero" in capsys.readouterr().out
     assert "--with" not in (tmp_path / "repeat.sh").read_text()
-    said = capsys.readouterr().out
-    assert "taken back: depth zero" in said
-    assert "calibration.json is as --apply wrote it" in said.replace("\n", " ")
+    assert [model["effects"] for model in json.loads((tmp_path / "comparison.json").read_text())] == [[]]
+    assert "Taken back: depth zero" in (tmp_path / "report.html").read_text()
+    assert json.loads((tmp_path / "calibration.json").read_text()) == {"mine": 1}
+    changed = results(tmp_path)
+    assert all(changed[name] != whole[name] for name in ("report.html", "error.png", "secant.png"))
+    assert changed["notes.txt"] == b"mine"
     assert run(monkeypatch, "steps", tmp_path, "--undo") == 2, "nothing is left to undo"
     assert run(monkeypatch, "steps", tmp_path, "--redo") == 0
-    assert (tmp_path / "repeat.sh").read_text() == script
+    assert results(tmp_path) == whole
+
+
+def test_a_history_runs_no_file_that_nobody_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "mine.py"
+    assert run(monkeypatch, "new-effect", own, "--key", "mine") == 0
+    own.write_text(own.read_text() + f"\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    steps = [{"key": key, "path": path} for key, path in (("mine", str(own)), ("depth_zero", ""))]
+    out = tmp_path / "out"
+    out.mkdir()
+    kept = {"recordings": [str(PAPER)], "steps": steps, "undone": []}
+    (out / "history.json").write_text(json.dumps(kept))
+    assert run(monkeypatch, "steps", out, "--undo") == 2
+    said = capsys.readouterr().err
+    assert "--effect" in said
+    assert "mine.py" in said
+    assert not (tmp_path / "ran").exists()
+    assert json.loads((out / "history.json").read_text()) == kept
+
+
+def test_a_comparison_out_of_time_says_what_it_did_not_add(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import calibration.inputs.deadline as module
+
+    monkeypatch.setattr(module.Deadline, "passed", property(lambda self: self.at_s < float("inf")))
+    out = tmp_path / "out"
+    assert run(monkeypatch, "compare", PAPER, "--with", "depth_zero", "--time-limit", 1, "--out", out) == 0
+    assert "Depth zero is left out: the time was over" in (out / "report.html").read_text()
+    assert run(monkeypatch, "diagnose", PAPER, "--time-limit", 1, "--out", out) == 0
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["stopped"]
+    assert "Nothing in the catalogue" not in (out / "report.html").read_text(), (
+        "what was not tried is not said to fail"
+    )
+    assert "best answer so far" in (out / "report.html").read_text()
 
 
 def test_an_unknown_effect_is_named_with_the_known_ones(

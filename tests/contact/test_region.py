@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -81,3 +83,24 @@ def test_free_gel_and_a_map_without_a_valid_pixel_have_no_contact() -> None:
     assert not find_contact(seen(np.zeros(SHAPE))).any()
     nothing = HeightMap(np.zeros(SHAPE), np.zeros(SHAPE, np.bool_), (SCALE, SCALE))
     assert not find_contact(nothing).any()
+
+
+def test_a_contact_is_seen_however_wide_the_deviation_is_stated() -> None:
+    """A ball .3 mm deep whose map is stated to be known to .12 mm; waves of free gel as wide are none."""
+    depth = ball(radii(), 1.2, 4.8)
+    pressed = seen(depth)
+    wide = replace(pressed, std_mm=np.full(SHAPE, 0.12))
+    assert find_contact(wide).any()
+    np.testing.assert_array_equal(find_contact(wide), find_contact(pressed))
+    y, x = np.indices(SHAPE) * SCALE
+    waves = 0.1 * np.sin(2 * np.pi * x / 8.0) * np.sin(2 * np.pi * y / 8.0)
+    assert not find_contact(replace(seen(waves), std_mm=np.full(SHAPE, 0.12))).any()
+
+
+def test_colours_show_a_contact_whose_slopes_are_blurred() -> None:
+    blurred = cv2.GaussianBlur(ball(radii(), 0.6, 4.0), (0, 0), 12.0)
+    wide = replace(seen(blurred), std_mm=np.full(SHAPE, 0.12))
+    change = np.ones((24, 32))
+    assert not find_contact(replace(wide, colour_change=change)).any()
+    change[10:14, 14:18] = 150.0
+    assert find_contact(replace(wide, colour_change=change)).any()

@@ -23,13 +23,30 @@ def places(finer: int = 1, centre: tuple[float, float] = (7.3, 5.9)) -> tuple[Fl
     return x - centre[0], y - centre[1]
 
 
-def photographed(depth: Floats, blur_px: float = 0.7, top: float = 0.8) -> SlopeMap:
-    """Slopes as a picture shows them: normals blurred and averaged over a pixel, then read `top` at most."""
-    q, p = np.gradient(depth, STEP / FINER)
+LAMPS = 2.1 * np.array([[np.cos(t), np.sin(t)] for t in 2 * np.pi * np.arange(16) / 16])  # leans, all round
+STEEP = np.linspace(0.0, 4.0, 401)
+
+
+def lit(p: Floats, q: Floats) -> Floats:
+    """Light (3, ...): what lamps all round give together, and to either side; none where a surface turns away."""
     up = 1.0 / np.sqrt(1.0 + p * p + q * q)
-    light = [cv2.GaussianBlur(v, (0, 0), blur_px * FINER) for v in (p * up, q * up, up)]
-    p, q, up = (cv2.resize(v, SHAPE[::-1], interpolation=cv2.INTER_AREA) for v in light)
-    p, q = p / up, q / up
+    each = [np.maximum(up * (1.0 - x * p - y * q), 0.0) for x, y in LAMPS]
+    aside = [np.mean([lamp[k] * one for lamp, one in zip(LAMPS, each, strict=True)], axis=0) for k in (0, 1)]
+    return np.stack([np.mean(each, axis=0), *(-2.0 / 2.1**2 * one for one in aside)])
+
+
+def photographed(depth: Floats, blur_px: float = 0.7, top: float = 0.8) -> SlopeMap:
+    """Slopes as a picture shows them: light blurred, averaged over a pixel, and read by what even slopes show.
+
+    `top` is read at most.
+    """
+    q, p = (np.asarray(one) for one in np.gradient(depth, STEP / FINER))
+    light = [cv2.GaussianBlur(v, (0, 0), blur_px * FINER) for v in lit(p, q)]
+    up, p, q = (cv2.resize(v, SHAPE[::-1], interpolation=cv2.INTER_AREA) for v in light)
+    known, shown = lit(STEEP, 0.0 * STEEP)[:2]
+    size = np.hypot(p, q)
+    turned = np.interp(size / up, np.maximum.accumulate(shown / known), STEEP) / np.maximum(size, 1e-9)
+    p, q = turned * p, turned * q
     held = np.minimum(1.0, top / np.maximum(np.hypot(p, q), 1e-9))
     return SlopeMap((p * held).astype(np.float32), (q * held).astype(np.float32))
 

@@ -10,7 +10,7 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.consistency import shared_contact
+from tactilevision.photometric.ball.consistency import scale_warnings, shared_contact
 from tactilevision.photometric.ball.detection import Ball, find_ball
 from tactilevision.records import Bytes, Floats
 
@@ -75,3 +75,10 @@ def test_a_contact_as_wide_as_the_ball_is_refused() -> None:
     assert find_ball(shot, SIDES, radius_mm=BALL_MM).contact_radius_px == pytest.approx(2.0 / MM_PER_PX, rel=0.1)
     with pytest.raises(InputError, match="as wide as the whole ball"):
         find_ball(shot, SIDES, radius_mm=1.6)
+
+
+def test_colours_that_no_lamp_makes_of_the_stated_slopes_are_named() -> None:
+    slopes = 0.3 * np.random.default_rng(0).standard_normal((500, 2))
+    change = slopes @ np.array([[1.5, -0.8, -0.7], [0.1, 1.3, -1.4]])
+    assert scale_warnings(change, slopes) == []
+    assert "mm_per_px" in scale_warnings(change, 0.1 * slopes)[0]

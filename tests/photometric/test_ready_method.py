@@ -58,9 +58,11 @@ def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
 
 def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: Path) -> None:
     here = re.escape(str(tmp_path))
-    with pytest.raises(InputError, match=f"{here}/reference/ball: no ball presses to calibrate the light from"):
+    with pytest.raises(
+        InputError, match=f"{here}: no ball presses to calibrate the light from.*Ready without balls: gelslim3"
+    ):
         build_reconstructor(recording(tmp_path, "digit"))
-    with pytest.raises(InputError, match=f"{here}/reference/flat: no picture of the untouched gel"):
+    with pytest.raises(InputError, match=f"{here}: no picture of the untouched gel.*--reference"):
         build_reconstructor(recording(tmp_path, "gelslim3", flats=0))
     with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, auto, lookup"):
         build_reconstructor(recording(tmp_path, "gelslim3"), "polynomal")

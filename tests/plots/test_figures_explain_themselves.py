@@ -20,14 +20,24 @@ from matplotlib.text import Text
 from tactilevision.certificate.certificate import Evidence
 from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.contact.bevel_onset import Growth, Onset
-from tactilevision.plots import diagnosis, indentation, joint, style, validation
+from tactilevision.plots import diagnosis, indentation, joint, misfit, style, validation
 from tactilevision.plots.film import Shot, _Stage
 from tactilevision.plots.press import draw_press
 from tactilevision.records import CertifiedPoint, Estimate, Footprint, HeightMap
+from tactilevision.records import misfit as misfit_records
 
 SHOWN_PX = 500
 LEAST_PX = 8.0  # height of a letter's body that is read without effort
-UNITS = ("(", "/", "ν", "press", "frame", "if this", "could this")  # ratios, counts and names have no unit
+UNITS = (
+    "(",
+    "/",
+    "ν",
+    "press",
+    "frame",
+    "if this",
+    "could this",
+    "loading",
+)  # ratios, counts and names have no unit
 OLD_WORDS = ("touch", "floor", "ruler")
 
 X = np.linspace(0.05, 0.5, 12)
@@ -55,7 +65,9 @@ def press(height: HeightMap | None) -> Figure:
 
 def fit() -> Figure:
     used = np.arange(12) > 2
-    cloud = indentation.PointCloud(X, 0.01 * ONES, X, 0.01 * ONES, X, 3.0, used)
+    cloud = indentation.PointCloud(
+        X, 0.01 * ONES, X, 0.01 * ONES, X, 3.0, used, radius_mm=np.where(X > 0.3, 2.0, 1.0)
+    )
     lines = [indentation.FittedLine(name, X, X, HALF, 3.0) for name in ("a = 1 mm", "a = 2 mm")]
     return indentation.draw_fit(cloud, lines)
 
@@ -80,10 +92,53 @@ def joint_region() -> Figure:
     return joint.draw_joint(curve, region, best=(0.475, 0.2), routes=routes)
 
 
-def residuals() -> Figure:
-    values = np.repeat(X, 3)
-    rest = np.tile([0.0, 1.0, 2.0], 12)
-    return diagnosis.draw_residuals([diagnosis.Panel("w", "mm", values, rest, p) for p in (0.01, 0.5, 1)])
+def curves() -> misfit_records.ForceCurves:
+    modelled = np.array([X + HALF, X])
+    phase = ("load",) * 12
+    presses = [
+        misfit_records.PressCurve(f"p{k}", "A", radius, X, X, X, modelled, phase)
+        for k, radius in enumerate((1.0, 2.0))
+    ]
+    return misfit_records.ForceCurves(("plain law", "+ creep"), tuple(presses), whole=True)
+
+
+def press_rows() -> Figure:
+    shown = curves()
+    return misfit.draw_presses(shown, shown.presses)
+
+
+def strips() -> Figure:
+    mean = np.array([[1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.0]])
+    told = [
+        ("w", "the depth", "mm", ()),
+        ("wait", "the wait", "log10 s", ()),
+        ("way", "loading or unloading", "", ("load", "hold")),
+    ]
+    shown = [
+        misfit_records.Strip(
+            name,
+            said,
+            unit,
+            levels,
+            np.repeat([0.0, 0.5, 1.0], 4),
+            np.array([0.0, 0.5, 1.0]),
+            mean,
+            np.full((2, 3), 1e-3),
+            (1e-9, 0.5),
+        )
+        for name, said, unit, levels in told
+    ]
+    residual = np.array([1e-3 * X, -1e-3 * X])
+    return misfit.draw_strips(
+        misfit_records.ResidualStrips(("plain law", "+ creep"), tuple(shown), residual, X, 2e-3)
+    )
+
+
+def error_fall() -> Figure:
+    names = ("plain law", *(f"+ {letter}" for letter in "abcde"))
+    return misfit.draw_error_fall(
+        misfit_records.ErrorFall(names, (5e-3, 4e-3, 3e-3, 2e-3, 1e-3, 1e-3), 1e-3, (5e-4, 2e-3), True)
+    )
 
 
 def offsets() -> Figure:
@@ -92,11 +147,14 @@ def offsets() -> Figure:
 
 
 def overlay() -> Figure:
-    return diagnosis.draw_overlay(diagnosis.Overlay("w", "mm", "depth_zero", X, X, HALF, X))
+    own = diagnosis.Overlay("the depth", "mm", (), "depth_zero", X, X, HALF, HALF, HALF, X)
+    return diagnosis.draw_overlay(own)
 
 
 def sighting() -> Figure:
-    seen = diagnosis.Sighting(ONES, ONES, X > 0.2, (("certified depth (mm)", X), ("time (min)", X), ("press", X)))
+    seen = diagnosis.Sighting(
+        0.8 * ONES, ONES, X > 0.2, (("certified depth (mm)", X), ("time (min)", X), ("press", X))
+    )
     return diagnosis.draw_sighting(seen)
 
 
@@ -114,11 +172,12 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "material": material,
     "history": history,
     "joint": joint_region,
-    "residuals": residuals,
+    "presses": press_rows,
+    "overview": lambda: misfit.draw_overview(curves(), 3.0),
+    "strips": strips,
+    "waterfall": error_fall,
+    "moduli": lambda: misfit.draw_moduli(["plain law", "+ creep"], [estimate(0.2), estimate(0.21)]),
     "offsets": offsets,
-    "waterfall": lambda: diagnosis.draw_waterfall(
-        ["base", "a", "b", "c", "d", "e"], [5.0, 4, 3, 2, 1, 1], repeatability_N=0.5
-    ),
     "confusability": lambda: diagnosis.draw_confusability(["a", "b"], np.array([[0.0, 4], [5, 0]])),
     "overlay": overlay,
     "sighting": sighting,

@@ -180,7 +180,7 @@ def test_no_contact_in_the_reference_is_seen_where_there_is_none(
     found.look([picture(p, q, rng, gain=grain(), lamps=lamps, stray_grey=stray) for stray in (15, 20, 20, 12)])
     assert found.reference_match is not None
     assert found.reference_match.contact_px is None
-    assert found.warnings == ()
+    assert not any("contact" in line for line in found.warnings)  # that stray light changes is told
 
 
 def test_a_single_frame_says_nothing_of_its_reference() -> None:

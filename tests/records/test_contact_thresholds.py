@@ -20,8 +20,9 @@ from tactilevision.records.contact_thresholds import (
 def test_each_limit_is_its_equation() -> None:
     assert colour_limit(2.0) == 32.0
     assert slope_limit(0.01) == pytest.approx(0.041)
-    assert depth_limit_mm(0.001) == 0.01
-    assert depth_limit_mm(0.01) == pytest.approx(0.05)
+    assert depth_limit_mm(0.001, 1.0) == 0.01
+    assert depth_limit_mm(0.01, 1.0) == pytest.approx(0.05)
+    assert depth_limit_mm(0.2, 1.0) == 0.5, "half of the map is pressed, and that is no noise"
     assert live_limit_mm(np.array([[0.01]])).item() == pytest.approx(0.05)
     assert (reading_limit(0.01, 1.0), reading_limit(0.001, 1.0)) == (0.05, 0.03)
     assert cell_limit_mm(np.array([0.001, 0.02]), 1.0).tolist() == [0.03, 0.06]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tactilevision.errors import InputError
+from tactilevision.photometric.methods.weights import find_model
 from tactilevision.records import Bytes, Sensor
 from tactilevision.sensors import SENSORS, get_sensor, maps_from_corners, maps_from_grid, maps_from_lookup, rectify
 
@@ -110,3 +113,20 @@ def test_many_sensors_do_not_pile_up() -> None:
     for _ in range(20):
         rectify(with_maps(maps_from_lookup(row, column)), ramp())
     assert len(rectification._fixed) <= rectification.KEPT
+
+
+def test_the_page_of_sensors_lists_size_scale_and_what_is_ready() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "sensors.md").read_text(encoding="utf-8")
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| `")
+    ]
+    listed = {row[0].strip("`"): row for row in rows}
+    assert set(listed) == {*SENSORS, "custom"}
+    for kind, sensor in SENSORS.items():
+        _, size, scale, view, ready = listed[kind]
+        assert size == f"{sensor.width_px} x {sensor.height_px}"
+        assert [float(one) for one in scale.split(", ")] == pytest.approx(list(dict.fromkeys(sensor.mm_per_px)))
+        across, down = sensor.width_px * sensor.mm_per_px[0], sensor.height_px * sensor.mm_per_px[1]
+        assert [float(one) for one in view.split(" x ")] == pytest.approx([across, down], abs=0.06)
+        model = kind.removesuffix("_markers")
+        assert (find_model(model) is not None) == (ready == f"the network `{model}`")

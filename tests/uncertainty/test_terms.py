@@ -19,6 +19,7 @@ from tactilevision.records import HeightMap, SlopeMap
 from tactilevision.uncertainty.depth import TERMS, contributions_mm
 from tactilevision.uncertainty.depth_scale import scale_variance
 from tactilevision.uncertainty.leakage import leaked_variance
+from tactilevision.uncertainty.missing_colour import missing_colour_variance
 from tactilevision.uncertainty.slope_noise import noise_variance
 from tactilevision.uncertainty.steep_edge import add_edge_variance
 from tactilevision.uncertainty.steep_slope import add_steep_variance, hidden_step_mm
@@ -163,3 +164,14 @@ def test_a_drift_that_is_known_exactly_costs_nothing() -> None:
     coefficients = error.drift.depths.shape[0]
     assert not error.drift.variance(np.zeros((coefficients, coefficients)), zero).any()
     assert error.drift.variance(np.eye(coefficients), zero).max() > 0
+
+
+def test_a_missing_colour_widens_depth_by_its_share_and_hardly_where_it_is_a_speck() -> None:
+    depth = np.full((80, 100), 0.4, np.float32)
+    share = np.zeros_like(depth)
+    np.testing.assert_array_equal(missing_colour_variance(depth, share, every=2, mm_per_px=(0.06, 0.06)), 0.0)
+    everywhere = missing_colour_variance(depth, share + np.float32(0.2), every=2, mm_per_px=(0.06, 0.06))
+    np.testing.assert_allclose(np.sqrt(everywhere), 0.08, rtol=0.02)
+    share[40:42, 50:52] = 1.0
+    speck = missing_colour_variance(depth, share, every=2, mm_per_px=(0.06, 0.06))
+    assert np.sqrt(speck.max()) < 0.01

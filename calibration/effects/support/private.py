@@ -10,7 +10,7 @@ import inspect
 import keyword
 from pathlib import Path
 
-from calibration.effects import EFFECTS
+from calibration.effects import EFFECTS, PLAIN
 from calibration.effects.support.time_limit import limited, within_time
 from calibration.model.stages import Effect, EffectBase
 from tactilevision.errors import InputError, OutputError
@@ -65,7 +65,7 @@ def checked(kind: type[EffectBase], where: Path) -> Effect:
         raise InputError(f"the effect cannot be made: {type(fault).__name__}: {fault}", where=where) from fault
     if not effect.key or not hasattr(effect, "stage") or not table or "apply" not in vars(kind):
         raise InputError("an effect has a key, a stage, parameters and apply", where=where, value=kind.__name__)
-    if not isinstance(effect.key, str) or effect.key in EFFECTS:
+    if not isinstance(effect.key, str) or effect.key in {*EFFECTS, *PLAIN}:
         raise InputError(
             "an effect's key is a name that no effect of the catalogue has",
             where=where,
@@ -83,7 +83,7 @@ def new_effect(path: Path | str, key: str) -> None:
     Raises InputError for a key that is no name in Python or one of the catalogue's, OutputError where the file
     exists.
     """
-    if not key.isidentifier() or keyword.iskeyword(key) or key in EFFECTS:
+    if not key.isidentifier() or keyword.iskeyword(key) or key in {*EFFECTS, *PLAIN}:
         raise InputError(
             "an effect's key is one word that no effect of the catalogue has",
             where="--key",

@@ -58,11 +58,16 @@ class FaceDepthCorrection:
         inside = (indenter for first, last, indenter in self.spans if first <= height.time_s <= last)
         indenter = next(inside, None)
         face = None if indenter is None else find_footprint(height, indenter)
-        if self.depth_scale is None or face is None or not face.depth_mm > 0:
-            return height
-        lacking = (float(self.depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
-        disc = _disc(height, face)
-        return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
+        return height if self.depth_scale is None else with_face(height, face, depth_scale=self.depth_scale)
+
+
+def with_face(height: HeightMap, face: Footprint | None, *, depth_scale: DepthScale) -> HeightMap:
+    """The map (H, W) with a flat `face`, as it reads it, as deep in mm as the scale has it; None: as it was."""
+    if face is None or not face.depth_mm > 0:
+        return height
+    lacking = (float(depth_scale.scale(face.depth_mm)) - 1.0) * face.depth_mm
+    disc = _disc(height, face)
+    return replace(height, depth_mm=np.where(disc, height.depth_mm + lacking, height.depth_mm))
 
 
 NO_CORRECTION = FaceDepthCorrection()  # nothing is certified: every map is the picture's own

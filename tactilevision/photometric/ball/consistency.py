@@ -25,6 +25,9 @@ MIN_CONTRADICTION = 0.1  # of the scale: places and sizes differ by half of it
 SIGMAS = 3.0  # deviations by which scales must differ: chance alone does so once in 370 times
 MIN_OF_ONE = 0.3  # a single ball in a dark corner may be off as much
 OUTLIER_SIGMA = 5.0  # times the scatter of the others
+MAX_ANSWER = (
+    5.0  # relative change of colour for a unit of slope: lamps at 11 degrees; real sensors have 1.2 to 1.7
+)
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
 MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 
@@ -98,6 +101,21 @@ def reference_warnings(contact_px: Pair | None) -> list[str]:
     x, y = contact_px
     return [
         f"every ball picture differs from the reference near ({x:.0f}, {y:.0f}) px: a contact in the reference"
+    ]
+
+
+def scale_warnings(change: Floats, slopes: Floats) -> list[str]:
+    """A warning where colours `change` (N, 3) more for `slopes` (N, 2) than lamps make them.
+
+    A lamp at an elevation e changes a matt surface by cot e for a unit of slope, 4 at 15 degrees. A scale in mm
+    per pixel that is stated too small, or a ball too large, makes slopes smaller than they are.
+    """
+    answer = float(np.sqrt(np.mean(change**2) / np.mean(slopes**2)))
+    if answer < MAX_ANSWER:
+        return []
+    return [
+        f"colours change {answer:.0f} times as much as the gel is said to slope, and low lamps make 1 to 4: "
+        "is mm_per_px stated too small, or ball_radius_mm too large?"
     ]
 
 

@@ -28,6 +28,8 @@ from tactilevision.robust import mad_std
 
 FOLDS = 3  # groups of balls; more leave less out at a time, and cost a fit for each pair of groups
 PRIOR_BALLS = 4  # balls that what is stated is worth by itself
+SLOPE_SOFTENING = 0.1  # slopes below are not asked to be right in proportion
+PATCHES = (8, 3)  # of a ball: round it, and outwards
 ONE_SIGMA_SHARE = 0.6827  # share of normal errors within one standard deviation
 
 
@@ -148,6 +150,28 @@ def gains_without(
 def gain_std(slopes: Floats, samples: Samples) -> float:
     """Scatter of the depth scale over balls, by `slopes` (N, 2): 1.48 times the median distance from 1."""
     return mad_std(np.array([*gains_of(slopes, samples).values()]), centre=1.0)
+
+
+def patch_error(slopes: Floats, samples: Samples) -> float:
+    """Mean distance of `slopes` (N, 2) from the true ones, in parts of these.
+
+    Gentle slopes carry the rise, steep ones the depth.
+
+    Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
+    by pixel the best guess is one that reads all slopes too low.
+    """
+    steepness = np.hypot(*samples.slopes.T)
+    sector = np.floor(
+        (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
+    )
+    ring = np.floor(PATCHES[1] * 0.999999 * (steepness / steepness.max()) ** 2)
+    _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
+    count = np.bincount(patch.ravel())
+    true, off = (
+        np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
+        for many in (samples.slopes, slopes - samples.slopes)
+    )
+    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
 
 
 def _fit_without(

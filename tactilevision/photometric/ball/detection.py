@@ -9,7 +9,7 @@ ball pressed into a half-space (Hertz; R ball radius, a contact radius, r the di
 are drawn for a trial (centre, a), each channel's change is fitted by a quadratic of the two slopes (no constant:
 no slope, no change), and what is left over is made least in the three unknowns. No calibration is needed
 before, and no threshold decides where the circle ends. Outside the contact a real gel layer slopes less far out
-than the half-space; the window reaches 1.6 a only, and what is used afterwards is the inside.
+than the half-space; the window reaches WINDOW a only, and what is used afterwards is the inside.
 Source: Johnson, Contact Mechanics (1985), eqs. 3.42a, b.
 """
 
@@ -31,6 +31,11 @@ MAX_PIXELS = 1500  # of the window; more only slow the fit down
 MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
+MAX_GUESS_SHARE = 1.5  # of that: blobs of change are up to 1.4 times as wide as the contact
+MAX_GROWTH = 1.3  # of the blob or label, where the fit ran away: rendered contacts are .7 to 1.3 of their blob
+WINDOW = 1.45  # contact radii; of 16 rendered deep balls 1.6 has the circle 1.1 px off (rms), 1.45 .9
+MAX_WINDOWS = 4  # fits, each in a window round the last one's circle
+WINDOW_TOL = 0.02  # of the contact radius: a circle that moves by less stays
 MAX_RESIDUAL = 0.5  # residual: a ball on the brightest side of a contact alone leaves more
 TOP_PERCENTILE = 99.8  # percentile of change that stands for the steepest slopes of a contact
 MIN_SEEN = 0.5  # of a ball's place that must be usable: less leaves out one whole side of its slopes
@@ -71,45 +76,53 @@ def find_ball(
 ) -> Ball:
     """The ball in `change` (H, W, 3), the relative change of colour against untouched gel without its drift.
 
-    `usable` is a mask (H, W). `centre_px`, `contact_radius_px` are a start where they are known; the largest blob
-    of change otherwise. Where its residual exceeds MAX_RESIDUAL, it is looked for with all colours made equal,
-    too, and the better one kept. Raises InputError where there is no contact, or none that a ball of `radius_mm`
+    `usable` is a mask (H, W); a change of a colour that is not known is NaN. `centre_px`, `contact_radius_px` are
+    a start where they are known; the largest blob of change otherwise. A fit that runs away is held to what the
+    picture shows, the blob or the label, and a little more. Where its residual exceeds MAX_RESIDUAL, the ball is
+    looked for with all colours made equal, too, and the better one kept. Raises InputError where there is no
+    contact, or none that a ball of `radius_mm`
     could make.
     """
     most_px = MAX_RADIUS_SHARE * radius_mm / mm_per_px[0]
 
     def refined(guess: tuple[float, float, float]) -> Ball:
-        (x, y), radius = centre_px or guess[:2], min(contact_radius_px or guess[2], most_px)
-        if radius < MIN_RADIUS_PX:
+        (x, y), radius = centre_px or guess[:2], contact_radius_px or guess[2]
+        if min(radius, most_px) < MIN_RADIUS_PX:
             raise InputError(
-                f"a contact of {radius:.2g} px in radius is too small to be read",
+                f"a contact of {min(radius, most_px):.2g} px in radius is too small to be read",
                 where="ball press",
                 value=f"ball_radius_mm = {radius_mm:g}",
                 remedy="ball_radius_mm is in mm, contact_radius_px in pixels of the rectified frame.",
             )
-        return _refined(change, mm_per_px, radius_mm=radius_mm, start=(x, y, radius), usable=usable)
+        if radius > MAX_GUESS_SHARE * most_px:
+            raise InputError(
+                "the contact is as wide as the whole ball",
+                where="ball press",
+                value=f"ball_radius_mm = {radius_mm:g}",
+                remedy="State the ball's radius in mm, and mm_per_px as rectified.",
+            )
+        start = x, y, min(radius, most_px)
+        ball = _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=np.inf, usable=usable)
+        if ball.contact_radius_px <= most_px:
+            return ball
+        shown_px = min(most_px, MAX_GROWTH * start[2])  # the picture shows a smaller one: what ran away is the fit
+        return _settled(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=shown_px, usable=usable)
 
     ball = refined(first_guess(change, usable))
     if ball.residual > MAX_RESIDUAL and (centre_px is None or contact_radius_px is None):
-        top = np.percentile(
+        top = np.nanpercentile(
             np.abs(change.reshape(-1, 3) if usable is None else change[usable]), TOP_PERCENTILE, axis=0
         )
         with suppress(InputError):
             equalised = refined(first_guess(np.asarray(change / np.maximum(top, 1e-6), np.float32), usable))
             ball = min(ball, equalised, key=lambda one: one.residual)
-    if ball.contact_radius_px > most_px:
-        raise InputError(
-            "the contact is as wide as the whole ball",
-            where="ball press",
-            value=f"ball_radius_mm = {radius_mm:g}",
-            remedy="State the ball's radius in mm, and mm_per_px as rectified.",
-        )
     return ball
 
 
 def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> tuple[float, float, float]:
     """Centre x, y and radius (px) of the largest blob of `change` (H, W, 3) that stands out of the noise."""
-    size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(change, (0, 0), 1.5)), axis=2)))
+    seen = np.nan_to_num(change)
+    size = np.asarray(np.sqrt(np.mean(np.square(cv2.GaussianBlur(seen, (0, 0), 1.5)), axis=2)))
     if usable is not None:
         size = np.where(usable, size, 0.0)
     typical = float(np.median(size))
@@ -129,19 +142,42 @@ def first_guess(change: Array, usable: npt.NDArray[np.bool_] | None = None) -> t
     return float(centres[best][0]), float(centres[best][1]), float(np.sqrt(area / np.pi))
 
 
+def _settled(
+    change: Array,
+    mm_per_px: Pair,
+    *,
+    radius_mm: float,
+    start: tuple[float, float, float],
+    most_px: float,
+    usable: npt.NDArray[np.bool_] | None,
+) -> Ball:
+    """The fit, in a window that is laid round its own last circle until that stays.
+
+    A wide window shows gel that slopes as no half-space does, and draws the circle out.
+    """
+    for _ in range(MAX_WINDOWS):
+        ball = _refined(change, mm_per_px, radius_mm=radius_mm, start=start, most_px=most_px, usable=usable)
+        moved = np.hypot(*np.subtract(ball.centre_px, start[:2])), ball.contact_radius_px - start[2]
+        if np.abs(moved).max() < WINDOW_TOL * start[2]:
+            break
+        start = (*ball.centre_px, ball.contact_radius_px)
+    return ball
+
+
 def _refined(
     change: Array,
     mm_per_px: Pair,
     *,
     radius_mm: float,
     start: tuple[float, float, float],
+    most_px: float,
     usable: npt.NDArray[np.bool_] | None,
 ) -> Ball:
     """Damped Gauss-Newton on centre and contact radius."""
     changes, x_mm, y_mm = _window(change, mm_per_px, start, usable)
     contact_mm = start[2] * mm_per_px[0]
     lowest = np.array([-contact_mm, -contact_mm, 0.3 * contact_mm])
-    highest = np.array([contact_mm, contact_mm, 0.98 * radius_mm])
+    highest = np.array([contact_mm, contact_mm, min(0.98 * radius_mm, most_px * mm_per_px[0])])
 
     def misfit(unknown: Floats) -> Floats:
         return _unexplained(
@@ -163,16 +199,16 @@ def _refined(
         else:
             damping *= 10.0
     centre = (start[0] + unknown[0] / mm_per_px[0], start[1] + unknown[1] / mm_per_px[1])
-    share = np.sqrt(np.mean(residual**2) / np.mean(changes**2))
+    share = np.sqrt(np.mean(residual**2) / np.mean(np.nan_to_num(changes) ** 2))
     return Ball((float(centre[0]), float(centre[1])), float(unknown[2] / mm_per_px[0]), radius_mm, float(share))
 
 
 def _window(
     change: Array, mm_per_px: Pair, start: tuple[float, float, float], usable: npt.NDArray[np.bool_] | None
 ) -> tuple[Floats, Floats, Floats]:
-    """Changes (N, 3) and places from the first centre (N,) in mm, of the pixels within 1.6 radii."""
+    """Changes (N, 3) and places from the first centre (N,) in mm, of the pixels within WINDOW radii."""
     height, width = change.shape[:2]
-    reach = 1.6 * start[2]
+    reach = WINDOW * start[2]
     reach_y = reach * mm_per_px[0] / mm_per_px[1]
     step = max(1, int(np.sqrt(np.pi * reach * reach_y / MAX_PIXELS)))
     rows = np.arange(max(0, int(start[1] - reach_y)), min(height, int(start[1] + reach_y) + 1), step)
@@ -192,8 +228,18 @@ def _window(
 
 
 def _unexplained(changes: Floats, p: Floats, q: Floats) -> Floats:
-    """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,)."""
+    """What a quadratic of the slopes leaves of the changes (N, 3), flat (3 N,); nothing of those not known."""
     terms = np.stack([p, q, p * p, p * q, q * q], axis=1)
+    if not np.isfinite(changes).all():
+        known = np.isfinite(changes)
+        parts = [
+            _unexplained(change[at, None], p[at], q[at])
+            for change, at in zip(changes.T, known.T, strict=True)
+            if at.any()
+        ]
+        left = np.zeros(changes.shape)
+        left.T[known.T] = np.concatenate(parts)
+        return left.ravel()
     normal = terms.T @ terms
     normal[np.diag_indices(5)] += 1e-9 * np.trace(normal)
     return np.asarray((changes - terms @ np.linalg.solve(normal, terms.T @ changes)).ravel())

@@ -20,6 +20,7 @@ import numpy as np
 from tactilevision.photometric.ball.samples import TYPICAL, Samples
 
 MAX_PLACES = 500  # places at which A is looked at
+MIN_NOISE = 1e-9  # relative noise of a colour that is not looked at, whose change is 0
 MIN_ANSWER = 1e-6  # change of colour in deviations per unit of slope: none
 
 
@@ -40,7 +41,7 @@ def slope_observability(samples: Samples) -> Observability:
     where = np.stack([np.ones_like(x), x, y], axis=1)
     design = (where[:, :, None] * samples.slopes[:, None, :]).reshape(len(x), 6)
     weights = 1.0 / np.sqrt(np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
-    signal = samples.change / samples.noise
+    signal = samples.change / np.maximum(samples.noise, MIN_NOISE)
     answers = np.linalg.lstsq(design * weights[:, None], signal * weights[:, None], rcond=None)[0].reshape(3, 2, 3)
     changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MAX_PLACES)], answers)
     best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), MIN_ANSWER)

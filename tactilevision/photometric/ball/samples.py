@@ -23,7 +23,8 @@ OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 class Samples:
     """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
 
-    `noise` (N, 3): standard deviation of the changes, None where they are known exactly.
+    `noise` (N, 3): standard deviation of the changes, None where they are known exactly. A change that is not
+    known, as its colour is overexposed, is NaN.
     """
 
     change: Floats
@@ -36,6 +37,22 @@ class Samples:
         noise = None if self.noise is None else self.noise[chosen]
         return Samples(self.change[chosen], self.place[chosen], self.slopes[chosen], self.press[chosen], noise)
 
+    def complete(self) -> Samples:
+        """The samples of which all colours are known."""
+        known = np.asarray(np.isfinite(self.change).all(axis=1))
+        return self if known.all() else self.where(known)
+
+    def without(self, colour: int) -> Samples:
+        """The samples as two colours tell them: where the other two are known, `colour` made not to change."""
+        known = np.asarray(np.isfinite(np.delete(self.change, colour, axis=1)).all(axis=1))
+        kept = self.where(known)
+        change = kept.change.copy()
+        change[:, colour] = 0.0
+        noise = None if kept.noise is None else kept.noise.copy()
+        if noise is not None:
+            noise[:, colour] = 0.0
+        return replace(kept, change=change, noise=noise)
+
 
 def join(parts: Sequence[Samples]) -> Samples:
     return Samples(
@@ -44,6 +61,14 @@ def join(parts: Sequence[Samples]) -> Samples:
         np.concatenate([p.slopes for p in parts]),
         np.concatenate([p.press for p in parts]),
     )
+
+
+def told_alike(contact: Samples, untouched_samples: Samples, *, min_balls: int) -> tuple[Samples, Samples]:
+    """Samples that the same colours tell: all three or, where these tell fewer than `min_balls`, the best two."""
+    if len(np.unique(contact.complete().press)) >= min_balls:
+        return contact.complete(), untouched_samples.complete()
+    overexposed = int(np.argmax(np.isnan(contact.change).sum(axis=0)))
+    return contact.without(overexposed), untouched_samples.without(overexposed)
 
 
 def ball_samples(

@@ -6,27 +6,137 @@ than the way to it:
 
     V_l(P) = share of the points Q with  max over s of (z(P + s u) - z(P))/s < Q_z/|Q - P|
 
-u the direction to Q in the plane of the pad. Light that the gel sends to itself is left out. Heights that were
-read in shadow are too high, which shortens the forecast a little. Under a path tracer's lamps (two sensors, faces
-.3 to .6 mm deep, lamps and heights from the pictures alone) slopes where it says lit were right within 10 %, those
-it says dark a half to many times too steep.
+u the direction to Q in the plane of the pad. In light, unshadowed = 1, channel k then shows
+
+    D_k = sum_l m_kl V_l s_l(p, q) / sum_l m_kl s_l(p, q)        s_l the lamp's light on slopes p, q (lamps.py)
+
+so a picture divided by D_k^(1/g) is the one without cast shadows. Light that the gel sends to itself is left out.
+
+Whether a picture has such shadows is told without them. Weights w_l with sum w_l = 1 and sum w_l lean_l = 0 make
+
+    T = sum_l w_l u_l - 1/sqrt(1 + p^2 + q^2) = -sum_l w_l (1 - V_l) s_l        u: the channels, unmixed into lamps
+
+which is 0 for any slope where all lamps reach, and about -1/3 where one does not. The share of the forecast that
+is seen is the slope of a line through T against it.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.lamps import Lamps
-from tactilevision.records import Bools, Pair
+from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY
+from tactilevision.photometric.illumination.lamps import Lamps, light_shares, shading
+from tactilevision.records import Bools, Bytes, Pair
 
 CELL_MM = 0.125  # side of the cells that are forecast: a fifth of the shortest shadow that matters
-STEP = 0.75  # cells from one height on the way to a lamp to the next
+STEP = 0.75  # cells from a place to the first height on the way to a lamp
+GROWTH = 1.15  # from one such step to the next: what stands farther off is seen less finely
+LONGEST = 2.5  # cells, the longest step
 LIT = 0.97  # of a lamp's light: less is shadow
+STANDS_OUT_MM = 0.03  # mm over the level gel: less throws no shadow of a cell's length
 LEAST_TANGENT = 0.1  # of a lamp's elevation: lower lamps would shade all of the pad
 
+FAINTEST = 0.2  # of a channel's light that is left in shadow: darker is not believed
+SMOOTH_PX = 1.0  # px, sigma: as the camera blurs the shadow's edge, about
+EVIDENCE_CELL_MM = 0.25  # mm, side of the squares in which shadows are looked for
+LEVEL = 0.25  # slope up to which squares count: the wall's own light is another matter
+MIN_SHADE = 0.08  # of the light that is forecast to be missing in a square that counts as dark
+FEWEST = 25  # dark squares: fewer tell nothing
+
 Picture = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightField:
+    """Three lamps over a picture (H, W): `leans` (3, 2, H, W) of the light, `shares` m (channels, lamps, H, W)."""
+
+    lamps: Lamps
+    leans: Picture
+    shares: Picture
+    mm_per_px: Pair
+
+    @classmethod
+    def of(cls, lamps: Lamps, shape: tuple[int, int], mm_per_px: Pair) -> LightField:
+        """The field over a picture of this (H, W) shape; mm_per_px (x, y) in mm."""
+        y, x = ((np.arange(n) - (n - 1) / 2) * mm for n, mm in zip(shape, mm_per_px[::-1], strict=True))
+        vectors = np.stack([lamp.light(*np.meshgrid(x, y)) for lamp in lamps.lamps])
+        shares = light_shares(np.array([lamp.colour for lamp in lamps.lamps]).T, vectors[:, 2])
+        leans = vectors[:, :2] / vectors[:, 2:]
+        return cls(lamps, leans.astype(np.float32), shares.astype(np.float32), mm_per_px)
+
+
+def dimming(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
+    """Factor (H, W, 3) by which cast shadows change grey levels, from a depth map (H, W) in mm."""
+    light = _of_lamps(field, depth_mm)
+    seen = visibility(field.lamps, depth_mm, field.mm_per_px)
+    part = [np.sum(m * seen * light, axis=0) / np.maximum(np.sum(m * light, axis=0), 1e-3) for m in field.shares]
+    soft = [cv2.GaussianBlur(np.clip(one, FAINTEST, 1.0), (0, 0), SMOOTH_PX) for one in part]
+    return np.asarray(np.stack(soft, axis=-1) ** np.float32(1.0 / field.lamps.power))
+
+
+def shadow_share(
+    field: LightField, rgb: Bytes, *, reference: npt.NDArray[np.floating], depth_mm: npt.NDArray[np.floating]
+) -> float:
+    """What share of the forecast shadows a picture (H, W, 3) shows beside its reference (H, W, 3), in grey levels.
+
+    About 1 where lamps cast shadows, 0 where the light passes through what stands in its way; NaN where too few
+    squares of a depth map (H, W), mm, are forecast to be dark.
+    """
+    height, width = depth_mm.shape
+    size = tuple(
+        max(2, round(n * mm / EVIDENCE_CELL_MM)) for n, mm in zip((width, height), field.mm_per_px, strict=True)
+    )
+    light = _of_lamps(field, depth_mm)
+    away = 1.0 - visibility(field.lamps, depth_mm, field.mm_per_px)
+    now, before = (np.asarray(one, np.float32) + SOFTENING_GREY for one in (rgb, reference))
+    ratio = now / before
+    change = [ratio[..., k] ** np.float32(field.lamps.power) for k in range(3)]
+    p, q = _slopes(depth_mm, field.mm_per_px)
+    planes = [*change, *(light * away), p, q, np.hypot(p, q)]
+    cells = np.stack([cv2.resize(np.float32(one), size, interpolation=cv2.INTER_AREA) for one in planes])
+    weights, unmix = _weights(field, size)
+    shade = -np.sum(weights * cells[3:6], axis=0)
+    missing = np.einsum("lhw,lkhw,khw->hw", weights, unmix, cells[:3]) - 1.0 / np.hypot(1.0, np.hypot(*cells[6:8]))
+    counts = cells[8] < LEVEL
+    if np.count_nonzero(counts & (shade < -MIN_SHADE)) < FEWEST:
+        return float("nan")
+    return float(np.polyfit(shade[counts], missing[counts], 1)[0])
+
+
+def _weights(field: LightField, size: tuple[int, ...]) -> tuple[Picture, Picture]:
+    """w (lamps, h, w) and what unmixes channels into lamps (lamps, channels, h, w), on squares."""
+    leans, shares = (
+        np.stack(
+            [
+                cv2.resize(one, size[:2], interpolation=cv2.INTER_AREA)
+                for one in planes.reshape(-1, *planes.shape[2:])
+            ]
+        )
+        for planes in (field.leans, field.shares)
+    )
+    shape = leans.shape[1:]
+    lean, share = leans.reshape(3, 2, *shape), shares.reshape(3, 3, *shape)
+    system = np.concatenate([np.ones((1, 3, *shape)), np.moveaxis(lean, 1, 0)])  # conditions, lamps
+    wanted = np.broadcast_to(np.array([1.0, 0.0, 0.0])[:, None], (*shape, 3, 1))
+    weights = np.linalg.solve(np.moveaxis(system, (0, 1), (-2, -1)), wanted)[..., 0]
+    unmix = np.linalg.inv(np.moveaxis(share, (0, 1), (-2, -1)))
+    return np.moveaxis(weights, -1, 0), np.moveaxis(unmix, (-2, -1), (0, 1))
+
+
+def _of_lamps(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
+    p, q = _slopes(depth_mm, field.mm_per_px)
+    return np.asarray(shading(field.leans, p, q), np.float32)
+
+
+def _slopes(depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> tuple[Picture, Picture]:
+    """dz/dx and dz/dy (H, W) of a depth map (H, W) in mm."""
+    smooth = cv2.GaussianBlur(np.asarray(depth_mm, np.float32), (0, 0), SMOOTH_PX)
+    q, p = np.gradient(smooth, mm_per_px[1], mm_per_px[0])
+    return p, q
 
 
 def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Picture:
@@ -39,16 +149,33 @@ def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair
     cell = (width * mm_per_px[0] / columns, height * mm_per_px[1] / rows)
     x = ((np.arange(columns) - (columns - 1) / 2) * cell[0])[None, :].astype(np.float32)
     y = ((np.arange(rows) - (rows - 1) / 2) * cell[1])[:, None].astype(np.float32)
-    seen = [
-        np.mean([_reached(point, coarse, (x, y), cell) for point in lamp.points_mm], axis=0)
-        for lamp in lamps.lamps
-    ]
+    seen = np.ones((len(lamps.lamps), rows, columns), np.float32)
+    if (box := _box(lamps, coarse, cell)) is not None:
+        part = coarse[box], (x[:, box[1]], y[box[0]])
+        for one, lamp in zip(seen, lamps.lamps, strict=True):
+            one[box] = np.mean([_reached(point, *part, cell) for point in lamp.points_mm], axis=0)
     return np.stack([cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR) for one in seen])
 
 
 def lit(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Bools:
     """Mask (H, W) of the places of a depth map (H, W), mm, that all lamps reach."""
     return np.asarray(visibility(lamps, depth_mm, mm_per_px).min(axis=0) > LIT)
+
+
+def _box(lamps: Lamps, heights: Picture, cell: Pair) -> tuple[slice, slice] | None:
+    """Rows and columns of the cells that something which stands out may shade; None where nothing does."""
+    level = float(np.median(heights))
+    raised = heights > level + STANDS_OUT_MM
+    if not raised.any():
+        return None
+    tangent = min(lamp.height_mm / (lamp.distance_mm + lamp.length_mm) for lamp in lamps.lamps)
+    reach = (float(heights.max()) - level) / max(tangent, LEAST_TANGENT)
+    found = []
+    for axis, mm in ((1, cell[1]), (0, cell[0])):
+        where = np.flatnonzero(raised.any(axis=axis))
+        extra = int(reach / mm) + 2
+        found.append(slice(max(int(where[0]) - extra, 0), int(where[-1]) + extra + 1))
+    return found[0], found[1]
 
 
 def _reached(
@@ -61,12 +188,20 @@ def _reached(
     tangent = np.maximum(point[2] / distance, LEAST_TANGENT).astype(np.float32)
     column = np.arange(heights.shape[1], dtype=np.float32)[None, :]
     row = np.arange(heights.shape[0], dtype=np.float32)[:, None]
-    step = STEP * min(cell)
+    towards_x, towards_y = ((a / b).astype(np.float32) for a, b in zip((towards_x, towards_y), cell, strict=True))
     seen = np.ones(heights.shape, np.float32)
     farthest = (float(heights.max()) - float(heights.min())) / float(tangent.min())
-    for k in range(1, int(farthest / step) + 2):
-        at_x = (column + towards_x * (k * step / cell[0])).astype(np.float32)
-        at_y = (row + towards_y * (k * step / cell[1])).astype(np.float32)
-        there = cv2.remap(heights, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        seen[there - heights > tangent * np.float32(k * step)] = 0.0
+    step = away = STEP * min(cell)
+    while away < farthest + step:
+        far = np.float32(away)
+        there = cv2.remap(
+            heights,
+            column + towards_x * far,
+            row + towards_y * far,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        seen[there - heights > tangent * far] = 0.0
+        step = min(GROWTH * step, LONGEST * min(cell))
+        away += step
     return seen

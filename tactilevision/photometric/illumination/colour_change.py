@@ -7,6 +7,8 @@ Dividing by the local brightness makes u nearly the same function of slope all o
 keeps dark places from blowing their noise up. Of the drift, the part that is the same everywhere divides; how it
 leans over the picture is small, and applied to first order.
 Marks on the gel are filled from around, in I0 once and in u frame by frame.
+A colour that is overexposed, in the frame or in I0, says nothing at its pixel: `missing` names it, and `partly`
+the pixels that two colours are left of.
 """
 
 from __future__ import annotations
@@ -81,6 +83,9 @@ class ColourChange:
         self.darkest = darkest_grey(reference.noise_grey)
         self.rgb: Bytes = np.empty((0, 0, 3), np.uint8)
         self.undo: Floats | None = None
+        self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
+        self.missing: Bools | None = None  # (3, H, W), colours that the frame does not tell; None: tells all
+        self.partly: Bools | None = None  # (H, W), where it tells two of them
         self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
@@ -95,13 +100,30 @@ class ColourChange:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
 
+    def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
+        """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
+        changes, drift, valid = self.measure(rgb)
+        if self.missing is not None and self.partly is not None:
+            changes[self.missing] = np.nan
+            valid = valid | self.partly
+        return changes, drift, valid
+
     def take(self, rgb: Bytes) -> tuple[Drift, Bools]:
-        """Take a frame in: its drift, and validity (H, W), to be left so; `within` then tells its changes."""
+        """Take a frame in: its drift, and where (H, W) it tells all colours, to be left so.
+
+        `within` then tells its changes, `missing` and `partly` what it tells in part.
+        """
         self._check(rgb)
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
-        self.rgb, self.undo = rgb, drift.undo
-        if rgb.max() < SATURATED and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
+        self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
+        bright = rgb.max() >= SATURATED
+        if bright:
+            over = np.ascontiguousarray((rgb >= SATURATED).transpose(2, 0, 1))
+            self.missing = over if self.overexposed is None else over | self.overexposed
+        if self.missing is not None:
+            self.partly = self.lit_by_two & (np.add.reduce(self.missing, axis=0, dtype=np.uint8) == 1)
+        if not bright and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
             return drift, self.reference.usable
         brightest = _brightest(rgb)
         return drift, self.reference.usable & (brightest < SATURATED) & (brightest > self.darkest)

@@ -52,6 +52,7 @@ PRIOR_CROSS = (
     3.0,
 )  # ln of a lamp's light to another channel over its own, and deviation
 PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
+LENGTHS = (0.3, 3.0)  # of a lamp, in half widths of the pad: from a point to a strip along all of a side
 MOST_POWER = 3.0  # of a camera, beyond all that are in use
 
 
@@ -115,6 +116,7 @@ def fit_lamps(
 
     low, high = np.full(task.count, -np.inf), np.full(task.count, np.inf)
     low[24], high[24] = 1.0, MOST_POWER
+    low[3:24:8], high[3:24:8] = np.log(LENGTHS)
     found = least_squares(task.residual, task.start(), bounds=(low, high), x_scale="jac", max_nfev=60)
     off = task.of_balls(found.x)
     return Lamps(task.lamps(found.x), float(found.x[24]), float(np.sqrt(np.median(off**2)) / 0.6745))
@@ -182,7 +184,7 @@ class _Task:
         """Misfit (3, n) of the balls' pixels in stated deviations."""
         lamps = self.lamps(values)
         vectors = np.stack([lamp.light(self.x_mm, self.y_mm) for lamp in lamps])
-        shares = _shares(np.array([lamp.colour for lamp in lamps]).T, vectors[:, 2])
+        shares = light_shares(np.array([lamp.colour for lamp in lamps]).T, vectors[:, 2])
         seen = np.einsum("klN,lN->kN", shares, shading(vectors[:, :2] / vectors[:, 2:], *self.slopes))
         std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
         return np.asarray((self.ratio - np.maximum(seen, 1e-3) ** (1.0 / values[24])) / std)
@@ -210,15 +212,17 @@ class _Task:
         return np.array([*found, *(values[26:] / 0.1), 0.05 * values[5:24:8].sum()])
 
 
-def shading(leans: Floats, p: Floats, q: Floats) -> Floats:
+def shading(
+    leans: npt.NDArray[np.floating], p: npt.NDArray[np.floating], q: npt.NDArray[np.floating]
+) -> npt.NDArray[np.floating]:
     """Light (lamps, ...) of each lamp on slopes p, q (...), a ratio, 1 on level gel; `leans` (lamps, 2, ...)."""
     turned = 1.0 - leans[:, 0] * p - leans[:, 1] * q
     facing = 0.5 * (turned + np.sqrt(turned**2 + SOFT**2))
-    return np.asarray(facing / np.sqrt(1.0 + p * p + q * q))
+    return np.asarray(facing / np.sqrt(1.0 + p * p + q * q), facing.dtype)
 
 
-def _shares(colours: Floats, upright: Floats) -> Floats:
-    """m (channels, lamps, ...) of colours (channels, lamps) and light (lamps, ...) on level gel."""
+def light_shares(colours: Floats, upright: Floats) -> Floats:
+    """Shares m (channels, lamps, ...) of colours (channels, lamps) and light (lamps, ...) on level gel."""
     light = colours.reshape(*colours.shape, *([1] * (upright.ndim - 1))) * upright[None]
     return np.asarray(light / light.sum(axis=1, keepdims=True))
 

@@ -24,3 +24,8 @@ def find_model(name: str) -> Path | None:
     """The network of that name, or None where there is none."""
     path = models_folder() / f"{name}.onnx"
     return path if path.is_file() else None
+
+
+def ready_models() -> tuple[str, ...]:
+    """Names of the networks that came along, each of a kind of sensor."""
+    return tuple(sorted(path.stem for path in models_folder().glob("*.onnx")))

@@ -40,8 +40,11 @@ class TorchReader:
             if maps is not None:
                 maps.update_scale()
 
-    def read(self, rgb: Bytes) -> tuple[Reading, Picture]:
-        """What a frame says, and its surface (H, W), mean 0. Raises as the method does."""
+    def read(self, rgb: Bytes) -> tuple[Reading, Picture | None]:
+        """What a frame says, and its surface (H, W), mean 0. Raises as the method does.
+
+        Where colours are missing the method reads it itself, without a surface.
+        """
         method = self.method
         with torch.inference_mode():
             if method.reference.marks is None:
@@ -50,6 +53,8 @@ class TorchReader:
             else:
                 changes, drift, valid = method.change.measure(rgb)
                 slopes = self.whole.read(torch.from_numpy(changes).to(self.device))
+            if method.lost_share() is not None:
+                return method.read(rgb), None
             depth = self.solver.surface(slopes).cpu().numpy()
             found: Planes = slopes.cpu().numpy()
             steepest = _steepest(slopes)
@@ -60,6 +65,8 @@ class TorchReader:
         assert self.tiled is not None
         assert self.half is not None
         drift, valid = self.method.change.take(rgb)
+        if self.method.lost_share() is not None:
+            return self.tiled.read_tiles(rgb)
         self.tiled.maps.light(drift.gains)
         rows, columns = self.tiled.even
         with torch.inference_mode():
@@ -69,7 +76,7 @@ class TorchReader:
             slopes = self.whole.slopes(greys) if windows else coarse
             fine = [slopes[:, *window] for window in windows]
             steepest = max(_steepest(part) for part in (coarse, *fine))
-        valid = valid & self.method.readable
+        valid = self.method.valid(valid)
         return TiledSlopes(
             coarse.cpu().numpy(), windows, [part.cpu().numpy() for part in fine], valid, drift, steepest
         )

@@ -1,0 +1,128 @@
+"""One recording from a seed: drawn, computed, read, and written as text; the truth stands apart from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.others_curves import hidden, noise, protocol
+from benchmarks.others_curves.law import BEND, Array
+
+KINDS = ("clean", "single", "pair", "outside")
+HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn."""
+
+    kind: str
+    sizes: dict[str, float]
+    strength: float
+    modulus_MPa: float
+    noise: str
+    stated: bool
+    presses: int
+    samples: int
+
+
+def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False) -> Made:
+    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out."""
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    plan, reader = protocol.draw(rng, rich=rich or kind != "clean"), noise.draw(rng)
+    table = hidden.OUTSIDE if kind == "outside" else hidden.SINGLE
+    keys = rng.choice(list(table), {"clean": 0, "pair": 2}.get(kind, 1), replace=False)
+    gel = hidden.Gel(
+        modulus_MPa=float(np.round(np.exp(rng.uniform(np.log(0.08), np.log(0.8))), 4)),
+        nu=float(rng.choice([0.45, 0.48, 0.49])),
+        bend=BEND * float(rng.uniform(0.92, 1.1)),
+        curve=float(rng.uniform(-0.3, 0.3)) * (not straight),
+        sizes={str(k): float(np.exp(rng.uniform(*np.log(table[k])))) for k in keys},
+        tau_s=float(rng.choice([0.5, 2.0, 8.0])),
+        at=float(rng.uniform(0.3, 0.7)),
+    )
+    truth, rows = _read(rng, gel, plan, reader)
+    _write(folder, plan, reader, gel, rows)
+    strength = _strength(plan, reader, truth) if gel.sizes else 0.0
+    size = sum(one.time_s.size for one in plan.presses)
+    return Made(
+        kind, dict(gel.sizes), strength, gel.modulus_MPa, reader.kind, reader.stated, len(plan.presses), size
+    )
+
+
+Read = tuple[Array, Array, float]
+
+
+def _read(
+    rng: np.random.Generator, gel: hidden.Gel, plan: protocol.Protocol, reader: noise.Reader
+) -> tuple[list[tuple[Array, Array, Array]], list[Read]]:
+    """Of each press what would be read without noise and without what is hidden, and what is read."""
+    sound = hidden.Gel(gel.modulus_MPa, gel.nu, gel.bend, gel.curve, {}, gel.tau_s, gel.at)
+    clean, truth, rows = hidden.forces_N(sound, plan), [], []
+    zeros = reader.zero_mm * noise.student(rng, reader.heavy, len(plan.presses))
+    gains = reader.gain * noise.student(rng, reader.heavy, len(plan.presses))
+    for k, (press, force) in enumerate(zip(plan.presses, hidden.forces_N(gel, plan), strict=True)):
+        share = k / max(len(plan.presses) - 1, 1)
+        depth, seen, cross = hidden.misread(gel, press, force, row=k, share=share, rng=rng)
+        slope = np.gradient(clean[k], press.depth_mm + 1e-9 * np.arange(force.size), edge_order=1)
+        slope = np.where(press.depth_mm > 0, np.median(slope[slope > 0]) if (slope > 0).any() else 0.0, 0.0)
+        truth.append((clean[k], slope, seen - clean[k] - slope * (depth - press.depth_mm)))
+        seen = seen * (1 + gains[k]) + reader.force_N * noise.samples(rng, reader, force.size)
+        if reader.step_N:
+            seen = np.round(seen / reader.step_N) * reader.step_N
+        depth = depth + zeros[k] + reader.depth_mm * noise.samples(rng, reader, force.size)
+        rows.append((depth, seen, cross))
+    return truth, rows
+
+
+def _strength(plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[Array, Array, Array]]) -> float:
+    """Std that part what is hidden from the best that a straight law of each radius can do instead."""
+    radii = sorted({press.radius_mm for press in plan.presses})
+    white = []
+    for press, (force, slope, error) in zip(plan.presses, truth, strict=True):
+        own = np.diag(reader.force_N**2 + (slope * reader.depth_mm) ** 2)
+        own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
+        which = np.eye(len(radii))[radii.index(press.radius_mm)]
+        columns = np.column_stack([force, *(np.outer(force * press.depth_mm, which)).T, error])
+        white.append(np.linalg.solve(np.linalg.cholesky(own), columns))
+    table = np.vstack(white)
+    best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
+    return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best))
+
+
+def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hidden.Gel, rows: list[Read]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    radii = sorted({press.radius_mm for press in plan.presses})
+    text = [
+        "format = 1",
+        'name = "others"',
+        "date = 2026-11-02",
+        "[sensor]",
+        'kind = "custom"',
+        "mm_per_px = 0.06",
+    ]
+    text += ["width_px = 400", "height_px = 300", "[sensor.gel]", f"thickness_mm = {plan.thickness_mm}"]
+    text += ['shape = "disc"', "radius_mm = 15.0", f"poisson_ratio = {gel.nu}", "poisson_ratio_std = 0.005"]
+    if reader.stated:
+        text += ["[force]", f"std_N = [{reader.force_N}, {reader.force_N}, {reader.force_N}]"]
+    text += ["[depth]", 'source = "stage"']
+    if reader.stated and reader.depth_mm:
+        text += [f"std_mm = {reader.depth_mm}"]
+    for a in radii:
+        text += [f"[indenter.R{100 * a:.0f}]", 'shape = "flat_cylinder"', f"radius_mm = {a}"]
+    (folder / "recording.toml").write_text("\n".join(text) + "\n", encoding="utf-8")
+    presses = ["press,indenter,start_s,end_s,x_mm,y_mm,rest_s,speed_mm_s,hold_s,temperature_C,date"]
+    curves = [HEAD]
+    for k, (press, (depth, force, cross)) in enumerate(zip(plan.presses, rows, strict=True)):
+        name, (x, y) = f"p{k + 1:03d}", press.place_mm
+        warm = f"{press.temperature_C}" if np.isfinite(press.temperature_C) else ""
+        presses.append(
+            f"{name},R{100 * press.radius_mm:.0f},{press.time_s[0]:.4f},{press.time_s[-1]:.4f},{x},{y},"
+            f"{press.rest_s:.2f},{press.speed_mm_s},{press.hold_s},{warm},2026-11-{1 + press.day:02d}"
+        )
+        for t, w, p, phase in zip(press.time_s, depth, force, press.phase, strict=True):
+            curves.append(f"{name},{t:.5f},{w:.6f},{cross * p:.6f},0.0,{p:.6f},{phase}")
+    (folder / "presses.csv").write_text("\n".join(presses) + "\n", encoding="utf-8")
+    (folder / "curves.csv").write_text("\n".join(curves) + "\n", encoding="utf-8")

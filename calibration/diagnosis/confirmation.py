@@ -1,0 +1,90 @@
+"""Which candidate stands: weighed by the likelihood of its own fit, held out, and beside those as good as it.
+
+Candidates are told apart by chi^2 + 2 q (AS_GOOD) and by the separation of their forces in standard deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, separation
+from calibration.fit.least_squares import Fit
+from calibration.model.stages import Effect
+from calibration.noise.inner_products import Weighing
+
+AS_GOOD = 6.0  # in chi^2 + 2 q: candidates this near the best stay in the set
+TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set together
+NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
+
+
+def weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+    """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
+    the effect takes it for noise, and its first touch for another.
+    """
+    room = max(AS_GOOD, NEAR * (current.chi2 - first.cost))
+    near = [c for c in candidates if c.cost - first.cost < room]
+    if len(near) < 2:
+        return candidates
+    own = {}
+    for one in near:
+        with suppress(*CANNOT_FIT):
+            fitted = adopt(current, one)
+            cost = fitted.chi2 + _log_volume(fitted)
+            own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
+    least = min((one.cost for one in own.values()), default=0.0)
+    moved = [own.get(c.effect.key, replace(c, chi2=c.chi2 - first.cost + least)) for c in candidates]
+    return sorted(moved, key=lambda c: c.cost)
+
+
+def _log_volume(fitted: Fit) -> float:
+    """ln det V of a fit's own noise."""
+    of_presses = Weighing(fitted.data, fitted.about, fitted.noise).log_volume(fitted.noise)
+    return of_presses + 2 * float(np.sum(np.log(fitted.about.base_N)))
+
+
+def inside(candidate: Candidate) -> bool:
+    """The amplitude is not at the end of its range."""
+    value, first = candidate.own_values[0], candidate.effect.parameters[0]
+    low, high = first.bounds
+    return bool(
+        low + 1e-4 * first.scale < value < high - 1e-4 * first.scale
+        or (first.default in (low, high) and value < high - 1e-4 * first.scale)
+    )
+
+
+def skill(current: Fit, candidate: Candidate) -> float:
+    """1 - held-out error with over without the effect, both squared and whitened; below 0 where it rises in N.
+
+    `current` with the candidate's own noise: what a missing effect does to all presses alike passes for their
+    scatter, and against that nothing could be gained.
+    """
+    folds = press_folds(current.data)
+    before = hold_out(current.model, current, start=current.values, folds=folds)
+    after = hold_out(candidate.model, current, start=candidate.values, folds=folds)
+    scatter = 1 / np.sqrt(2 * current.data.count)  # relative std of an rms over so many presses
+    if after.rms_N > (1 + scatter) * before.rms_N:
+        return 1 - after.rms_N / before.rms_N
+    return 1 - after.squares / before.squares if before.squares > 0 else 0.0
+
+
+def equals(current: Fit, best: Candidate, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The best and all that these data cannot tell from it: as good a fit, or a separation below three std."""
+    kept = [best]
+    for other in candidates:
+        if other.effect.key == best.effect.key or not inside(other):
+            continue
+        if other.cost - best.cost < AS_GOOD or _apart(current, best, other.effect) < TOLD_APART:
+            kept.append(other)
+    return tuple(kept)
+
+
+def _apart(current: Fit, best: Candidate, other: Effect) -> float:
+    """The separation in std; inf where the other finds no way at all to look like the best."""
+    try:
+        return separation(current, best, other)
+    except CANNOT_FIT:
+        return float("inf")

@@ -1,0 +1,104 @@
+"""Directions and residuals freed of what a fit can absorb, and their scores under any size of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit
+from calibration.noise.inner_products import Weighing
+from calibration.noise.model import Noise, Whitener
+from calibration.repeats.draws import draw_errors
+from calibration.repeats.repeat_noise import renewed_noise
+from tactilevision.records import Floats
+
+SEEN = 1e-3  # a direction of which less than this share is left beside the fit is the fit's own
+
+
+class Cast:
+    """Directions against residuals under one model: freed of what the fit absorbs, weighed, scored.
+
+    All is put in coordinates that are white under the fit's own noise, so that under a draw's noise, which is
+    never far from it, nothing that matters cancels.
+    """
+
+    def __init__(self, fitted: Fit, tables: Sequence[Floats]) -> None:
+        self.fitted = fitted
+        free = fitted.free & ~fitted.at_bound  # what stands at its bound cannot give way any further
+        known = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in fitted.parameters])[free]
+        self.own_priors = np.array(
+            [
+                (p.prior.mean - v) / p.prior.std
+                for p, v, gives in zip(fitted.parameters, fitted.values, free, strict=True)
+                if p.prior is not None and gives
+            ]
+        )
+        self.ends = np.cumsum([t.shape[1] for t in tables])
+        directions = np.column_stack(tables) if tables else np.zeros((fitted.data.size, 0))
+        self._free_and_norm(fitted.jacobian[:, free], np.diag(known)[known > 0], directions)
+        self.left = list(np.split(self._visible, self.ends[:-1]))
+        self._weighing = Weighing(fitted.data, fitted.about, fitted.noise)
+        own, looked = self._weighing.take(self._jacobian), self._weighing.take(self._directions)
+        self._own, self._looked = own, looked
+        self._within, self._between = (self._weighing.product(own, other) for other in (own, looked))
+        self._lengths = self._weighing.squares(looked)
+
+    def _free_and_norm(self, jacobian: Floats, priors: Floats, directions: Floats) -> None:
+        """Fit and directions (samples and priors) as orthonormal columns under the fit's own noise."""
+        size = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(size > 0, size, 1.0)
+        apply = Whitener(self.fitted.data, self.fitted.noise, self.fitted.about).apply
+        white = np.vstack([apply(jacobian / scale), priors / scale])
+        left, length, right = np.linalg.svd(white, full_matrices=False)
+        kept = length > 1e-10 * max(float(length.max(initial=0.0)), 1e-300)
+        back = right[kept].T / length[kept] / scale[:, None]
+        self._jacobian, self._priors = jacobian @ back, priors @ back
+        seen = apply(directions)
+        before = np.linalg.norm(seen, axis=0)
+        share = left[: len(seen), kept].T @ seen
+        self.sizes = np.sqrt(np.maximum(before**2 - np.sum(share**2, axis=0), 0.0))
+        self._visible = (self.sizes > SEEN * np.maximum(before, 1e-300)) & (self.sizes > 1e-9)
+        unit = np.where(self._visible, self.sizes, np.inf)
+        self._directions = (directions - self._jacobian @ share) / unit
+        self._beside = -(self._priors @ share) / unit
+
+    def scores(self, noises: Sequence[Noise], residual_N: Floats, priors: Floats) -> list[list[Floats]]:
+        """Scores of each table's directions for each column of residuals (N, b), under a noise of its own.
+
+        `priors` (k, b): how far, in std, the parameters' truth lies off its priors.
+        """
+        errors = self._weighing.take(residual_N)
+        own, looked = (self._weighing.product(one, errors) for one in (self._own, self._looked))
+        found = []
+        for k, noise in enumerate(noises):
+            within = self._within.under(noise) + self._priors.T @ self._priors
+            between = self._between.under(noise) + self._priors.T @ self._beside
+            taken = np.linalg.solve(within, between)
+            length = self._lengths.under(noise) + np.sum(self._beside**2, axis=0) - np.sum(between * taken, axis=0)
+            own_k = own.of(k).under(noise)[:, 0] + self._priors.T @ priors[:, k]
+            along = looked.of(k).under(noise)[:, 0] + self._beside.T @ priors[:, k] - taken.T @ own_k
+            unit = np.sqrt(np.where(self._visible, np.maximum(length, 1e-12), np.inf))
+            found.append(list(np.split(along / unit, self.ends[:-1])))
+        return found
+
+    def white(self, noise: Noise, residual_N: Floats, *, priors: Floats) -> Floats:
+        """What the fit leaves of a residual (N,), white."""
+        whitener = Whitener(self.fitted.data, noise, self.fitted.about)
+        seen = whitener.apply(np.column_stack([self._jacobian, residual_N]))
+        jacobian, white = seen[:, :-1], seen[:, -1]
+        within = jacobian.T @ jacobian + self._priors.T @ self._priors
+        own = jacobian.T @ white + self._priors.T @ priors
+        return np.asarray(white - jacobian @ np.linalg.solve(within, own))
+
+    def left_of(self, residual_N: Floats, priors: Floats) -> Floats:
+        """What the fit leaves of residuals (N, k) with priors (q, k), in N."""
+        own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
+        return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
+
+    def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
+        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
+        fitted = self.fitted
+        errors = draw_errors(fitted, rng, draws)
+        priors = rng.standard_normal((len(self._priors), draws))
+        return renewed_noise(fitted, errors), errors, priors

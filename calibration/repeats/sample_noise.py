@@ -1,0 +1,69 @@
+"""How much of a sample's noise is the depth's, where nobody stated it: from neighbours that differ.
+
+    q_i = (r_{i-1} - 2 r_i + r_{i+1})^2 / 6,    E q_i = v (1 + (t s_i)^2),    s = df/dw
+
+r the residual, neighbours of one press and one way. A force's noise is as large on a soft punch as on a stiff one,
+a depth's is carried over by the slope. t (mm/N), a depth's std over a force's, is the likeliest on a grid, and 0
+unless it brings what a number costs. Linear in the noise; a law that bends over three samples would add to q.
+Source: von Neumann, Ann. Math. Stat. 12 (1941) 367; Schwarz, Ann. Stat. 6 (1978) 461.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit
+from calibration.inputs.checks import clear_of_touch
+from calibration.inputs.denoised_depth import ways
+from calibration.inputs.observations import Observations
+from tactilevision.records import Floats
+
+RATIOS = np.geomspace(0.1, 30.0, 30)  # times 1 over the median slope: which of the two is the larger
+MIN_SAMPLES = 60  # differences; fewer cannot tell the two
+
+
+def with_sample_noise(fitted: Fit) -> Observations:
+    """The data with the depth's share of the noise, where that was not stated and shows."""
+    data = fitted.data
+    stated_depth, stated_force = (np.isfinite(one).all() for one in (data.depth_std_mm, data.force_std_N))
+    if stated_depth or not data.is_curves:
+        return data
+    ratio = depth_over_force(fitted)
+    if not stated_force:
+        return replace(data, depth_over_force_noise=ratio)
+    return replace(data, depth_std_mm=ratio * data.force_std_N) if ratio else data
+
+
+def clear_of_own_touch(fitted: Fit, data: Observations) -> Observations:
+    """`data` of a fit without samples that its own zeros and readings' noise leave on neither side of the touch.
+
+    A depth's own noise is that of the fit at its middle slope, shared as in `data`.
+    """
+    ratio = data.depth_over_force_noise
+    slope = float(np.median(np.abs(fitted.about.slope_N_per_mm)))
+    own = ratio * fitted.noise.scale / np.hypot(1.0, ratio * slope)
+    return clear_of_touch(data, zero_mm=fitted.noise.zero_mm, noise_mm=float(own))
+
+
+def depth_over_force(fitted: Fit) -> float:
+    """t of the equation above, mm/N; 0 where it does not show."""
+    squares, slope = _differences(fitted)
+    if squares.size < MIN_SAMPLES or not np.median(slope) > 0:
+        return 0.0
+    ratios = np.concatenate([[0.0], RATIOS / float(np.median(slope))])
+    shapes = 1 + np.outer(ratios, slope) ** 2
+    costs = squares.size * np.log(np.mean(squares / shapes, axis=1)) + np.sum(np.log(shapes), axis=1)
+    best = int(np.argmin(costs))
+    return float(ratios[best]) if costs[0] - costs[best] > 2 * np.log(squares.size) else 0.0
+
+
+def _differences(fitted: Fit) -> tuple[Floats, Floats]:
+    """q (n,) and the slope (n,) at its middle."""
+    data, residual = fitted.data, fitted.residual_N
+    kind = ways(data) + 10 * data.press
+    alike = (kind[:-2] == kind[1:-1]) & (kind[2:] == kind[1:-1])
+    squares = (residual[:-2] - 2 * residual[1:-1] + residual[2:]) ** 2 / 6
+    slope = np.abs(fitted.about.slope_N_per_mm[1:-1])
+    return squares[alike], slope[alike]

@@ -1,0 +1,123 @@
+"""What `diagnose`, `compare` and `steps` have in common: measurements, effects as named, the history they keep."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tactilevision.cli.measure import beside_the_punch
+
+if TYPE_CHECKING:
+    from calibration.diagnosis.diagnosis import Diagnosis
+    from calibration.inputs.observations import Observations
+    from calibration.model.stages import Effect
+    from calibration.session import History, Step
+    from tactilevision.cli.measure import Taken
+    from tactilevision.records import Estimate
+
+ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
+OWN = ".py"  # how the file of an effect of one's own ends
+
+Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
+Private = Annotated[
+    list[Path] | None, typer.Option("--effect", metavar="FILE.py", help="An effect of your own; the file is run.")
+]
+Seed = Annotated[int, typer.Option(help="Of the bootstrap and the permutations.")]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option("--time-limit", min=1, metavar="SECONDS", help="End with the best answer so far, and say so."),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How an analysis was asked for, as its history keeps it."""
+
+    seed: int
+    prior: bool
+    applied: bool = False
+
+
+def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
+    """The recordings as a calibration takes them, and nu as the sharpest of their pictures reads it."""
+    read = [beside_the_punch(one) for one in taken]
+    known = [bulge for _, bulge in read if bulge is not None and bulge.value is not None and bulge.std]
+    return [one for one, _ in read], min(known, key=lambda bulge: bulge.std or 0.0, default=None)
+
+
+def observed(taken: Sequence[Taken]) -> Observations:
+    """The curves of these recordings where there are any, else the certified points."""
+    from calibration.inputs.gather import observe_all
+    from calibration.tasks.calibrate import observe
+
+    sets = [one.measured for one in taken]
+    return observe_all(sets) if any(one.curves for one in sets) else observe(sets)
+
+
+def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
+    """Effects in the order named, by key or by the file of one's own; and the file of each that has one."""
+    from calibration.effects import get_effect
+    from calibration.effects.support.private import load_effect
+
+    effects, files = [], {}
+    for name in names or ():
+        own = str(name).endswith(OWN)
+        effects.append(load_effect(name) if own else get_effect(str(name)))
+        if own:
+            files[effects[-1].key] = str(Path(name).resolve())
+    return effects, files
+
+
+def compare_command(
+    recordings: Sequence[Path | str], names: Sequence[str], files: Mapping[str, str], *, prior: bool = True
+) -> str:
+    """The command that adds these effects, as a shell takes it."""
+    options = [
+        word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
+    ]
+    held = [] if prior else ["--no-prior"]
+    return shlex.join(["tactilevision", "compare", *map(str, recordings), *options, *held])
+
+
+def keep_history(
+    recordings: Sequence[Path], steps: Sequence[Step], folder: Path, *, out: Path, settings: Settings
+) -> None:
+    """history.json, and the script that repeats these steps from wherever it is run; both end up in `out`."""
+    from calibration.session import History
+
+    names, how = tuple(str(path.resolve()) for path in recordings), settings
+    history = History(names, applied=how.applied, seed=how.seed, prior=how.prior)
+    for step in steps:
+        history = history.add(step)
+    write_history(history, folder, out)
+
+
+def write_history(history: History, folder: Path, out: Path) -> None:
+    """The same of a history that is there."""
+    from tactilevision.files import write_text
+
+    history.save(folder / "history.json")
+    write_text(folder / "repeat.sh", history.script(again_in(out)))
+
+
+def again_in(folder: Path) -> Path:
+    """Where a repeated analysis goes: beside what it repeats, which stays."""
+    return folder.resolve() / "repeated"
+
+
+def commands_of(
+    recordings: Sequence[Path], found: Diagnosis, files: Mapping[str, str], *, prior: bool
+) -> list[str]:
+    """What a diagnosis suggests to try, as commands: each candidate, and the plain error of an UNKNOWN."""
+    from calibration.effects import written
+
+    fitted = {effect.key: written(effect) for effect in found.fitted.model.effects}
+    named = [fitted.get(effect.key, effect.key) for effect in found.effects]
+    plain = [found.plain.effect.key] if found.plain is not None else []
+    sets = [[key] for key in found.candidates] if len(found.candidates) > len(named) else [named]
+    return [compare_command(recordings, keys, files, prior=prior) for keys in (*sets, plain) if keys]

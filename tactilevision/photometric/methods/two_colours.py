@@ -1,0 +1,147 @@
+"""What two colours tell of slope where the third is overexposed.
+
+    p, q = f_c(u, X, Y)   with u_c = 0        one polynomial (polynomial.py) for each colour c that may be missing
+
+Two colours and two slopes leave no residual, and one direction of slope is told worse than with three: what such a
+law is off by at balls that it never saw is stated beside it. Where fewer than two colours are left the slopes are
+filled from around, and not known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactilevision.photometric.background import NOISE_LIMIT
+from tactilevision.photometric.ball.cross_validation import FOLDS, Fitter, held_out, patch_error
+from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
+from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.records import Bools, Floats
+
+COLOURS = 3  # red, green, blue: channels of a frame
+THINNED = 4  # samples of which one is held out: a quarter tells the error as well, and takes a quarter of the time
+UNKNOWN = 1.0  # relative error of a slope that fewer than two colours tell: all of it
+
+
+@dataclass(frozen=True, slots=True)
+class TwoColourLaws:
+    """`laws` of two colours each, by the number of the one that is missing.
+
+    `errors`: what their slopes are off by at balls left out beyond what those of all colours are, in parts of the
+    slope (`patch_error`); 1 where no ball tells.
+    """
+
+    laws: tuple[Polynomial, ...]
+    errors: tuple[float, ...]
+
+    def at(self, change: Floats, place: Floats, *, otherwise: ColourLaw) -> Floats:
+        """Slopes (N, 2) of changes (N, 3) at places (N, 2); NaN: not known. `otherwise` reads where all are."""
+        slopes = otherwise.at(np.nan_to_num(change), place)
+        for colour, law in enumerate(self.laws):
+            lost = np.isnan(change[:, colour])
+            slopes[lost] = law.at(np.nan_to_num(change[lost]), place[lost])
+        return slopes
+
+    def arrays(self) -> dict[str, Floats]:
+        """As they are stored: `coefficients` (3, 2, 19, 21), `steepest` and `errors` (3,)."""
+        return {
+            "coefficients": np.stack([law.coefficients for law in self.laws]),
+            "steepest": np.array([law.steepest for law in self.laws]),
+            "errors": np.array(self.errors),
+        }
+
+
+def two_colour_laws(coefficients: Floats, *, steepest: Floats, errors: Floats) -> TwoColourLaws:
+    """The laws out of `coefficients` (3, 2, 19, 21), `steepest` slopes and relative `errors` (3,) as stored."""
+    laws = tuple(Polynomial(one, float(most)) for one, most in zip(coefficients, steepest, strict=True))
+    return TwoColourLaws(laws, tuple(map(float, errors)))
+
+
+def fit_two_colours(
+    fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float, error: float
+) -> TwoColourLaws:
+    """The laws of samples, some of whose changes may be NaN, by a `fit` that makes polynomials.
+
+    `error` is that of slopes by three colours (ball/cross_validation.py).
+    """
+    laws, errors = list[Polynomial](), list[float]()
+    for colour in range(COLOURS):
+        seen, resting = contact.without(colour), untouched_samples.without(colour)
+        if len(np.unique(seen.press)) < FOLDS:  # another colour is never known
+            laws.append(Polynomial(np.zeros((2, len(PRODUCTS), len(POWERS))), 1.0))
+            errors.append(UNKNOWN)
+            continue
+        law = fit(seen, resting, ridge=ridge)
+        assert isinstance(law, Polynomial)
+        few, rest = (_every(samples, THINNED) for samples in (seen, resting))
+        slopes, _ = held_out(fit, few, untouched_samples=rest, ridge=ridge)
+        laws.append(law)
+        errors.append(float(np.sqrt(max(patch_error(slopes, few) ** 2 - error**2, 0.0))))
+    return TwoColourLaws(tuple(laws), tuple(errors))
+
+
+def _every(samples: Samples, step: int) -> Samples:
+    return samples.where(np.arange(len(samples.press)) % step == 0)
+
+
+class TwoColourReader:
+    """Reads the pixels of pictures (H, W) of which a colour is missing; made for the size of one reference."""
+
+    def __init__(self, laws: TwoColourLaws, noise: Planes) -> None:
+        """`noise` (3, H, W) is the relative deviation of the changes."""
+        self.laws = laws
+        self.evaluators: list[PolynomialEvaluator] = [law.evaluator(noise.shape[1:]) for law in laws.laws]
+        self.noise: list[Picture] = []
+        for colour, evaluate in enumerate(self.evaluators):
+            known = noise.copy()
+            known[colour] = 0.0
+            self.noise.append(evaluate.noise(known))
+        self.kept_share: list[Picture] = [
+            np.asarray(1.0 / (1.0 + (noise / NOISE_LIMIT) ** 2), np.float32) for noise in self.noise
+        ]
+
+    def readable(self, missing: Bools, partly: Bools) -> Bools:
+        """Where (H, W) two colours tell more than noise; `missing` (3, H, W), `partly` (H, W) as of the change."""
+        told = np.zeros(partly.shape, np.bool_)
+        for colour in range(COLOURS):
+            if self.laws.errors[colour] < UNKNOWN:
+                told |= missing[colour] & partly & (self.kept_share[colour] > 0.5)
+        return told
+
+    def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
+        """Set `slopes` (2, h, w) of a window where two colours are left, of changes (3, h, w), by masks of all."""
+        left = partly[window]
+        for colour in range(COLOURS):
+            where = missing[colour][window] & left
+            box = _box(where)
+            if box is None:
+                continue
+            rows, columns = box
+            across = slice(window[1].start + columns.start, window[1].start + columns.stop)
+            whole = slice(window[0].start + rows.start, window[0].start + rows.stop), across
+            known = change[:, rows, columns].copy()
+            known[colour] = 0.0
+            found = np.empty((2, *known.shape[1:]), np.float32)
+            self.evaluators[colour].strip(known, whole, found)
+            found *= self.kept_share[colour][whole]
+            np.copyto(slopes[:, rows, columns], found, where=where[rows, columns])
+
+    def lost_share(self, missing: Bools) -> Picture:
+        """Relative error (H, W) of slopes, as colours are `missing` (3, H, W); 0 where none is."""
+        errors = np.zeros(missing.shape[1:], np.float32)
+        for colour in range(COLOURS):
+            errors[missing[colour]] = self.laws.errors[colour]
+        errors[np.add.reduce(missing, axis=0, dtype=np.uint8) > 1] = UNKNOWN
+        return errors
+
+
+def _box(where: Bools) -> Window | None:
+    """The rows and columns that hold all of a mask (h, w), None for an empty one."""
+    rows = np.flatnonzero(where.any(axis=1))
+    if not len(rows):
+        return None
+    columns = np.flatnonzero(where.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

@@ -1,0 +1,235 @@
+"""Pictures of models against measurements: presses, residuals on one scale, the error's fall, the modulus.
+
+Red is the plain law and blue the model with all that was added, on every picture of a page; what stands between
+them has colours of its own. Radii have others again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.plots import style
+from tactilevision.records import Estimate, Floats
+from tactilevision.records.misfit import ErrorFall, ForceCurves, PressCurve, ResidualStrips, Strip
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BETWEEN = (style.SKY, style.PURPLE, style.GREEN, style.ORANGE)  # models between the first and the last
+RADII = (style.PURPLE, style.GREEN, style.ORANGE, style.SKY, style.GREY)  # radii, the smallest first
+CERTAIN = 1e-4  # p below which a pattern is called certain; its digits say nothing more
+CHANCE = 0.05  # p above which a pattern may be chance
+SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing
+FINE = 2.0  # decades; over fewer a logarithmic axis has ticks between them
+ROW_IN = 1.6  # inches of height for a press
+
+
+def model_colours(count: int) -> tuple[str, ...]:
+    """One colour a model: red for the first, blue for the last."""
+    if count < 2:
+        return (style.RED,)[:count]
+    between = [BETWEEN[k % len(BETWEEN)] for k in range(count - 2)]
+    return (style.RED, *between, style.BLUE)
+
+
+def radius_colours(radii_mm: Sequence[float]) -> dict[float, str]:
+    """One colour a radius (mm)."""
+    return {radius: RADII[k % len(RADII)] for k, radius in enumerate(sorted(set(radii_mm)))}
+
+
+@style.house_look
+def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
+    """A row a press: force over time, force over depth, and what each model leaves over time."""
+    from matplotlib.figure import Figure
+
+    rows = max(len(presses), 1)
+    height_in = ROW_IN * rows + 1.15
+    figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
+    figure.subplots_adjust(
+        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.62
+    )
+    grid = figure.subplots(rows, 3, squeeze=False)
+    reach = 1.05e3 * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
+    for row, one in zip(grid, presses, strict=True):
+        _press(row, one, curves.models)
+        row[2].set_ylim(-reach, reach)
+    for axes, label in zip(grid.ravel(), ("time (s)", "depth w (mm)", "time (s)") * rows, strict=True):
+        axes.set_xlabel(label, fontsize=9, labelpad=1)
+    style.legend_below(figure, columns=4)
+    return figure
+
+
+def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
+    over_time, over_depth, left = row
+    for axes, x in ((over_time, one.time_s), (over_depth, one.depth_mm)):
+        axes.plot(x, one.measured_N, ".", ms=3.5, color="black", label="measured")
+    for name, colour, force, rest in zip(
+        models, model_colours(len(models)), one.modelled_N, one.residual_N, strict=True
+    ):
+        for axes, x in ((over_time, one.time_s), (over_depth, one.depth_mm)):
+            axes.plot(x, force, color=colour, lw=1.2, label=name)
+        left.plot(one.time_s, 1e3 * rest, ".-", ms=3, lw=0.9, color=colour, label=name)
+    left.axhline(0, color=style.GREY, lw=0.8)
+    where = f"{one.label}, {one.indenter}" if one.indenter else one.label
+    over_time.set_title(where, fontsize=9)
+    for axes in (over_time, over_depth):
+        axes.set_ylabel("force (N)", fontsize=9, labelpad=1)
+    errors = " → ".join(f"{1e3 * rms:.1f}" for rms in one.rms_N)
+    left.set_title(f"rms {errors} mN", fontsize=9)
+    left.set_ylabel("meas. − model (mN)", fontsize=8.5, labelpad=1)
+
+
+@style.house_look
+def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
+    """P/w over w/h of all presses under the first and the last model, on one scale; one colour a radius."""
+    shown = (0,) if len(curves.models) == 1 else (0, len(curves.models) - 1)
+    figure, places = style.new_figure(style.WIDTH_IN, 3.6, columns=len(shown))
+    deepest = max(float(one.depth_mm.max()) for one in curves.presses)
+    colours = radius_colours(curves.radii_mm)
+    bottom, top = _secant_range(curves, SHALLOW * deepest)
+    for axes, k in zip(places, shown, strict=True):
+        for one in curves.presses:
+            kept = one.depth_mm > SHALLOW * deepest
+            depth, colour = one.depth_mm[kept], colours[one.radius_mm]
+            mark, size, pale = (".", 2.5, 0.35) if curves.whole else ("o", 4.5, 0.8)
+            label = f"measured, a = {one.radius_mm:g} mm"
+            measured = one.measured_N[kept] / depth
+            axes.plot(depth / thickness_mm, measured, mark, ms=size, alpha=pale, color=colour, label=label)
+            line = "-" if curves.whole else "_"
+            axes.plot(
+                depth / thickness_mm,
+                one.modelled_N[k][kept] / depth,
+                line,
+                ms=9,
+                lw=0.6,
+                color="black",
+                label="model",
+            )
+        axes.set(xlabel="w / h", ylabel="P / w (N/mm)", ylim=(bottom, top), title=curves.models[k])
+    style.legend_below(figure, columns=4)
+    return figure
+
+
+def _secant_range(curves: ForceCurves, shallow_mm: float) -> tuple[float, float]:
+    force, depth = (
+        np.concatenate([getattr(one, name) for one in curves.presses]) for name in ("measured_N", "depth_mm")
+    )
+    every = (force / np.maximum(depth, 1e-9))[depth > shallow_mm]
+    low, high = np.quantile(every, [0.005, 0.995])
+    margin = 0.1 * max(high - low, 0.01 * abs(high), 1e-12)
+    return float(low - margin), float(high + margin)
+
+
+@style.house_look
+def draw_strips(shown: ResidualStrips) -> Figure:
+    """What each model leaves against everything recorded, the most telling first, all on one scale."""
+    count = len(shown.strips)
+    columns = min(2, max(count, 1))
+    rows = max(1, -(-count // columns))
+    figure, places = style.new_figure(style.WIDTH_IN, 0.6 + 2.1 * rows, rows=rows, columns=columns)
+    kept = (0,) if len(shown.models) == 1 else (0, len(shown.models) - 1)
+    for axes, strip in zip(places, shown.strips, strict=False):
+        _strip(axes, strip, shown, kept)
+    for axes in places[count:]:
+        axes.set_axis_off()
+    style.legend_below(figure, columns=2)
+    return figure
+
+
+def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int]) -> None:
+    width = float(np.ptp(strip.values)) or 1.0
+    size = 2 if strip.values.size > 200 else 4
+    for place, k in enumerate(kept):
+        colour = (style.RED, style.BLUE)[place]
+        aside = 0.012 * width * (place - 0.5) * (len(kept) - 1)
+        axes.plot(strip.values + aside, 1e3 * shown.residual_N[k], ".", ms=size, mew=0, color=colour, alpha=0.18)
+        axes.errorbar(
+            strip.centre + aside,
+            1e3 * strip.mean_N[k],
+            yerr=1e3 * strip.reach95_N[k],
+            fmt="o",
+            ms=4.5,
+            color=colour,
+            elinewidth=1.1,
+            label=f"{shown.models[k]}: mean of a bin, 95 %",
+        )
+    axes.axhline(0, color=style.GREY, lw=0.8)
+    axes.set_ylim(-1.15e3 * shown.reach_N, 1.15e3 * shown.reach_N)
+    words = [evidence(strip.p_adjusted[k]) for k in kept]
+    axes.set_title(" → ".join(dict.fromkeys(words)), fontsize=9)
+    label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)
+    axes.set_ylabel("meas. − model (mN)", fontsize=9)
+
+
+def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str], values: Floats) -> None:
+    """Name a covariate of these values (N,) under an axis, in its unit: words for what only counts, and
+    logarithms by the numbers that they are of.
+    """
+    axes.set_xlabel(words)
+    if levels:
+        at = sorted({round(value) for value in values.tolist()})
+        axes.set_xticks(at, [levels[k] for k in at])
+        axes.set_xlim(at[0] - 0.5, at[-1] + 0.5)
+        return
+    plain = unit.removeprefix("log10 ")
+    if plain != unit:
+        low, high = float(values.min()), float(values.max())
+        decades = [10.0**k for k in range(int(np.floor(low)), int(np.ceil(high)) + 1)]
+        steps = (1,) if high - low > FINE else (1, 2, 5)
+        ticks = [step * one for one in decades for step in steps if low <= np.log10(step * one) <= high]
+        axes.set_xticks(np.log10(ticks), [f"{one:g}" for one in ticks])
+    if plain not in ("", "1"):
+        axes.set_xlabel(f"{words} ({plain})")
+
+
+def evidence(p: float) -> str:
+    """How sure a pattern is, in words."""
+    if not np.isfinite(p):
+        return "not looked at"
+    if p < CERTAIN:
+        return "a pattern for certain"
+    return f"a pattern (p = {p:.2g})" if p < CHANCE else f"no pattern (p = {p:.2g})"
+
+
+@style.house_look
+def draw_error_fall(fall: ErrorFall) -> Figure:
+    """The error of each model as a bar, and the band in which the presses repeat."""
+    count, scale = len(fall.models), 1e3
+    unit = "mN" if fall.unit == "N" else "µm"
+    figure, (axes,) = style.new_figure(min(3.2 + 1.2 * count, style.WIDTH_IN), 3.6)
+    values = scale * np.array(fall.error)
+    bars = axes.bar(range(count), values, color=model_colours(count), width=0.6)
+    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
+    if np.isfinite(fall.repeatability):
+        axes.axhline(scale * fall.repeatability, color=style.GREY, ls="--", lw=1.2, label="repeatability")
+    if fall.band is not None:
+        low, high = (scale * end for end in fall.band)
+        axes.axhspan(low, high, color=style.INVALID, zorder=0, label="its 95 % interval")
+    axes.set_xticks(range(count), list(fall.models), rotation=15 if count > 3 else 0)
+    what = "left out" if fall.held_out else "fitted"
+    axes.set(ylabel=f"rms error on presses {what} ({unit})", title="How the error falls")
+    axes.margins(y=0.2)
+    style.legend_below(figure)
+    return figure
+
+
+@style.house_look
+def draw_moduli(names: Sequence[str], moduli: Sequence[Estimate]) -> Figure:
+    """Young's modulus under each model, with its 95 % interval."""
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 0.9 + 0.42 * len(names))
+    for place, (estimate, colour) in enumerate(zip(moduli, model_colours(len(names)), strict=True)):
+        if estimate.interval95 is not None:
+            axes.plot(estimate.interval95, [place, place], "|-", ms=9, color=colour)
+        if estimate.value is not None:
+            axes.plot(estimate.value, place, "o", ms=6, color=colour)
+    axes.set_yticks(range(len(names)), list(names))
+    for tick, colour in zip(axes.get_yticklabels(), model_colours(len(names)), strict=True):
+        tick.set_color(colour)
+    axes.invert_yaxis()
+    axes.margins(y=0.25)
+    axes.set(xlabel="Young's modulus E (MPa)")
+    return figure

@@ -1,0 +1,114 @@
+"""A profile out of what there is: a method with its reference; E and nu, and certified faces, where known."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.errors import InputError
+from tactilevision.force.compliance import gel_compliance
+from tactilevision.force.field import ForceSettings
+from tactilevision.force.folder import untouched_frame
+from tactilevision.force.nodes import lay_grid
+from tactilevision.photometric.card import provenance
+from tactilevision.profile.model import Followed, Profile
+from tactilevision.quality.reference_match import some_frames
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording
+from tactilevision.records import Bytes, Gel
+from tactilevision.shear.measure import read_untouched
+
+_INTERVAL = 1.96  # deviations to either end of a 95 % interval
+
+
+def make_profile(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    *,
+    calibration: Mapping[str, Any] | None = None,
+    face_law: DepthScale | None = None,
+) -> Profile:
+    """The profile of a recording's sensor, read by its `reconstructor`.
+
+    `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states serve.
+    Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near. Raises
+    InputError where the method has no reference, or E and nu are not fixed.
+    """
+    method, picture, sensor = reconstructor.referenced, untouched_frame(recording), recording.sensor
+    if method is None or picture is None or recording.frame_size_px is None:
+        raise InputError(
+            "a profile needs a method with a reference, and a picture of the untouched gel",
+            where=recording.path,
+            remedy="Name the picture with --reference.",
+        )
+    about = provenance(_words(recording), licence="")
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    made = Profile(
+        sensor,
+        method,
+        picture,
+        recording.frame_size_px,
+        (recording.date or today).isoformat(),
+        followed_in(recording, picture),
+        about["data"],
+        recording.white_level,
+        calibration or stated_material(sensor.gel),
+        face_law=face_law,
+        indenters=recording.indenters,
+        versions=about["versions"],
+        warnings=(*recording.warnings, *reconstructor.warnings),
+        path=recording.path,
+    )
+    return with_compliance(made)
+
+
+def followed_in(recording: Recording, untouched: Bytes) -> Followed:
+    """What of the `untouched` picture (H, W, 3), grey levels, some of the recording's single frames show.
+
+    Grain that stands out of the mean of many pictures may drown in the noise of one: each frame would try in vain.
+    """
+    sensor = recording.sensor
+    found = read_untouched(untouched, sensor.mm_per_px, markers=sensor.has_markers or None)
+    if found.markers is not None:
+        return "markers"
+    if found.shows and any(found.shear(rgb).valid.any() for rgb in some_frames(recording)):
+        return "texture"
+    return "nothing"
+
+
+def with_compliance(profile: Profile) -> Profile:
+    """The profile with its gel's compliance worked out; as it was where gel, E or nu are not known."""
+    gel, material, sensor = profile.sensor.gel, profile.material, profile.sensor
+    if gel is None or material is None:
+        return profile
+    view = (sensor.height_px, sensor.width_px)
+    grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
+    made = gel_compliance(gel, grid, poisson_ratio=material.poisson_ratio)
+    made.prepare_slope()
+    return replace(profile, compliance=made)
+
+
+def stated_material(gel: Gel | None) -> dict[str, Any] | None:
+    """E and nu that a gel states beforehand, as in calibration.json; None where it does not state both."""
+    if gel is None or gel.youngs_modulus_MPa is None or gel.poisson_ratio is None:
+        return None
+    return {
+        "youngs_modulus_MPa": _estimate(gel.youngs_modulus_MPa, gel.youngs_modulus_std_MPa, "MPa"),
+        "poisson_ratio": _estimate(gel.poisson_ratio, gel.poisson_ratio_std, "1"),
+        "poisson_ratio_source": "prior",
+        "gel": {"thickness_mm": gel.thickness_mm, "shape": gel.shape},
+        "assumptions": ["E and nu are as the gel states them, not measured here"],
+    }
+
+
+def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
+    spread = std or 0.0
+    ends = [value - _INTERVAL * spread, value + _INTERVAL * spread]
+    return {"value": value, "std": spread, "interval95": ends, "unit": unit}
+
+
+def _words(recording: Recording) -> str:
+    return f"{recording.name}: {len(recording.balls)} ball presses, {len(recording.flats)} flats"

@@ -1,0 +1,229 @@
+"""A profile from its file: format, hashes, shapes and numbers are checked before any of it is believed."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
+
+from tactilevision.door.archives import read_archive
+from tactilevision.door.arrays import unpack_arrays
+from tactilevision.door.documents import parse_json
+from tactilevision.door.numbers import number
+from tactilevision.errors import InputError
+from tactilevision.force.calibrated import material_of
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.field import ForceSettings
+from tactilevision.force.kept_compliance import of_arrays
+from tactilevision.force.nodes import lay_grid
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.storage import unpack_method
+from tactilevision.profile import contents
+from tactilevision.profile.model import Followed, Profile
+from tactilevision.recording import decode_image
+from tactilevision.recording.sensor import maps_of
+from tactilevision.records import Gel, Indenter, Material, Sensor
+
+if TYPE_CHECKING:
+    from tactilevision.certificate.depth.depth_scale import DepthScale
+
+MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
+_AGAIN = "Make it again with `tactilevision calibrate-sensor`."
+_WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
+T = TypeVar("T")
+
+
+def read_profile(path: Path | str) -> Profile:
+    """The profile in a file.
+
+    Raises InputError where there is none, where it is of a newer version, damaged or changed by hand, and where
+    its parts do not fit together.
+    """
+    path = Path(path)
+    try:
+        files = read_archive(path)
+    except FileNotFoundError as fault:
+        raise InputError(
+            "there is no such sensor profile",
+            where=path,
+            remedy="Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`.",
+        ) from fault
+    except OSError as fault:
+        raise InputError(f"cannot be read: {fault.strerror}", where=path) from fault
+    return unpack_profile(files, path)
+
+
+def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:
+    """The profile of the files in an archive; `path` is the archive, for what errors say. Raises as above."""
+    about = _about(files, path)
+    try:
+        return _profile(about, files, path)
+    except InputError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as fault:
+        said = f"{type(fault).__name__} {fault}"[:120]
+        raise InputError(
+            f"the parts of the profile do not fit together: {said}", where=path, remedy=_AGAIN
+        ) from fault
+
+
+def _about(files: Mapping[str, bytes], path: Path) -> dict[str, Any]:
+    """profile.json, once format and hashes are found in order."""
+    if contents.ABOUT not in files:
+        raise InputError("is not a sensor profile: it holds no profile.json", where=path, remedy=_AGAIN)
+    content = parse_json(files[contents.ABOUT], where=f"{path}, {contents.ABOUT}")
+    form = content.get("format")
+    if isinstance(form, int) and not isinstance(form, bool) and form > contents.FORMAT:
+        raise InputError(
+            f"the profile is of a newer version: this one reads format {contents.FORMAT}",
+            where=path,
+            value=form,
+            remedy="Take a newer version of tactilevision, or calibrate the sensor with this one.",
+        )
+    if form is True or form != contents.FORMAT:
+        raise InputError("is not a sensor profile of a known format", where=path, value=form, remedy=_AGAIN)
+    stated = content.get("files")
+    found = {name: contents.hash_of_bytes(data) for name, data in files.items() if name != contents.ABOUT}
+    if content.get(contents.HASH) != contents.hash_of(content) or stated != found:
+        raise InputError(
+            "the profile was changed since it was written, or is damaged",
+            where=path,
+            value=", ".join(_changed(stated, found)) or contents.ABOUT,
+            remedy="Copy it again from where it came, or make it again with `tactilevision calibrate-sensor`.",
+        )
+    return content
+
+
+def _changed(stated: object, found: Mapping[str, str]) -> list[str]:
+    """Files of another hash, missing, or more than are stated."""
+    said = stated if isinstance(stated, dict) else {}
+    return sorted(name for name in {*said, *found} if said.get(name) != found.get(name))
+
+
+def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -> Profile:
+    missing = [name for name in contents.NEEDED if name not in files]
+    if missing:
+        raise InputError(f"the profile lacks {missing[0]}", where=path, remedy=_AGAIN)
+    sensor, frame_size_px, white_level = _sensor(about, files, path)
+    card = MethodCard.from_json(parse_json(files[contents.CARD], where=f"{path}, {contents.CARD}"))
+    method = unpack_method(card, files[contents.METHOD], files.get(contents.NETWORK), where=path / contents.METHOD)
+    untouched = decode_image(files[contents.UNTOUCHED], path / contents.UNTOUCHED)
+    shape = (sensor.height_px, sensor.width_px)
+    if method.reference.shape != shape or untouched.shape[:2] != shape:
+        raise InputError(
+            "the profile's reference has another size than its sensor",
+            where=path,
+            value=(method.reference.shape, untouched.shape[:2], shape),
+            remedy=_AGAIN,
+        )
+    calibration = _json(files, contents.CALIBRATION, path)
+    return Profile(
+        sensor,
+        method,
+        untouched,
+        frame_size_px,
+        _day(about["date"]),
+        _followed(about["sensor"]["followed"], path),
+        str(about.get("source", "")),
+        white_level,
+        calibration,
+        _compliance(files, sensor, calibration, path),
+        _face_law(files, path),
+        {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
+        {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
+        tuple(str(one) for one in about.get("warnings", ())),
+        path,
+    )
+
+
+def _sensor(
+    about: Mapping[str, Any], files: Mapping[str, bytes], path: Path
+) -> tuple[Sensor, tuple[int, int], float | None]:
+    stated = about["sensor"]
+    sides = (stated["width_px"], stated["height_px"], *stated["frame_size_px"])
+    width, height, *frame = (_side(side, path) for side in sides)
+    scale = [_number(one, "mm_per_px", path) for one in stated["mm_per_px"]]
+    if not all(one > 0 for one in scale):
+        raise InputError("mm_per_px lies above 0", where=path, value=scale)
+    maps = None
+    if contents.MAPS in files:
+        maps = maps_of(unpack_arrays(files[contents.MAPS], where=path / contents.MAPS), path / contents.MAPS)
+        if maps[0].shape != (height, width):
+            raise InputError("the rectification has another size than the sensor", where=path, value=maps[0].shape)
+    gel = None if stated["gel"] is None else _record(Gel, stated["gel"], path)
+    if gel is not None and not gel.thickness_mm > 0:
+        raise InputError("a gel's thickness lies above 0 mm", where=path, value=gel.thickness_mm)
+    white = stated.get("white_level")
+    kind, serial, marks = str(about["kind"]), str(about["serial"]), bool(stated["has_markers"])
+    sensor = Sensor(kind, width, height, (scale[0], scale[1]), gel, maps, marks, serial)
+    return sensor, (frame[0], frame[1]), None if white is None else _number(white, "white_level", path)
+
+
+def _compliance(
+    files: Mapping[str, bytes], sensor: Sensor, calibration: Mapping[str, Any] | None, path: Path
+) -> GelCompliance | None:
+    if contents.COMPLIANCE not in files or calibration is None or sensor.gel is None:
+        return None
+    where = path / contents.COMPLIANCE
+    material: Material = material_of(calibration, where=f"{path}, {contents.CALIBRATION}")
+    view = (sensor.height_px, sensor.width_px)
+    grid = lay_grid(view, sensor.mm_per_px, spacing_mm=ForceSettings().spacing_mm)
+    arrays = unpack_arrays(files[contents.COMPLIANCE], where=where)
+    return of_arrays(arrays, sensor.gel, grid=grid, poisson_ratio=material.poisson_ratio, where=where)
+
+
+def _face_law(files: Mapping[str, bytes], path: Path) -> DepthScale | None:
+    content = _json(files, contents.FACE_LAW, path)
+    if content is None:
+        return None
+    from tactilevision.certificate.depth.depth_scale import DepthScale  # takes a while to load
+
+    coefficients = tuple(_number(one, "a coefficient", path) for one in content["coefficients"])
+    low, high = (_number(one, "a limit", path) for one in content["limits_mm"])
+    return DepthScale(coefficients, (low, high), _number(content["scatter"], "the scatter", path))
+
+
+def _indenter(content: Mapping[str, Any], path: Path) -> Indenter:
+    found = _record(Indenter, content, path)
+    return replace(found, radius_mm=math.nan) if content.get("radius_mm") is None else found
+
+
+def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T:
+    """A record of plain numbers and words; pairs are lists in the file."""
+    for key, value in content.items():
+        for one in value if isinstance(value, list) else [value]:
+            if one is not None and (key in _WORDS) != isinstance(one, str):
+                raise InputError(f"{key} is of another kind", where=path, value=one)
+            number(one, what=key, where=path)
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
+
+
+def _json(files: Mapping[str, bytes], name: str, path: Path) -> dict[str, Any] | None:
+    return parse_json(files[name], where=f"{path}, {name}") if name in files else None
+
+
+def _number(value: object, what: str, path: Path) -> float:
+    found = number(value, what=what, where=path)
+    if found is None:
+        raise InputError(f"{what} is no number", where=path, value=value)
+    return found
+
+
+def _side(value: object, path: Path) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 < value <= MAX_SIDE:
+        raise InputError("a picture's side is a whole number of px", where=path, value=value)
+    return value
+
+
+def _followed(value: object, path: Path) -> Followed:
+    for known in get_args(Followed):
+        if value == known:
+            return cast(Followed, known)
+    raise InputError("followed is one of " + ", ".join(get_args(Followed)), where=path, value=value)
+
+
+def _day(value: object) -> str:
+    return datetime.date.fromisoformat(str(value)).isoformat()

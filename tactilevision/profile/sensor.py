@@ -1,0 +1,209 @@
+"""A calibrated sensor in one object: a frame in; depth, contact, footprint, tractions and wrench out.
+
+    sensor = load_sensor("my_sensor.tvs")
+    seen = sensor.read(rgb)                 # rgb (H, W, 3) uint8 as the camera gives it, red first
+
+All that does not depend on the frame is made once, when the sensor is loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import scipy.interpolate  # noqa: F401 -- kappa's table asks for it: now, not with the first contact
+
+from tactilevision.contact.footprint import find_footprint
+from tactilevision.contact.region import at_border, find_contact
+from tactilevision.errors import ConvergenceError, InputError
+from tactilevision.force.compliance import GelCompliance
+from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.mechanics.kappa import fast_kappa
+from tactilevision.profile.model import Profile
+from tactilevision.profile.read import read_profile
+from tactilevision.profile.seen import Seen, SeenBatch
+from tactilevision.reconstruct import Reconstructor, with_flats
+from tactilevision.reconstruct.gpu.device import find_gpu
+from tactilevision.records import Bytes, Footprint, Frame, Gel, HeightMap, Indenter, Material, Pair, TractionMap
+from tactilevision.records.flags import BORDER, add
+from tactilevision.sensors import rectify
+from tactilevision.shear.measure import Untouched, read_untouched
+
+NOT_SOLVED = "force not solved"
+
+
+def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
+    """The sensor of a profile that `tactilevision calibrate-sensor` wrote.
+
+    `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
+    Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
+    """
+    return CalibratedSensor(read_profile(path), indenter=indenter)
+
+
+class CalibratedSensor:
+    """What `load_sensor` gives; `profile` is all that the file holds.
+
+    Threads that share one wait for each other. A GPU is used where there is one. Frames may be read with
+    `Stream(sensor)`, too, which follows slow changes of the light; `read` keeps to the profile's reference.
+    """
+
+    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
+        self.profile = profile
+        self.reconstructor = Reconstructor(profile.sensor, profile.method)
+        self.reconstructor.warnings = profile.warnings
+        self.indenter = _chosen(profile, indenter)
+        self.untouched: Untouched | None = None
+        if profile.followed != "nothing":
+            markers = profile.followed == "markers"
+            self.untouched = read_untouched(profile.untouched, profile.sensor.mm_per_px, markers=markers)
+        if self.field is not None:
+            fast_kappa(self.field.material.poisson_ratio, 1.0)  # so that its table is read now
+        self._use_gpu()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Sent to other processes as its profile."""
+        return _again, (self.profile, self.indenter)
+
+    @property
+    def gel(self) -> Gel | None:
+        """The gel, None where it is not described."""
+        return self.profile.sensor.gel
+
+    @property
+    def material(self) -> Material | None:
+        """E and nu with their covariance, None where they are not known."""
+        return self.profile.material
+
+    @property
+    def mm_per_px(self) -> Pair:
+        """Scale (x, y) of the rectified picture."""
+        return self.profile.sensor.mm_per_px
+
+    @property
+    def compliance(self) -> GelCompliance | None:
+        """The gel's compliance, None where E and nu are not known."""
+        return self.profile.compliance
+
+    @cached_property
+    def field(self) -> ForceField | None:
+        """What turns a height map into tractions; None where gel, E or nu are not known."""
+        if self.gel is None or self.material is None:
+            return None
+        view = (self.profile.sensor.height_px, self.profile.sensor.width_px)
+        return ForceField(self, view_px=view, settings=ForceSettings(cell_std=False))
+
+    def read(self, rgb: Bytes) -> Seen | SeenBatch:
+        """What a frame (H, W, 3) uint8 shows, or each of a batch (N, H, W, 3), red first, as the camera gives it.
+
+        Raises InputError for one that is not of this sensor, black or saturated.
+        """
+        if getattr(rgb, "ndim", 3) != 4:
+            return self._seen(Frame(rgb))
+        if not len(rgb):
+            raise InputError("a batch of frames holds at least one", where="read", value=rgb.shape)
+        return SeenBatch(tuple(self._seen(Frame(one)) for one in rgb))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful: when the profile was made, and since."""
+        return self.reconstructor.warnings
+
+    def look(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """See by rectified `pictures` (H, W, 3) whether the profile is this sensor's as it is now; the warnings.
+
+        They tell another unit or light, a camera or gel that has moved, and a contact in the reference; maps are
+        flagged from then on.
+        """
+        before = len(self.reconstructor.warnings)
+        self.reconstructor.look(pictures)
+        self.reconstructor.warnings += self._unlike(pictures)
+        return self.reconstructor.warnings[before:]
+
+    def with_reference(self, flats: Sequence[Bytes]) -> CalibratedSensor:
+        """The same sensor against newer raw pictures (H, W, 3) of its untouched gel."""
+        profile = self.profile
+        rectified = [rectify(profile.sensor, one) for one in flats]
+        made = with_flats(profile.sensor, profile.method, flats=rectified)
+        assert made.referenced is not None
+        fresh = CalibratedSensor(
+            replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
+        )
+        made.warnings = (*profile.warnings, *made.warnings)
+        fresh.reconstructor = made
+        return fresh
+
+    def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:
+        """The map (H, W), mm, with a flat face as deep as the profile's law of certified faces has it."""
+        law, indenter = self.profile.face_law, self.indenter
+        if law is None or indenter is None or indenter.shape != "flat_cylinder":
+            return height
+        from tactilevision.certificate.depth.face_depth import with_face  # takes a while to load
+
+        return with_face(height, face, depth_scale=law)
+
+    def tractions(self, height: HeightMap, rgb_rectified: Bytes) -> TractionMap | None:
+        """Tractions (MPa) behind a map (H, W) and its rectified picture; None where they cannot be known."""
+        field = self.field
+        if field is None:
+            return None
+        try:
+            if self.untouched is None or not field.touched(height):
+                return field(height)
+            return field(height, self.untouched.shear(rgb_rectified))
+        except ConvergenceError:
+            return None
+
+    def _seen(self, frame: Frame) -> Seen:
+        rgb = self.reconstructor.rectified(frame)
+        height = self.reconstructor.rectified_map(rgb)
+        contact = find_contact(height, self.reconstructor.error)
+        touched = bool(contact.any())
+        face = find_footprint(height, self.indenter) if touched and self.indenter is not None else None
+        height = self.held(height, face)
+        if at_border(contact):
+            height = replace(height, flags=add(height.flags, [BORDER]))
+        found = self.tractions(height, rgb)
+        unsolved = (NOT_SOLVED,) if found is None and self.field is not None else ()
+        return Seen(height, contact, face, found, (*height.flags, *(found.flags if found else ()), *unsolved))
+
+    def _unlike(self, pictures: Sequence[Bytes]) -> tuple[str, ...]:
+        """A warning where most rectified pictures are unlike the reference in a way that no drift explains."""
+        flagged = 0
+        for rgb in pictures:
+            try:
+                flagged += "light" in self.reconstructor.rectified_map(rgb).flags
+            except InputError:
+                flagged += 1
+        if 2 * flagged <= len(pictures):
+            return ()
+        return (
+            f"{flagged} of {len(pictures)} frames are unlike the reference of the profile {self.profile.name}: "
+            "is this another unit, gel or light? Give a picture of the untouched gel with --reference, or "
+            "calibrate this sensor",
+        )
+
+    def _use_gpu(self) -> None:
+        device = find_gpu()
+        if device is not None:
+            self.reconstructor.use(device)
+
+
+def _again(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
+    return CalibratedSensor(profile, indenter=indenter)
+
+
+def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | None:
+    if not isinstance(indenter, str):
+        return indenter
+    if indenter not in profile.indenters:
+        known = ", ".join(profile.indenters) or "none"
+        raise InputError(
+            "the profile has no indenter of that name",
+            where=profile.path,
+            value=indenter,
+            remedy=f"It has: {known}. Or give an Indenter.",
+        )
+    return profile.indenters[indenter]

@@ -1,0 +1,183 @@
+"""What has happened to the pictures since their reference, by name.
+
+Blocks of the untouched gel are compared with the reference's, as logarithms of grey. Each fault leaves a pattern
+of its own in ln(picture/reference):
+
+    channels swapped, mirrored   the reference with its colours or sides exchanged fits, as it is it does not
+    a lamp failed                one channel is darker than the others by a factor
+    gamma changed                it grows with ln(reference), in all channels alike
+    automatic exposure           one number for all blocks and channels, another in each frame
+    torn gel, dirt               a mark at one place in all frames, in all channels alike
+
+The median over frames stands for the untouched gel, so contacts may cover half of them. A drift of the lamps is
+none of these; `photometric/illumination/drift.py` undoes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactilevision.records import Bytes, Floats
+from tactilevision.robust import mad_std
+
+BLOCKS = (16, 12)  # across and down: coarse enough that markers and noise tell nothing
+FINE_BLOCKS = (48, 36)  # across and down, for marks that are small
+DARK_GREY = 4.0  # added to grey levels, so that black has a logarithm
+MIN_CHANGE = 0.08  # ln of grey: lamps that drift, and contacts, change less
+BETTER = 0.5  # share of the change that is left when the right exchange is undone
+FAILED = 0.7  # grey of one channel over that of the others: lamps that age together keep .9
+GAMMA_CHANGE = 0.12  # of the exponent: a camera's own curve keeps it within .05
+GAMMA_SPREAD = 0.15  # ln of grey, deviation over the picture: less shows no exponent
+EXPOSURE = 0.05  # ln of grey between frames: lamps flicker by less
+ALIKE = 0.25  # of the exposure's change: the most by which channels and places may differ in it
+MIN_FRAMES = 3  # frames from which changes between them are told
+MARK = 0.2  # ln of grey of a mark: dust and grain stay below it
+MARK_SIGMA = 8.0  # deviations of all blocks that a mark stands out
+MARK_BLOCKS = 4  # fine blocks that a mark covers: one may be a dead pixel or a hair
+MARK_WIDTH = 8.0  # fine blocks, sigma: wider changes are the light's
+MARK_EDGE = 2  # fine blocks along the border, which do not count
+COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFault:
+    """What happened, in a sentence; `spoils`: depths are false by it."""
+
+    sentence: str
+    spoils: bool
+
+
+def scene_faults(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> tuple[SceneFault, ...]:
+    """What happened to rectified `pictures` (H, W, 3) since the `reference` (H, W, 3), both in grey levels.
+
+    Empty where they are as the reference is, and where none has its shape.
+    """
+    pictures = [rgb for rgb in pictures if rgb.shape == reference.shape]
+    if not pictures:
+        return ()
+    before = _blocks(reference, BLOCKS)
+    change = np.stack([_blocks(rgb, BLOCKS) for rgb in pictures]) - before
+    if exchanged := _exchanged(before, np.median(change, axis=0)):
+        return (SceneFault(exchanged, spoils=True),)
+    spoiling = _failed_lamp(change) or _gamma(before, change)
+    others = (_exposure(change), _mark(reference, pictures))
+    found = [SceneFault(spoiling, spoils=True)] if spoiling else []
+    return (*found, *(SceneFault(said, spoils=False) for said in others if said))
+
+
+def _blocks(rgb: npt.NDArray[np.generic], size: tuple[int, int]) -> Floats:
+    """ln of mean grey (rows, columns, 3) in blocks."""
+    grey = cv2.resize(np.asarray(rgb, np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(np.log(grey.astype(np.float64) + DARK_GREY))
+
+
+def _exchanged(before: Floats, change: Floats) -> str:
+    """The exchange of sides or colours that the pictures show, where without it they do not fit."""
+    now, found = before + change, {}
+    sides: dict[str, Callable[[Floats], Floats]] = {
+        "": lambda a: a,
+        "mirrored left to right": lambda a: a[:, ::-1],
+        "mirrored top to bottom": lambda a: a[::-1],
+        "turned by 180 degrees": lambda a: a[::-1, ::-1],
+    }
+    for side, turn in sides.items():
+        for order in permutations(range(3)):
+            found[side, order] = _pattern(turn(now)[..., list(order)] - before)
+    best = min(found, key=lambda key: found[key])
+    plain = found["", (0, 1, 2)]
+    if plain < MIN_CHANGE or found[best] > BETTER * plain:
+        return ""
+    side, order = best
+    swapped = "" if order == (0, 1, 2) else "have red and blue swapped (BGR for RGB)"
+    if order not in ((0, 1, 2), (2, 1, 0)):
+        swapped = f"have their channels in the order {', '.join(COLOURS[k] for k in order)}"
+    said = " and ".join(part for part in (f"are {side}" if side else "", swapped) if part)
+    return f"the frames {said} against the untouched reference: read both in the same way; depths are false"
+
+
+def _pattern(change: Floats) -> float:
+    """How far blocks and channels changed apart: the median size, as of a normal deviation."""
+    return mad_std(change)
+
+
+def _failed_lamp(change: Floats) -> str:
+    grey = np.median(change, axis=(0, 1, 2))
+    darkest = int(np.argmin(grey))
+    others = float(np.delete(grey, darkest).max())
+    share = float(np.exp(grey[darkest] - others))
+    if share > FAILED:
+        return ""
+    return (
+        f"{COLOURS[darkest]} has {share:.2f} of its brightness beside the other colours: a lamp failed, faded or "
+        "is covered; depths lean on the colours that are left. Mend the lamp, or calibrate anew"
+    )
+
+
+def _gamma(before: Floats, change: Floats) -> str:
+    x, y = before.ravel(), np.median(change, axis=0).ravel()
+    x = x - np.median(x)
+    if mad_std(x) < GAMMA_SPREAD:
+        return ""
+    from scipy.stats import theilslopes
+
+    slope, offset, low, high = theilslopes(y, x, alpha=0.99)
+    left = mad_std(y - slope * x - offset)
+    if abs(slope) < GAMMA_CHANGE or low * high <= 0 or left > BETTER * mad_std(y):
+        return ""
+    return (
+        f"brightness goes with the reference's to the power {1 + slope:.2f}: the camera's gamma or contrast was "
+        "changed since; set it back, or calibrate anew"
+    )
+
+
+def _exposure(change: Floats) -> str:
+    if len(change) < MIN_FRAMES:
+        return ""
+    frames = np.median(change, axis=(1, 2))
+    common = frames.mean(axis=1)
+    swing, apart = float(np.ptp(common)), float(np.ptp(frames - common[:, None], axis=0).max())
+    by_place = change[np.argmax(common)] - change[np.argmin(common)]
+    if swing < EXPOSURE or max(apart, mad_std(by_place)) > ALIKE * swing:
+        return ""
+    return (
+        f"brightness differs by {100 * np.expm1(swing):.0f} % between frames, in all colours alike: exposure on "
+        "automatic, stray light or an unsteady lamp supply? Fix what changes"
+    )
+
+
+def _detail(change: Floats) -> Floats:
+    return np.asarray(change - cv2.GaussianBlur(change, (0, 0), MARK_WIDTH))
+
+
+def _mark(reference: npt.NDArray[np.floating], pictures: Sequence[Bytes]) -> str:
+    """A mark that all frames and channels show at one place and the reference does not.
+
+    A contact makes some channels brighter and others darker; a mark changes all alike.
+    """
+    if len(pictures) < MIN_FRAMES:
+        return ""
+    before = _blocks(reference, FINE_BLOCKS)
+    change = [_blocks(rgb, FINE_BLOCKS) - before for rgb in pictures]
+    detail = np.stack([channel for one in change for channel in np.moveaxis(_detail(one), 2, 0)])
+    lasting = np.where(np.sign(detail).min(axis=0) == np.sign(detail).max(axis=0), np.abs(detail).min(axis=0), 0.0)
+    seen = lasting > max(MARK, MARK_SIGMA * mad_std(np.median(detail, axis=0)))
+    count, patches, _, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
+    for number in range(1, count):
+        column, row = centres[number]
+        inside = MARK_EDGE <= column < FINE_BLOCKS[0] - MARK_EDGE and MARK_EDGE <= row < FINE_BLOCKS[1] - MARK_EDGE
+        if inside and np.count_nonzero(patches == number) >= MARK_BLOCKS:
+            x, y = (
+                (at + 0.5) * n / m
+                for at, n, m in zip((column, row), reference.shape[1::-1], FINE_BLOCKS, strict=True)
+            )
+            return (
+                f"all frames show a mark near ({x:.0f}, {y:.0f}) px that the reference has not: torn gel or dirt? "
+                "Clean it; else take a new reference, or a new gel"
+            )
+    return ""

@@ -1,0 +1,58 @@
+"""Do the frames of a recording show cast shadows? Then its reconstructor undoes them from now on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactilevision.photometric.illumination.cast_shadow import LightField, shadow_share
+from tactilevision.quality.reference_match import some_frames
+from tactilevision.reconstruct.lamps import find_lamps
+from tactilevision.reconstruct.reconstructor import Reconstructor
+from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM
+from tactilevision.recording import Recording
+from tactilevision.records import Bytes
+
+FRAMES_READ = 15  # frames of a recording that are looked at: presses are a good part of most
+FRAMES_TRIED = 4  # the deepest of these, whose shadows are undone to see whether there are any
+SEEN_SHARE = 0.2  # of the forecast shadow: four sensors showed .31 to 1.26, without shadows -.01 to .08
+# of lamps beside walls (steep_edges.py): the dark side of a wall is brightened along with the gel at its foot, so
+# that less is missing there; fitted to faces of two sensors of the family `train`
+UNDONE_LEAN = 1.3
+SAID = (
+    "the frames show cast shadows: they are undone by the lamps' places, which the balls tell; a deep frame takes "
+    "half a second (--no-shadows leaves them)"
+)
+
+
+def with_shadows(
+    recording: Recording, reader: Reconstructor, *, frames: Sequence[Bytes] | None = None
+) -> Reconstructor:
+    """The reader itself, which from now on undoes cast shadows where `frames` (H, W, 3), rectified, show them.
+
+    None: FRAMES_READ of the recording's. Needs its balls, which tell the lamps; without them, or without shadows,
+    the reader stays as it is.
+    """
+    method = reader.referenced
+    frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
+    if method is None or not recording.balls:
+        return reader
+    peaks = [float(reader.rectified_map(rgb).depth_mm.max()) for rgb in frames]
+    deepest = [frames[k] for k in np.argsort(peaks)[::-1][:FRAMES_TRIED] if peaks[k] > MIN_DEPTH_MM]
+    lamps = find_lamps(recording, reader) if deepest else None
+    if lamps is None:
+        return reader
+    height, width = method.reference.shape
+    field, usual = LightField.of(lamps, (height, width), reader.sensor.mm_per_px), reader.lean
+    reader.shadows, reader.lean = field, UNDONE_LEAN
+    shares = [
+        shadow_share(field, rgb, reference=method.reference.rgb, depth_mm=reader.rectified_map(rgb).depth_mm)
+        for rgb in deepest
+    ]
+    known = [share for share in shares if np.isfinite(share)]
+    if known and np.median(known) > SEEN_SHARE:
+        reader.warnings += (SAID,)
+    else:
+        reader.shadows, reader.lean = None, usual
+    return reader

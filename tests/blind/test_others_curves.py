@@ -1,0 +1,60 @@
+"""The independent generator agrees with published figures, and a run that was cut goes on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.others_curves import __main__ as command
+from benchmarks.others_curves.judge import exact
+from benchmarks.others_curves.law import kappa, rounded
+from benchmarks.others_curves.recording import KINDS, make
+from tactilevision.recording import read_recording
+
+
+@pytest.mark.parametrize(("nu", "a_over_h", "published"), [(0.45, 0.3, 1.414098), (0.45, 0.4, 1.599276)])
+def test_the_stiffness_is_that_of_hayes(nu: float, a_over_h: float, published: float) -> None:
+    assert kappa(nu, a_over_h) == pytest.approx(published, abs=2e-6)
+
+
+def test_a_rounded_face_ends_as_a_flat_one() -> None:
+    radius, share = rounded(np.array([0.0, 0.02, 0.4]), 2.0, 0.1)
+    assert radius[0] == pytest.approx(1.9)
+    assert radius[0] < radius[1] < radius[2] < 2
+    assert share[0] < share[1] < share[2] < 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_makes_one_recording_that_can_be_read(kind: str, tmp_path: Path) -> None:
+    made = [make(tmp_path / name, kind, 3, rich=False) for name in ("a", "b")]
+    assert made[0] == made[1]
+    assert len(made[0].sizes) == {"clean": 0, "pair": 2}.get(kind, 1)
+    recording = read_recording(tmp_path / "a")
+    assert len(recording.curves) == made[0].presses
+    assert sum(curve.time_s.size for curve in recording.curves) == made[0].samples
+
+
+def test_the_interval_of_a_share_is_exact() -> None:
+    low, high = exact(0, 300)
+    assert low == 0.0
+    assert high == pytest.approx(1 - 0.025 ** (1 / 300), rel=1e-6)
+    assert exact(10, 10)[1] == 1.0
+
+
+def test_what_is_in_the_log_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[int] = []
+
+    def look(kind: str, seed: int, *, rich: bool, screen: bool) -> dict[str, object]:
+        looked.append(seed)
+        told = {"noise": "white", "stated": True, "presses": 9, "sizes": {}, "strength": 0.0, "cpu_s": 1.0}
+        return {"kind": kind, "seed": seed, "rich": rich, "screen": screen, "verdict": "ADEQUATE", **told}
+
+    monkeypatch.setattr(command, "look", look)
+    log = tmp_path / "log.jsonl"
+    for count in (2, 3):
+        command.main(["--count", str(count), "--log", str(log)])
+    assert looked == [1, 2, 3]
+    assert [json.loads(line)["seed"] for line in log.read_text().splitlines()] == [1, 2, 3]

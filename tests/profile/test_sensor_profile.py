@@ -1,0 +1,382 @@
+"""A profile says after it was written what it said before, and a false one is refused in one sentence."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lamp_sensor import GEL, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
+
+from tactilevision.certificate.depth.depth_scale import DepthScale
+from tactilevision.errors import InputError
+from tactilevision.files import write_archive
+from tactilevision.force.field import ForceField, ForceSettings
+from tactilevision.live import Stream
+from tactilevision.profile import contents
+from tactilevision.profile.make import stated_material
+from tactilevision.profile.read import read_profile
+from tactilevision.profile.seen import Seen, SeenBatch
+from tactilevision.profile.sensor import CalibratedSensor, load_sensor
+from tactilevision.profile.write import write_profile
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.records import Bytes, Frame, Gel, Indenter
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("profile"))
+
+
+@pytest.fixture(scope="module")
+def sensor(path: Path) -> CalibratedSensor:
+    return load_sensor(path)
+
+
+def read_one(sensor: CalibratedSensor, rgb: Bytes) -> Seen:
+    seen = sensor.read(rgb)
+    assert isinstance(seen, Seen)
+    return seen
+
+
+def test_what_was_written_is_read(path: Path) -> None:
+    before, after = profile(), read_profile(path)
+    assert after.sensor == before.sensor
+    assert after.name == "custom 07"
+    assert (after.date, after.source, after.warnings) == (before.date, before.source, before.warnings)
+    assert after.indenters == before.indenters
+    assert after.material is not None
+    assert before.material is not None
+    assert after.material.youngs_modulus_MPa == before.material.youngs_modulus_MPa
+    np.testing.assert_array_equal(after.material.covariance, before.material.covariance)
+    np.testing.assert_array_equal(after.untouched, before.untouched)
+    assert after.compliance is not None
+    assert before.compliance is not None
+    np.testing.assert_array_equal(after.compliance.layer.table, before.compliance.layer.table)
+    np.testing.assert_array_equal(after.compliance.slopes.layer.table, before.compliance.slopes.layer.table)
+
+
+def test_the_same_profile_gives_the_same_bytes_stored_as_they_are(path: Path, tmp_path: Path) -> None:
+    assert saved(tmp_path).read_bytes() == path.read_bytes()
+    with zipfile.ZipFile(path) as packed:
+        assert all(one.compress_type == zipfile.ZIP_STORED for one in packed.infolist())
+    assert saved(tmp_path).read_bytes() == write_profile(read_profile(path), tmp_path / "b.tvs").read_bytes()
+
+
+def test_depth_and_force_are_those_of_the_method_and_the_material(sensor: CalibratedSensor) -> None:
+    rgb = pressed()
+    seen = read_one(sensor, rgb)
+    height = Reconstructor(profile().sensor, method().with_reference(method().reference)).height_map(Frame(rgb))
+    np.testing.assert_array_equal(seen.height.depth_mm, height.depth_mm)
+    np.testing.assert_array_equal(seen.std, height.std_mm)
+    assert profile().material is not None
+    field = ForceField(GEL, profile().material, (0.08, 0.08), settings=ForceSettings(cell_std=False))
+    expected = field(height)
+    assert seen.tractions is not None
+    np.testing.assert_allclose(seen.tractions.t_z, expected.t_z)
+    assert seen.wrench is not None
+    assert seen.wrench.force_N[2] == pytest.approx(expected.resultant_N[2])
+    assert seen.wrench.force_N[2] > 0.1
+    assert seen.contact.any()
+    assert "shear not measured" in seen.flags
+
+
+def test_nothing_touches_free_gel(sensor: CalibratedSensor) -> None:
+    seen = read_one(sensor, free(11))
+    assert not seen.contact.any()
+    assert seen.footprint is None
+    assert seen.wrench is not None
+    assert seen.wrench.force_N == (0.0, 0.0, 0.0)
+
+
+def test_a_batch_is_its_frames(sensor: CalibratedSensor) -> None:
+    frames = np.stack([free(11), pressed()])
+    seen = sensor.read(frames)
+    assert isinstance(seen, SeenBatch)
+    one = read_one(sensor, frames[1])
+    assert seen.height.shape == seen.contact.shape == seen.std.shape == (2, *SHAPE)
+    np.testing.assert_array_equal(seen.contact[1], one.contact)
+    assert one.tractions is not None
+    assert seen.tractions is not None
+    np.testing.assert_array_equal(seen.tractions[1, 2], one.tractions.t_z)
+    assert seen.wrench.shape == (2, 6)
+    assert seen.wrench[1, 2] == one.tractions.resultant_N[2]
+    assert seen.footprint == (None, None)
+    assert seen.flags[1] == one.flags
+    with pytest.raises(InputError, match="at least one"):
+        sensor.read(frames[:0])
+
+
+def test_a_frame_of_another_kind_is_refused(sensor: CalibratedSensor) -> None:
+    with pytest.raises(InputError, match="not as its sensor"):
+        sensor.read(free()[:-2])
+    with pytest.raises(InputError, match="uint8"):
+        sensor.read(free().astype(np.float32))
+
+
+def test_stream_and_force_field_take_the_sensor(sensor: CalibratedSensor) -> None:
+    stream = Stream(sensor)
+    moments = [stream.take(Frame(rgb)) for rgb in (free(11), pressed())]
+    expected = read_one(sensor, pressed()).wrench
+    assert [moment.contact for moment in moments] == [False, True]
+    assert moments[0].wrench is not None
+    assert moments[0].wrench.force_N == (0.0, 0.0, 0.0)
+    assert moments[1].wrench is not None
+    assert expected is not None
+    assert moments[1].wrench.force_N[2] == pytest.approx(expected.force_N[2], rel=0.01)
+    field = ForceField(sensor)
+    assert field.compliance is sensor.compliance
+    assert field(moments[1].height).resultant_N[2] == pytest.approx(moments[1].wrench.force_N[2])
+
+
+def test_an_indenter_is_looked_for_and_its_face_held_as_deep_as_certified_ones(path: Path) -> None:
+    law = DepthScale((1.1,), (0.05, 0.5), 0.01)
+    plain = load_sensor(path, indenter="A1")
+    held = CalibratedSensor(replace(profile(), face_law=law), indenter=PUNCH)
+    seen, deeper = read_one(plain, pressed(4, 2.0)), read_one(held, pressed(4, 2.0))
+    assert seen.footprint is not None
+    assert deeper.footprint is not None
+    assert deeper.height.depth_mm.max() > seen.height.depth_mm.max() + 0.09 * seen.footprint.depth_mm
+    moment = Stream(held).take(Frame(pressed(4, 2.0)))
+    assert moment.peak_mm == pytest.approx(float(moment.height.depth_mm.max()))
+    assert moment.peak_mm > seen.height.depth_mm.max() + 0.09 * seen.footprint.depth_mm
+    with pytest.raises(InputError, match=r"no indenter of that name \(got 'B7'\)\. It has: A1"):
+        load_sensor(path, indenter="B7")
+    ball = Indenter("ball", "sphere", 4.0)
+    unlike = CalibratedSensor(replace(profile(), face_law=law), indenter=ball)
+    np.testing.assert_array_equal(
+        read_one(unlike, pressed(4, 2.0)).height.depth_mm, seen.height.depth_mm, "a law of flat faces"
+    )
+
+
+def test_a_face_law_is_kept(tmp_path: Path) -> None:
+    law = DepthScale((1.02, 0.1), (0.05, 0.5), 0.01)
+    there = write_profile(replace(profile(), face_law=law), tmp_path / "a.tvs")
+    assert read_profile(there).face_law == law
+
+
+def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:
+    bare = replace(profile(), calibration=None, compliance=None)
+    sensor = load_sensor(write_profile(bare, tmp_path / "a.tvs"))
+    seen = sensor.read(np.stack([pressed()]))
+    assert isinstance(seen, SeenBatch)
+    assert seen.frames[0].tractions is None
+    assert seen.frames[0].wrench is None
+    assert seen.tractions is None
+    assert np.isnan(seen.wrench).all()
+    assert Stream(sensor).take(Frame(pressed())).wrench is None
+    with pytest.raises(InputError, match="needs the gel, its E and nu"):
+        ForceField(sensor)
+    assert stated_material(Gel(3.0)) is None
+
+
+def test_a_sensor_is_sent_to_other_processes(sensor: CalibratedSensor) -> None:
+    again: CalibratedSensor = pickle.loads(pickle.dumps(sensor))  # noqa: S301 - made here
+    np.testing.assert_array_equal(
+        read_one(again, pressed()).height.depth_mm, read_one(sensor, pressed()).height.depth_mm
+    )
+
+
+def test_a_newer_reference_takes_the_place_of_the_profiles(sensor: CalibratedSensor) -> None:
+    rng = np.random.default_rng(12)
+    brighter = [flat(rng, gain=1.1) for _ in range(3)]
+    fresh = sensor.with_reference(brighter)
+    assert fresh.profile.method.reference.rgb.mean() > 1.05 * profile().method.reference.rgb.mean()
+    assert not read_one(fresh, flat(rng, gain=1.1)).contact.any()
+
+
+def test_pictures_of_another_unit_are_told(sensor: CalibratedSensor) -> None:
+    rng = np.random.default_rng(5)
+    nothing = np.zeros(SHAPE)
+    turned = tuple((-x, -y, z) for x, y, z in ((-30.0, -4.0, 18.0), (22.0, -24.0, 20.0), (10.0, 30.0, 17.0)))
+    others = [picture(nothing, nothing, rng, at=turned) for _ in range(3)]
+    fresh = load_sensor(sensor.profile.path)
+    assert fresh.look([free(20), pressed(21), free(22)]) == ()
+    assert any("is this another unit, gel or light?" in said for said in fresh.look(others))
+
+
+# a profile that is not as it was written
+
+
+def repacked(path: Path, out: Path, change: Callable[[dict[str, bytes]], None], *, hashed: bool = False) -> Path:
+    """The profile with its files changed; `hashed`: with hashes that fit, as a forger would."""
+    with zipfile.ZipFile(path) as packed:
+        files = {name: packed.read(name) for name in packed.namelist()}
+    change(files)
+    if hashed:
+        about = json.loads(files[contents.ABOUT])
+        about["files"] = {n: contents.hash_of_bytes(data) for n, data in files.items() if n != contents.ABOUT}
+        about[contents.HASH] = contents.hash_of(about)
+        files[contents.ABOUT] = json.dumps(about).encode()
+    write_archive(out, files)
+    return out
+
+
+def stated(**changes: Any) -> Callable[[dict[str, bytes]], None]:
+    """A change of profile.json; dots part the keys."""
+
+    def change(files: dict[str, bytes]) -> None:
+        about = json.loads(files[contents.ABOUT])
+        for key, value in changes.items():
+            *way, last = key.split("__")
+            place = about
+            for name in way:
+                place = place[name]
+            place[last] = value
+        files[contents.ABOUT] = json.dumps(about).encode()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "name", ["method.npz", "method.json", "untouched.png", "calibration.json", "compliance.npz"]
+)
+def test_a_file_that_was_changed_is_named(path: Path, tmp_path: Path, name: str) -> None:
+    def change(files: dict[str, bytes]) -> None:
+        files[name] = files[name][:-1] + bytes([files[name][-1] ^ 1])
+
+    with pytest.raises(InputError, match=rf"was changed since it was written, or is damaged \(got '{name}'\)"):
+        load_sensor(repacked(path, tmp_path / "a.tvs", change))
+
+
+def test_numbers_changed_by_hand_and_files_taken_out_or_put_in_are_seen(path: Path, tmp_path: Path) -> None:
+    changes: tuple[Callable[[dict[str, bytes]], Any], ...] = (
+        stated(sensor__mm_per_px=[0.09, 0.09]),
+        stated(serial="08"),
+        lambda files: files.pop("calibration.json"),
+        lambda files: files.update({"more.txt": b"x"}),
+    )
+    for change in changes:
+        with pytest.raises(InputError, match="was changed since it was written"):
+            load_sensor(repacked(path, tmp_path / "a.tvs", change))
+
+
+FALSE = {
+    "mm_per_px lies above 0": stated(sensor__mm_per_px=[0.0, 0.08]),
+    "a picture's side is a whole number": stated(sensor__width_px="240"),
+    "reference has another size": stated(sensor__width_px=241),
+    "do not fit together: KeyError 'sensor'": lambda files: stated_without(files, "sensor"),
+    "do not fit together: ValueError": stated(date="tomorrow"),
+    "thickness lies above 0": stated(sensor__gel__thickness_mm=-3.0),
+    "thickness_mm is of another kind": stated(sensor__gel__thickness_mm="3"),
+    "is not solved": stated(sensor__gel__shape="dome"),
+    "do not fit together: TypeError": stated(indenters={"A1": {"radius": 2.0}}),
+    "followed is one of markers, texture, nothing": stated(sensor__followed="the stars"),
+    "beyond the limit": stated(sensor__mm_per_px=[1e13, 1e13]),
+    "the profile lacks untouched.png": lambda files: files.pop("untouched.png"),
+    "Young's modulus lies above 0": lambda files: in_json(files, "calibration.json", "youngs_modulus_MPa", -1.0),
+    "is not JSON": lambda files: files.update({"calibration.json": b"{"}),
+    "does not match its card": lambda files: in_json(files, "method.json", "sha256", "0"),
+    "the array is damaged": lambda files: files.update({"compliance.npz": b"PK"}),
+}
+
+
+def stated_without(files: dict[str, bytes], key: str) -> None:
+    about = json.loads(files[contents.ABOUT])
+    del about[key]
+    files[contents.ABOUT] = json.dumps(about).encode()
+
+
+def in_json(files: dict[str, bytes], name: str, key: str, value: Any) -> None:
+    files[name] = json.dumps(json.loads(files[name]) | {key: value}).encode()
+
+
+@pytest.mark.parametrize("said", FALSE)
+def test_a_forged_profile_whose_hashes_fit_is_still_refused(path: Path, tmp_path: Path, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_sensor(repacked(path, tmp_path / "a.tvs", FALSE[said], hashed=True))
+
+
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [
+        (2, r"is of a newer version: this one reads format 1 \(got 2\)\. Take a newer version of tactilevision"),
+        (0, "is not a sensor profile of a known format"),
+        (True, "is not a sensor profile of a known format"),
+        ("1", "is not a sensor profile of a known format"),
+    ],
+)
+def test_another_version_is_told(path: Path, tmp_path: Path, version: object, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load_sensor(repacked(path, tmp_path / "a.tvs", stated(format=version)))
+
+
+def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
+    there = tmp_path / "a.tvs"
+    with pytest.raises(InputError, match=r"there is no such sensor profile. Make one with `tactilevision calib"):
+        load_sensor(there)
+    there.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputError, match="the archive is damaged"):
+        load_sensor(there)
+    there.write_text("no zip")
+    with pytest.raises(InputError, match="the archive is damaged"):
+        load_sensor(there)
+    write_archive(there, {"a.txt": b"x"})
+    with pytest.raises(InputError, match=r"is not a sensor profile: it holds no profile\.json"):
+        load_sensor(there)
+    with zipfile.ZipFile(there, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("profile.json", "{}" * 100)
+    with pytest.raises(InputError, match="what is not stored as it is"):
+        load_sensor(there)
+    with zipfile.ZipFile(there, "w") as packed:
+        packed.writestr("profile.json", "{}")
+        with pytest.warns(UserWarning, match="Duplicate"):
+            packed.writestr("profile.json", "{}")
+    with pytest.raises(InputError, match="or one twice"):
+        load_sensor(there)
+    with pytest.raises(InputError, match="is a folder, not a file"):
+        load_sensor(tmp_path)
+
+
+def test_a_profile_is_written_under_a_name_that_commands_know(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"ends in \.tvs .*Take .*a\.tvs"):
+        write_profile(profile(), tmp_path / "a.zip")
+    assert list(tmp_path.iterdir()) == []
+
+
+# what it costs
+
+LOADED = """
+import sys
+from tactilevision import Frame, Stream, load_sensor
+import numpy as np
+sensor = load_sensor(sys.argv[1])
+heavy = {"torch", "matplotlib", "skimage", "pydantic", "kornia", "onnxruntime", "pandas"} & set(sys.modules)
+assert not heavy, heavy
+before = set(sys.modules)
+frames = np.load(sys.argv[2])
+sensor.read(frames)
+stream = Stream(sensor)
+for rgb in frames:
+    stream.take(Frame(rgb))
+assert set(sys.modules) == before, set(sys.modules) - before
+"""
+
+
+def test_loading_takes_no_heavy_package_and_a_frame_imports_nothing(path: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "frames.npy", np.stack([free(11), pressed()]))
+    command = [sys.executable, "-c", LOADED, str(path), str(tmp_path / "frames.npy")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_reading_frames_keeps_nothing(sensor: CalibratedSensor) -> None:
+    frames = [free(11), pressed()]
+    tracemalloc.start()
+    for rgb in frames * 2:
+        sensor.read(rgb)
+    before = tracemalloc.get_traced_memory()[0]
+    for rgb in frames * 5:
+        sensor.read(rgb)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 20_000

@@ -1,0 +1,70 @@
+"""A calibration that fails its own balls says so, flags its maps, and is not used unasked."""
+
+from __future__ import annotations
+
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactilevision.cli import source
+from tactilevision.errors import InputError
+from tactilevision.live import Stream
+from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
+from tactilevision.photometric.card import MethodCard
+from tactilevision.quality.fitness import unfit
+from tactilevision.reconstruct import Reconstructor, tuned
+from tactilevision.recording import Recording, read_recording
+from tactilevision.records.flags import UNFIT
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "photometric"))
+from lamp_room import BALL_MM, SENSOR, SHAPE, ball_pictures, flat
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+
+
+@pytest.mark.parametrize(
+    ("direction", "ratio", "fit"),
+    [(3.5, 0.97, True), (14.7, 0.9, True), (19.0, 0.97, False), (4.0, 0.4, False), (40.0, 2.0, False)],
+)
+def test_what_balls_left_out_say_decides(direction: float, ratio: float, fit: bool) -> None:
+    card = MethodCard(held_out_direction_error_deg=direction, other={"held_out_depth_ratio": ratio})
+    assert bool(unfit(card)) != fit
+    assert not unfit(MethodCard()), "nothing is known of it"
+
+
+@lru_cache
+def on_wrong_circles() -> Reconstructor:
+    """Circles where no ball is, as those of another folder would be."""
+    rng = np.random.default_rng(2)
+    reference = make_reference([flat(rng) for _ in range(3)])
+    shots = [
+        BallPicture(shot.rgb, BALL_MM, (float(rng.uniform(40, SHAPE[1] - 40)), float(rng.uniform(40, 140))), 16.0)
+        for shot in ball_pictures(8, rng)
+    ]
+    calibration = calibrate_from_balls(reference, shots, mm_per_px=SENSOR.mm_per_px, fit=PHOTOMETRIC["polynomial"])
+    return tuned(SENSOR, calibration, pictures=shots, free=())
+
+
+def test_a_calibration_on_wrong_circles_warns_and_flags_every_map() -> None:
+    reader = on_wrong_circles()
+    assert any("fails its own balls" in warning for warning in reader.warnings)
+    assert UNFIT in reader.rectified_map(flat(np.random.default_rng(3))).flags
+
+
+def test_a_stream_and_the_command_line_refuse_it_unless_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    reader = on_wrong_circles()
+    with pytest.raises(InputError, match="even_so=True"):
+        Stream(reader)
+    Stream(reader, even_so=True)
+
+    def built(recording: Recording, method: object = None) -> Reconstructor:
+        return reader
+
+    monkeypatch.setattr("tactilevision.reconstruct.build_reconstructor", built)
+    recording = read_recording(SAMPLE)
+    with pytest.raises(InputError, match="--even-so"):
+        source.Choice(shadows=False, even_so=False).light(recording)
+    assert source.Choice(shadows=False).light(recording) is reader

@@ -1,0 +1,104 @@
+"""What happened to pictures since their reference is told by name; of real frames nothing is said."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from tactilevision.quality.reference_match import some_frames
+from tactilevision.quality.scene_faults import scene_faults
+from tactilevision.reconstruct import build_reconstructor
+from tactilevision.recording import read_image, read_recording
+from tactilevision.records import Bytes
+from tactilevision.sensors import rectify
+
+ROOT = Path(__file__).parents[2]
+REAL = ROOT.parent / "shared" / "real"
+SETS = {
+    "gelslim3_mcubelab/markers": "ref.jpg",
+    "gelslim_heightmap/test_data": "ref.jpg",
+    "taxim_gelsight_mini": "f0.png",
+}
+
+Picture = npt.NDArray[np.floating]
+
+
+@pytest.fixture(scope="module", params=["gelslim3", "rendered_shadows"])
+def scene(request: pytest.FixtureRequest) -> tuple[Picture, list[Bytes]]:
+    recording = read_recording(ROOT / "sample_frames" / request.param)
+    flats = [rectify(recording.sensor, read_image(path)) for path in recording.flats]
+    return np.mean(flats, axis=0, dtype=np.float32), some_frames(recording)
+
+
+def as_light(rgb: Bytes, change: Callable[[Picture], Picture]) -> Bytes:
+    light = (rgb.astype(np.float32) / 255) ** 2.2
+    return (255 * np.clip(change(light), 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def torn(rgb: Bytes) -> Bytes:
+    torn = rgb.copy()
+    torn[96:128, 256:290] = torn[96:128, 256:290] // 2
+    return torn
+
+
+FAULTS: dict[str, tuple[str, Callable[[Bytes, int], Bytes]]] = {
+    "swapped": ("BGR for RGB", lambda rgb, k: rgb[..., ::-1]),
+    "mirrored": ("mirrored left to right", lambda rgb, k: rgb[:, ::-1]),
+    "flipped": ("mirrored top to bottom", lambda rgb, k: rgb[::-1]),
+    "both": ("turned by 180 degrees and have red and blue swapped", lambda rgb, k: rgb[::-1, ::-1, ::-1]),
+    "lamp": (
+        "blue has 0.[56].* a lamp failed",
+        lambda rgb, k: as_light(rgb, lambda x: x * np.array([1, 0.9, 0.3], np.float32)),
+    ),
+    "gamma": ("to the power 1.2", lambda rgb, k: (255 * (rgb / 255.0) ** 1.25).astype(np.uint8)),
+    "exposure": ("exposure on automatic", lambda rgb, k: as_light(rgb, lambda x: x * np.float32(1 + 0.04 * k))),
+    "torn": (r"a mark near \(27\d, 11\d\) px", lambda rgb, k: torn(rgb)),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_is_told_by_its_name(scene: tuple[Picture, list[Bytes]], name: str) -> None:
+    reference, pictures = scene
+    said, change = FAULTS[name]
+    found = scene_faults(reference, [change(rgb, k) for k, rgb in enumerate(pictures)])
+    assert len(found) == 1
+    assert re.search(said, found[0].sentence)
+    assert found[0].spoils == (name not in ("exposure", "torn"))
+
+
+def test_sound_pictures_show_none(scene: tuple[Picture, list[Bytes]]) -> None:
+    assert scene_faults(*scene) == ()
+    reference, pictures = scene
+    drifted = [as_light(rgb, lambda x: x * np.array([1.1, 0.92, 1.0], np.float32)) for rgb in pictures]
+    assert scene_faults(reference, drifted) == ()
+    assert scene_faults(reference[:-1], pictures) == ()
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="real frames are not here")
+@pytest.mark.parametrize("name", SETS)
+def test_real_presses_show_none(name: str) -> None:
+    folder = REAL / name
+    reference = read_image(folder / SETS[name]).astype(np.float32)
+    pictures = [
+        read_image(path)
+        for path in sorted(folder.iterdir())
+        if path.name[:3] in ("sam", "rec", "img") and path.suffix != ".csv"
+    ]
+    assert len(pictures) > 10
+    assert scene_faults(reference, pictures) == ()
+    assert not any(scene_faults(reference, [rgb]) for rgb in pictures)
+
+
+def test_a_reconstructor_warns_and_flags_its_maps() -> None:
+    recording = read_recording(ROOT / "sample_frames" / "rendered_shadows")
+    found = build_reconstructor(recording)
+    pictures = some_frames(recording)
+    assert "light" not in found.rectified_map(pictures[0]).flags
+    found.look([rgb[:, ::-1].copy() for rgb in pictures])
+    assert any("mirrored left to right" in line for line in found.warnings)
+    assert "light" in found.rectified_map(pictures[0]).flags

@@ -1,0 +1,98 @@
+"""Height maps of a path tracer's pictures, whose lamps cast shadows; the truth is the surface that was drawn."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared_scenes import shared
+
+from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, shadow_share
+from tactilevision.photometric.illumination.lamps import Lamp, Lamps
+from tactilevision.reconstruct import Reconstructor, build_reconstructor
+from tactilevision.reconstruct.shadows_seen import with_shadows
+from tactilevision.recording import read_frame, read_image, read_recording
+from tactilevision.records import Floats
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "rendered_shadows"
+TRUTH = tomllib.loads((SAMPLE / "truth.toml").read_text())
+UNSHADOWED = Path(__file__).parents[1] / "data" / "rendered" / "unshadowed_step.png"  # frame 8, no light blocked
+PRESSED = (1, 2, 5, 6)  # frames of faces .15 and .30 mm deep, of two radii
+
+
+@shared
+def unshadowed_reader() -> Reconstructor:
+    recording = read_recording(SAMPLE)
+    return with_shadows(recording, build_reconstructor(recording))
+
+
+def beyond_mm(number: int, shape: tuple[int, ...]) -> Floats:
+    """Distance (H, W) in mm outward from the punch's edge."""
+    step = TRUTH["step"][number - 1]
+    y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
+    away = 0.0634 * x[None, :] - step["centre_mm"][0], 0.0634 * y[:, None] - step["centre_mm"][1]
+    return np.asarray(np.hypot(*away) - step["radius_mm"])
+
+
+def drawn_mm(number: int) -> Floats:
+    with np.load(SAMPLE / "truth" / f"frame_{number:05d}.npz") as file:
+        return np.asarray(file["depth_mm"], np.float64)
+
+
+@pytest.mark.parametrize("number", PRESSED)
+def test_faces_and_the_gel_beside_them_are_right_without_a_certificate(number: int) -> None:
+    reader, frame = unshadowed_reader(), read_frame(read_recording(SAMPLE), number)
+    seen, truth = reader.height_map(frame), drawn_mm(number)
+    beyond = beyond_mm(number, truth.shape)
+    face, beside = beyond < -0.8, (beyond > 0.5) & (beyond < 3.0)
+    assert seen.depth_mm[face].mean() == pytest.approx(truth[face].mean(), rel=0.05)
+    assert np.sqrt(np.mean((seen.depth_mm - truth)[beside] ** 2)) < 0.011
+    assert seen.std_mm is not None
+    off = np.abs(seen.depth_mm - truth) / seen.std_mm
+    assert np.mean(off[face | beside] < 2) > 0.92
+
+
+def test_what_is_given_back_is_part_of_the_deviation_and_of_its_terms() -> None:
+    reader, plain = unshadowed_reader(), build_reconstructor(read_recording(SAMPLE))
+    frame = read_frame(read_recording(SAMPLE), 6)
+    seen = reader.height_map(frame)
+    changed = np.abs(seen.depth_mm - plain.height_map(frame).depth_mm)
+    given_back = reader.depth_terms(seen)["cast_shadow"]
+    assert given_back.max() == pytest.approx(0.35 * changed.max(), rel=0.2)
+    assert seen.std_mm is not None
+    assert np.all(seen.std_mm[changed > 0.05] > 0.3 * 0.05)
+    free = reader.height_map(read_frame(read_recording(SAMPLE), 0))
+    assert np.array_equal(free.depth_mm, plain.height_map(read_frame(read_recording(SAMPLE), 0)).depth_mm)
+    assert "cast_shadow" not in reader.depth_terms(free)
+
+
+def test_shadows_are_looked_for_before_they_are_undone() -> None:
+    """The same faces drawn by direct light that passes through what stands in its way show none."""
+    reader = unshadowed_reader()
+    assert reader.shadows is not None
+    assert reader.referenced is not None
+    assert any("--no-shadows" in line for line in reader.warnings)
+    reference = reader.referenced.reference.rgb
+    shaded = read_frame(read_recording(SAMPLE), 8).rgb
+    assert shadow_share(reader.shadows, shaded, reference=reference, depth_mm=drawn_mm(8)) > 0.5
+    direct = read_image(UNSHADOWED)
+    assert abs(shadow_share(reader.shadows, direct, reference=reference, depth_mm=drawn_mm(8))) < 0.1
+    level = np.zeros(shaded.shape[:2])
+    assert np.isnan(shadow_share(reader.shadows, shaded, reference=reference, depth_mm=level))
+
+
+def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -> None:
+    lamps = tuple(
+        Lamp(angle, 20.0, 8.0, 10.0, 0.0, tuple(np.eye(3)[k])) for k, angle in enumerate((0.0, 2.09, 4.19))
+    )
+    field = LightField.of(Lamps((lamps[0], lamps[1], lamps[2]), 2.2, 1.0), (120, 160), (0.1, 0.1))
+    assert np.allclose(dimming(field, np.zeros((120, 160))), 1.0)
+    wall = np.zeros((120, 160))
+    wall[40:80, 60:100] = 0.5
+    factor = dimming(field, wall)
+    assert factor[60, 55, 0] < 0.6  # left of the block; red comes from the right
+    assert factor[60, 55, 1] > 0.95
+    assert factor[60, 105, 0] > 0.95
+    assert np.all(factor[:, 130:] > 0.97)
