@@ -16,7 +16,7 @@ def main() -> None:
         run = getattr(importlib.import_module(f"benchmarks.{found.name}"), "main", None)
         if run is not None:
             print(f"\n{found.name}\n{'=' * len(found.name)}")
-            run(*[[]] * len(inspect.signature(run).parameters))
+            run(*([] for asked in inspect.signature(run).parameters.values() if asked.default is asked.empty))
 
 
 if __name__ == "__main__":
