@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,10 +30,7 @@ def calibrate_sensor(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
-    ball_radius_mm: Annotated[
-        float | None,
-        typer.Option(min=0.01, help="For a bare folder of ball presses: the radius of the ball, of all alike."),
-    ] = None,
+    ball_radius_mm: source.BallOption = None,
     calibration: Annotated[
         Path | None, typer.Option(help="calibration.json, with E and nu; made here if left out and if possible.")
     ] = None,
@@ -54,7 +51,7 @@ def calibrate_sensor(
     console.warn([*recording.warnings, *reconstructor.warnings])
     known = _Known() if light_only else _known(recording, reconstructor, calibration)
     with console.progress_bar("solving the gel"):
-        made = make_profile(recording, reconstructor, calibration=known.content, face_law=known.face_law)
+        made = make_profile(recording, reconstructor, calibration=known.content, face_laws=known.face_laws)
         write_profile(made, out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 1e6:.1f} MB", *_told(found))
@@ -73,30 +70,11 @@ class _Known:
     """Content of calibration.json, and how deep certified faces are over how deep they are read."""
 
     content: dict[str, Any] | None = None
-    face_law: DepthScale | None = None
+    face_laws: dict[bool, DepthScale | None] = field(default_factory=dict)
 
 
 def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
-    from tactilevision.errors import InputError
-    from tactilevision.recording import layout, read_ball_folder
-
-    if chosen.profile is not None:
-        raise InputError(
-            "a profile is made of a sensor that has none yet",
-            where="--sensor",
-            value=chosen.sensor,
-            remedy="Name the kind of sensor, or a TOML file.",
-        )
-    if (path / layout.SETTINGS).is_file() or not path.exists():
-        recording = chosen.open(path)
-    else:
-        recording = read_ball_folder(
-            path,
-            chosen.sensor,
-            reference=chosen.reference,
-            mm_per_px=chosen.mm_per_px,
-            ball_radius_mm=ball_radius_mm,
-        )
+    recording = source.open_balls(path, chosen, ball_radius_mm)
     return recording if serial is None else replace(recording, sensor=replace(recording.sensor, serial=serial))
 
 
@@ -110,7 +88,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, _face_law(recording, reconstructor, read_certified(calibration)))
+        return _Known(content, _face_laws(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
     from tactilevision.cli.calibrate import LawName, calibrate_one
@@ -122,15 +100,25 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.taken.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _face_law(recording, reconstructor, certified))
+    return _Known(outcome.content, _face_laws(recording, reconstructor, certified))
 
 
-def _face_law(recording: Recording, reconstructor: Reconstructor, certified: Any) -> DepthScale | None:
+def _face_laws(
+    recording: Recording, reconstructor: Reconstructor, certified: Any
+) -> dict[bool, DepthScale | None]:
+    """How deep faces are over how deep they are read, with cast shadows left (False) and undone (True)."""
     from tactilevision.certificate.depth.face_depth import face_depth_correction
+    from tactilevision.reconstruct.shadows_seen import leave, undo_by
 
     found = face_depth_correction(recording, reconstructor, certified=certified)
     console.warn([found.doubt] if found.doubt else [])
-    return found.depth_scale
+    light = reconstructor.shadows
+    if light is None:
+        return {False: found.depth_scale}
+    leave(reconstructor)
+    plain = face_depth_correction(recording, reconstructor, certified=certified)
+    undo_by(reconstructor, light.lamps)
+    return {False: plain.depth_scale, True: found.depth_scale}
 
 
 def _told(profile: Profile) -> list[str]:
@@ -148,6 +136,8 @@ def _told(profile: Profile) -> list[str]:
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
+    if profile.lamps is not None:
+        lines.append("  the lamps cast shadows: `depth` and `force` undo them, `live` does not")
     if profile.face_law is not None:
         lines.append("  flat faces are as deep as certified ones, where an indenter is looked for")
     return lines
@@ -164,5 +154,6 @@ def _as_json(profile: Profile) -> dict[str, Any]:
         "youngs_modulus_MPa": None if material is None else material.youngs_modulus_MPa,
         "poisson_ratio": None if material is None else material.poisson_ratio,
         "face_law": profile.face_law is not None,
+        "lamps": profile.lamps is not None,
         "warnings": list(profile.warnings),
     }

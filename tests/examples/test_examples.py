@@ -83,6 +83,7 @@ def test_the_error_falls_to_the_floor(said: str) -> None:
     assert held_out[1] < 1.2 * floor < held_out[0]
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["own_effect"], indirect=True)
 def test_a_planted_effect_of_ones_own_is_found(said: str) -> None:
     assert abs(first(r"found ([\d.]+)", said) - 0.06) < 3 * first(r"± ([\d.]+)", said)
