@@ -54,7 +54,9 @@ def view(
     ] = False,
     window: Annotated[
         bool,
-        typer.Option("--window", help="Open a window: all frames, profiles by mouse, differences, a surface to turn."),
+        typer.Option(
+            "--window", help="Open a window: all frames, profiles by mouse, differences, a surface to turn."
+        ),
     ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
@@ -87,7 +89,8 @@ def view(
     if html:
         from tactilevision.plots.surface_page import write_surface_page
 
-        console.say(f"wrote {write_surface_page(out, height, [out / f'{stem}_{name}.png' for name in figures])}")
+        flat = [out / f"{stem}_{name}.png" for name in figures if name != "surface"]
+        console.say(f"wrote {write_surface_page(out, height, flat)}")
     for form in export or []:
         console.say(f"wrote {write(height, out, form=form)}")
     if film is not None:

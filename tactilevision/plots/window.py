@@ -1,4 +1,4 @@
-"""A window on height maps: frames along a slider, a profile drawn with the mouse, a difference, a surface to turn."""
+"""A window on height maps: frames along a slider, a profile by mouse, a difference, a surface to turn."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ COARSE = 72  # points along a side of the turned surface: more make it lag behin
 PROFILE_POINTS = 400  # of a profile: closer than any map's pixels
 PALE = "#e6e6e6"  # of the profile's grid lines
 SHORTEST_PX = 2.0  # of a drag that is a profile, and not a click
-HELP = "Drag on the map: profile.   n, b: next frame, back.   m: mark this frame.   d: difference to the marked one."
+HELP = (
+    "Drag on the map: profile.   n, b: next frame, back.   m: mark this frame.   d: difference to the marked one."
+)
 
 Line = tuple[Pair, Pair]
 
@@ -114,7 +116,9 @@ class Window:
         self.slider: Slider | None = None
         if len(self.names) > 1:
             where = at((0.12, 0.075, 0.72, 0.03))
-            self.slider = Slider(where, "frame", 0, len(self.names) - 1, valinit=self.number, valstep=1, initcolor="none")
+            self.slider = Slider(
+                where, "frame", 0, len(self.names) - 1, valinit=self.number, valstep=1, initcolor="none"
+            )
 
     def _connect(self) -> None:
         canvas = self.figure.canvas
@@ -179,7 +183,7 @@ class Window:
         x, y = np.meshgrid(
             *(np.arange(n) * step * s for n, s in zip(coarse.shape[::-1], self.height.mm_per_px, strict=True))
         )
-        low, high, colours, label = _scale(shown, differs=self.differs)
+        low, high, colours, _ = _scale(shown, differs=self.differs)
         self.surface.clear()
         self.surface.plot_surface(
             x, y, coarse, cmap=colours, vmin=low, vmax=high, rstride=1, cstride=1, lw=0, antialiased=False
