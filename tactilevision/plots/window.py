@@ -58,7 +58,7 @@ class Window:
 
     @property
     def shown_mm(self) -> Floats:
-        """What the map shows (H, W), in mm: the depth, or its change since the marked frame; NaN where not known."""
+        """What the map shows (H, W), in mm: the depth, or its change since the marked frame; NaN if not known."""
         if self.differs and self.marked is not None:
             return change_mm(self.marked, self.height)
         return np.where(self.height.valid, self.height.depth_mm, np.nan)
