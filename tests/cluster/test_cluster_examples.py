@@ -81,6 +81,6 @@ def test_the_manifest_names_known_commands_and_one_disk() -> None:
 
 def test_images_are_of_this_version() -> None:
     versions = {
-        version for path in EXAMPLES.iterdir() if path.is_file() for found in IMAGE.findall(path.read_text())
+        found for path in EXAMPLES.iterdir() if path.is_file() for found in IMAGE.findall(path.read_text())
     }
     assert versions == {version("tactilevision")}
