@@ -122,13 +122,10 @@ class Window:
 
     def _connect(self) -> None:
         canvas = self.figure.canvas
-        for name, act in (
-            ("button_press_event", self._pressed),
-            ("motion_notify_event", self._dragged),
-            ("button_release_event", self._released),
-            ("key_press_event", self._typed),
-        ):
-            canvas.mpl_connect(name, act)
+        canvas.mpl_connect("button_press_event", self._pressed)
+        canvas.mpl_connect("motion_notify_event", self._dragged)
+        canvas.mpl_connect("button_release_event", self._released)
+        canvas.mpl_connect("key_press_event", self._typed)
         if self.slider is not None:
             self.slider.on_changed(lambda value: self.go(round(value)))
 
@@ -166,7 +163,7 @@ class Window:
         self.profile.plot(place, value, color=style.RED)
         std = self.height.std_mm
         if std is not None and not self.differs:
-            _, width = along(std, self.line, mm_per_px=self.height.mm_per_px)
+            _, width = along(std.astype(np.float64), self.line, mm_per_px=self.height.mm_per_px)
             self.profile.fill_between(
                 place, value - width, value + width, color=style.RED, alpha=0.2, lw=0, label="std"
             )

@@ -33,8 +33,6 @@ def test_a_store_is_copied_to_object_storage_and_read_there(tmp_path: Path) -> N
         assert np.isnan(np.asarray(depth[2])).all()
         assert list(np.asarray(there["frame"])) == list(FRAMES)
         copied = {name.removeprefix("/bucket/depth.zarr/"): storage.cat(name) for name in storage.find("/bucket")}
-        assert copied == {
-            str(one.relative_to(path)): one.read_bytes() for one in path.rglob("*") if one.is_file()
-        }
+        assert copied == {str(one.relative_to(path)): one.read_bytes() for one in path.rglob("*") if one.is_file()}
     finally:
         storage.rm("/bucket", recursive=True)
