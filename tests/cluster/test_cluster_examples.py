@@ -40,7 +40,7 @@ def check(words: list[str]) -> None:
 def test_a_program_parses_and_hands_the_scheduler_to_a_command(path: Path) -> None:
     tree = ast.parse(path.read_text())
     lists = [
-        [str(word.value) for word in node.elts if isinstance(word, ast.Constant)]
+        [word.value for word in node.elts if isinstance(word, ast.Constant) and isinstance(word.value, str)]
         for node in ast.walk(tree)
         if isinstance(node, ast.List)
     ]
