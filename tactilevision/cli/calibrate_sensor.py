@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +54,7 @@ def calibrate_sensor(
     console.warn([*recording.warnings, *reconstructor.warnings])
     known = _Known() if light_only else _known(recording, reconstructor, calibration)
     with console.progress_bar("solving the gel"):
-        made = make_profile(recording, reconstructor, calibration=known.content, face_law=known.face_law)
+        made = make_profile(recording, reconstructor, calibration=known.content, face_laws=known.face_laws)
         write_profile(made, out)
     found = read_profile(out)
     console.say(f"wrote {out}: {found.name}, {found.date}, {out.stat().st_size / 1e6:.1f} MB", *_told(found))
@@ -73,7 +73,7 @@ class _Known:
     """Content of calibration.json, and how deep certified faces are over how deep they are read."""
 
     content: dict[str, Any] | None = None
-    face_law: DepthScale | None = None
+    face_laws: dict[bool, DepthScale | None] = field(default_factory=dict)
 
 
 def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
@@ -110,7 +110,7 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         material_of(content, where=calibration)
         if recording.sensor.gel is not None:
             check_gel(calibration, recording.sensor.gel)
-        return _Known(content, _face_law(recording, reconstructor, read_certified(calibration)))
+        return _Known(content, _face_laws(recording, reconstructor, read_certified(calibration)))
     if not (recording.presses and recording.forces is not None and recording.sensor.gel is not None):
         return _Known()
     from tactilevision.cli.calibrate import LawName, calibrate_one
@@ -122,15 +122,25 @@ def _known(recording: Recording, reconstructor: Reconstructor, calibration: Path
         return _Known()
     points = outcome.taken.points
     certified = [Certified(one.press, one.time_s, one.depth_mm) for one in points if one.accepted]
-    return _Known(outcome.content, _face_law(recording, reconstructor, certified))
+    return _Known(outcome.content, _face_laws(recording, reconstructor, certified))
 
 
-def _face_law(recording: Recording, reconstructor: Reconstructor, certified: Any) -> DepthScale | None:
+def _face_laws(
+    recording: Recording, reconstructor: Reconstructor, certified: Any
+) -> dict[bool, DepthScale | None]:
+    """How deep faces are over how deep they are read, with cast shadows left (False) and undone (True)."""
     from tactilevision.certificate.depth.face_depth import face_depth_correction
+    from tactilevision.reconstruct.shadows_seen import leave, undo_by
 
     found = face_depth_correction(recording, reconstructor, certified=certified)
     console.warn([found.doubt] if found.doubt else [])
-    return found.depth_scale
+    light = reconstructor.shadows
+    if light is None:
+        return {False: found.depth_scale}
+    leave(reconstructor)
+    plain = face_depth_correction(recording, reconstructor, certified=certified)
+    undo_by(reconstructor, light.lamps)
+    return {False: plain.depth_scale, True: found.depth_scale}
 
 
 def _told(profile: Profile) -> list[str]:
@@ -148,6 +158,8 @@ def _told(profile: Profile) -> list[str]:
     else:
         E, nu = material.youngs_modulus_MPa, material.poisson_ratio
         lines.append(f"  E {E:.4g} MPa, nu {nu:.4g}: force is given; {_SHEAR[profile.followed]}")
+    if profile.lamps is not None:
+        lines.append("  the lamps cast shadows: `depth` and `force` undo them, `live` does not")
     if profile.face_law is not None:
         lines.append("  flat faces are as deep as certified ones, where an indenter is looked for")
     return lines
@@ -164,5 +176,6 @@ def _as_json(profile: Profile) -> dict[str, Any]:
         "youngs_modulus_MPa": None if material is None else material.youngs_modulus_MPa,
         "poisson_ratio": None if material is None else material.poisson_ratio,
         "face_law": profile.face_law is not None,
+        "lamps": profile.lamps is not None,
         "warnings": list(profile.warnings),
     }

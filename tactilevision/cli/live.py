@@ -68,7 +68,7 @@ def live(
     from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px, even_so=even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=False, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
     found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)

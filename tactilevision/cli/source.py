@@ -151,7 +151,7 @@ class Choice:
             return None
         from tactilevision.profile.use import sensor_for
 
-        return sensor_for(recording, self.profile)
+        return sensor_for(recording, self.profile, shadows=self.shadows)
 
     def _is_recording(self, path: Path) -> bool:
         """Whether recording.toml says all that is needed, or is asked for because there is nothing else."""

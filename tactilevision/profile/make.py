@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
@@ -17,10 +18,12 @@ from tactilevision.photometric.card import provenance
 from tactilevision.profile.model import Followed, Profile
 from tactilevision.quality.reference_match import some_frames
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.shadows_seen import SAID
 from tactilevision.recording import Recording
 from tactilevision.records import Bytes, Gel
 from tactilevision.shear.measure import read_untouched
 
+_NO_LAWS: Mapping[bool, DepthScale | None] = MappingProxyType({})
 _INTERVAL = 1.96  # deviations to either end of a 95 % interval
 
 
@@ -29,10 +32,12 @@ def make_profile(
     reconstructor: Reconstructor,
     *,
     calibration: Mapping[str, Any] | None = None,
-    face_law: DepthScale | None = None,
+    face_laws: Mapping[bool, DepthScale | None] = _NO_LAWS,
 ) -> Profile:
     """The profile of a recording's sensor, read by its `reconstructor`.
 
+    `face_laws` are those of maps with cast shadows left (False) and undone (True). The lamps are kept where the
+    reader undoes their shadows.
     `calibration` is the content of calibration.json. Without one, E and nu that the recording's gel states serve.
     Where gel, E and nu are known its compliance is worked out: half a minute where free sides are near. Raises
     InputError where the method has no reference, or E and nu are not fixed.
@@ -56,10 +61,12 @@ def make_profile(
         about["data"],
         recording.white_level,
         calibration or stated_material(sensor.gel),
-        face_law=face_law,
+        face_law=face_laws.get(False),
+        lamps=reconstructor.shadows.lamps if reconstructor.shadows else None,
+        undone_face_law=face_laws.get(True),
         indenters=recording.indenters,
         versions=about["versions"],
-        warnings=(*recording.warnings, *reconstructor.warnings),
+        warnings=(*recording.warnings, *(one for one in reconstructor.warnings if one != SAID)),
         path=recording.path,
     )
     return with_compliance(made)

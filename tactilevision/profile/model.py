@@ -15,6 +15,7 @@ from tactilevision.records import Bytes, Indenter, Material, Sensor
 
 if TYPE_CHECKING:
     from tactilevision.certificate.depth.depth_scale import DepthScale
+    from tactilevision.photometric.illumination.lamps import Lamps
 
 
 Followed = Literal["markers", "texture", "nothing"]
@@ -27,9 +28,10 @@ class Profile:
     `method` holds the reference; `untouched` (H, W, 3) is one rectified picture of the free gel; `followed` says
     what of it single frames show, so that shear can be told. `calibration` is the content of calibration.json,
     None where E and nu are not known; `compliance` then is the gel's. `face_law` is how deep flat faces are over
-    how deep they are read, None where no certified face has told. `frame_size_px` (width, height) is that of raw
-    frames, `white_level` as in recording.toml. `source` says in words what it was made from, `warnings` what was
-    doubtful then; `path` is its file.
+    how deep they are read, None where no certified face has told. `lamps` are known where they cast shadows that
+    frames showed; `undone_face_law` is that of faces read with these undone. `frame_size_px` (width, height) is
+    that of raw frames, `white_level` as in recording.toml. `source` says in words what it was made from,
+    `warnings` what was doubtful then; `path` is its file.
     """
 
     sensor: Sensor
@@ -43,6 +45,8 @@ class Profile:
     calibration: Mapping[str, Any] | None = None
     compliance: GelCompliance | None = None
     face_law: DepthScale | None = None
+    lamps: Lamps | None = None
+    undone_face_law: DepthScale | None = None
     indenters: Mapping[str, Indenter] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()

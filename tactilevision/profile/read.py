@@ -29,9 +29,11 @@ from tactilevision.records import Gel, Indenter, Material, Sensor
 
 if TYPE_CHECKING:
     from tactilevision.certificate.depth.depth_scale import DepthScale
+    from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 
 MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
+_CHANNELS = 3  # red, green and blue of a lamp
 _WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
 T = TypeVar("T")
 
@@ -131,7 +133,9 @@ def _profile(about: Mapping[str, Any], files: Mapping[str, bytes], path: Path) -
         white_level,
         calibration,
         _compliance(files, sensor, calibration, path),
-        _face_law(files, path),
+        _face_law(files, contents.FACE_LAW, path),
+        _lamps(files, path),
+        _face_law(files, contents.UNDONE_FACE_LAW, path),
         {str(name): _indenter(one, path) for name, one in dict(about.get("indenters", {})).items()},
         {str(name): str(one) for name, one in dict(about.get("versions", {})).items()},
         tuple(str(one) for one in about.get("warnings", ())),
@@ -175,8 +179,28 @@ def _compliance(
     return of_arrays(arrays, sensor.gel, grid=grid, poisson_ratio=material.poisson_ratio, where=where)
 
 
-def _face_law(files: Mapping[str, bytes], path: Path) -> DepthScale | None:
-    content = _json(files, contents.FACE_LAW, path)
+def _lamps(files: Mapping[str, bytes], path: Path) -> Lamps | None:
+    content = _json(files, contents.LAMPS, path)
+    if content is None:
+        return None
+    from tactilevision.photometric.illumination.lamps import Lamp, Lamps
+
+    first, second, third = (_lamp(Lamp, one, path) for one in content["lamps"])
+    power, misfit = (_number(content[key], key, path) for key in ("power", "misfit"))
+    if not power > 0:
+        raise InputError("a camera's power lies above 0", where=path, value=power)
+    return Lamps((first, second, third), power, misfit)
+
+
+def _lamp(kind: type[Lamp], content: Mapping[str, Any], path: Path) -> Lamp:
+    found = _record(kind, content, path)
+    if len(found.colour) != _CHANNELS or min(found.distance_mm, found.height_mm, found.length_mm) <= 0:
+        raise InputError("a lamp has three colours, and stands beside and above the gel", where=path, value=found)
+    return found
+
+
+def _face_law(files: Mapping[str, bytes], name: str, path: Path) -> DepthScale | None:
+    content = _json(files, name, path)
     if content is None:
         return None
     from tactilevision.certificate.depth.depth_scale import DepthScale  # takes a while to load

@@ -34,13 +34,17 @@ from tactilevision.shear.measure import Untouched, read_untouched
 NOT_SOLVED = "force not solved"
 
 
-def load_sensor(path: Path | str, *, indenter: Indenter | str | None = None) -> CalibratedSensor:
+def load_sensor(
+    path: Path | str, *, indenter: Indenter | str | None = None, shadows: bool = False
+) -> CalibratedSensor:
     """The sensor of a profile that `tactilevision calibrate-sensor` wrote.
 
     `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
+    With `shadows`, those that lamps cast are undone where the profile knows its lamps; a deep frame then takes
+    half a second.
     Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
     """
-    return CalibratedSensor(read_profile(path), indenter=indenter)
+    return CalibratedSensor(read_profile(path), indenter=indenter, shadows=shadows)
 
 
 class CalibratedSensor:
@@ -50,11 +54,13 @@ class CalibratedSensor:
     `Stream(sensor)`, too, which follows slow changes of the light; `read` keeps to the profile's reference.
     """
 
-    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None) -> None:
+    def __init__(self, profile: Profile, *, indenter: Indenter | str | None = None, shadows: bool = False) -> None:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = profile.warnings
         self.indenter = _chosen(profile, indenter)
+        self.shadows = shadows and profile.lamps is not None
+        self._undo_shadows()
         self.untouched: Untouched | None = None
         if profile.followed != "nothing":
             markers = profile.followed == "markers"
@@ -65,7 +71,7 @@ class CalibratedSensor:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Sent to other processes as its profile."""
-        return _again, (self.profile, self.indenter)
+        return _again, (self.profile, self.indenter, self.shadows)
 
     @property
     def gel(self) -> Gel | None:
@@ -129,15 +135,19 @@ class CalibratedSensor:
         made = with_flats(profile.sensor, profile.method, flats=rectified)
         assert made.referenced is not None
         fresh = CalibratedSensor(
-            replace(profile, method=made.referenced, untouched=rectified[0]), indenter=self.indenter
+            replace(profile, method=made.referenced, untouched=rectified[0]),
+            indenter=self.indenter,
+            shadows=self.shadows,
         )
         made.warnings = (*profile.warnings, *made.warnings)
         fresh.reconstructor = made
+        fresh._undo_shadows()
         return fresh
 
     def held(self, height: HeightMap, face: Footprint | None) -> HeightMap:
         """The map (H, W), mm, with a flat face as deep as the profile's law of certified faces has it."""
-        law, indenter = self.profile.face_law, self.indenter
+        law = self.profile.undone_face_law if self.shadows else self.profile.face_law
+        indenter = self.indenter
         if law is None or indenter is None or indenter.shape != "flat_cylinder":
             return height
         from tactilevision.certificate.depth.face_depth import with_face  # takes a while to load
@@ -185,14 +195,20 @@ class CalibratedSensor:
             "calibrate this sensor",
         )
 
+    def _undo_shadows(self) -> None:
+        if self.shadows and self.profile.lamps is not None:
+            from tactilevision.reconstruct.shadows_seen import undo_by
+
+            undo_by(self.reconstructor, self.profile.lamps)
+
     def _use_gpu(self) -> None:
         device = find_gpu()
         if device is not None:
             self.reconstructor.use(device)
 
 
-def _again(profile: Profile, indenter: Indenter | None) -> CalibratedSensor:
-    return CalibratedSensor(profile, indenter=indenter)
+def _again(profile: Profile, indenter: Indenter | None, shadows: bool) -> CalibratedSensor:
+    return CalibratedSensor(profile, indenter=indenter, shadows=shadows)
 
 
 def _chosen(profile: Profile, indenter: Indenter | str | None) -> Indenter | None:

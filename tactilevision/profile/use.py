@@ -43,12 +43,13 @@ def open_with_profile(path: Path, profile: Profile, *, reference: Path | None = 
     return found
 
 
-def sensor_for(recording: Recording, profile: Profile) -> CalibratedSensor:
+def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False) -> CalibratedSensor:
     """The calibrated sensor, against the recording's own pictures of the untouched gel where it has any.
 
+    With `shadows`, those that lamps cast are undone where the profile knows its lamps.
     Some frames have been looked at: its reconstructor's warnings say where they are another unit's.
     """
-    sensor = CalibratedSensor(profile)
+    sensor = CalibratedSensor(profile, shadows=shadows)
     flats = read_flats(recording)
     if flats:
         sensor = sensor.with_reference(flats)

@@ -79,6 +79,10 @@ def _files(profile: Profile) -> dict[str, bytes]:
         files[contents.CALIBRATION] = as_json(profile.calibration).encode()
     if profile.face_law is not None:
         files[contents.FACE_LAW] = as_json(asdict(profile.face_law)).encode()
+    if profile.lamps is not None:
+        files[contents.LAMPS] = as_json(asdict(profile.lamps)).encode()
+    if profile.undone_face_law is not None:
+        files[contents.UNDONE_FACE_LAW] = as_json(asdict(profile.undone_face_law)).encode()
     if profile.compliance is not None:
         files[contents.COMPLIANCE] = pack_arrays(as_arrays(profile.compliance), small=False)
     return files

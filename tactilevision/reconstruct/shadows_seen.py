@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactilevision.integration.steep_edges import LEAN
 from tactilevision.photometric.illumination.cast_shadow import LightField, shadow_share
+from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.quality.reference_match import some_frames
 from tactilevision.reconstruct.lamps import find_lamps
 from tactilevision.reconstruct.reconstructor import Reconstructor
@@ -43,9 +45,7 @@ def with_shadows(
     lamps = find_lamps(recording, reader) if deepest else None
     if lamps is None:
         return reader
-    height, width = method.reference.shape
-    field, usual = LightField.of(lamps, (height, width), reader.sensor.mm_per_px), reader.lean
-    reader.shadows, reader.lean = field, UNDONE_LEAN
+    field = undo_by(reader, lamps)
     shares = [
         shadow_share(field, rgb, reference=method.reference.rgb, depth_mm=reader.rectified_map(rgb).depth_mm)
         for rgb in deepest
@@ -54,5 +54,18 @@ def with_shadows(
     if known and np.median(known) > SEEN_SHARE:
         reader.warnings += (SAID,)
     else:
-        reader.shadows, reader.lean = None, usual
+        leave(reader)
     return reader
+
+
+def undo_by(reader: Reconstructor, lamps: Lamps) -> LightField:
+    """Let the reader undo the shadows that these lamps cast from now on; their light over its picture."""
+    field = LightField.of(lamps, (reader.sensor.height_px, reader.sensor.width_px), reader.sensor.mm_per_px)
+    reader.shadows, reader.lean = field, UNDONE_LEAN
+    return field
+
+
+def leave(reader: Reconstructor) -> None:
+    """Let the reader leave cast shadows as they are from now on, and say no more that it undoes them."""
+    reader.shadows, reader.lean = None, LEAN
+    reader.warnings = tuple(one for one in reader.warnings if one != SAID)

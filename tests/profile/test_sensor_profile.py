@@ -9,7 +9,7 @@ import sys
 import tracemalloc
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from tactilevision.errors import InputError
 from tactilevision.files import write_archive
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.live import Stream
+from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.profile import contents
 from tactilevision.profile.make import stated_material
 from tactilevision.profile.read import read_profile
@@ -29,6 +30,7 @@ from tactilevision.profile.seen import Seen, SeenBatch
 from tactilevision.profile.sensor import CalibratedSensor, load_sensor
 from tactilevision.profile.write import write_profile
 from tactilevision.reconstruct import Reconstructor
+from tactilevision.reconstruct.shadows_seen import undo_by
 from tactilevision.records import Bytes, Frame, Gel, Indenter
 
 
@@ -164,6 +166,39 @@ def test_a_face_law_is_kept(tmp_path: Path) -> None:
     assert read_profile(there).face_law == law
 
 
+LAMPS = Lamps(
+    (
+        Lamp(0.1, 24.0, 11.0, 12.0, 4.0, (1.0, 0.2, 0.1)),
+        Lamp(2.2, 24.0, 11.0, 12.0, 4.0, (0.1, 1.0, 0.2)),
+        Lamp(4.3, 24.0, 11.0, 12.0, 4.0, (0.2, 0.1, 1.0)),
+    ),
+    2.2,
+    1.0,
+)
+
+
+def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
+    laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
+    held = replace(profile(), face_law=laws[False], lamps=LAMPS, undone_face_law=laws[True])
+    there = write_profile(held, tmp_path / "a.tvs")
+    assert read_profile(there).lamps == LAMPS
+    left, undone = load_sensor(there, indenter="A1"), load_sensor(there, indenter="A1", shadows=True)
+    assert left.reconstructor.shadows is None, "by default frames are read fast"
+    by_hand = Reconstructor(profile().sensor, profile().method)
+    undo_by(by_hand, LAMPS)
+    rgb = pressed(4, 2.0)
+    np.testing.assert_array_equal(
+        read_one(undone, rgb).height.depth_mm, by_hand.rectified_map(by_hand.rectified(Frame(rgb))).depth_mm
+    )
+    plain, deeper = load_sensor(saved(tmp_path), indenter="A1"), read_one(left, rgb).height.depth_mm.max()
+    assert deeper > 1.15 * read_one(plain, rgb).height.depth_mm.max(), "the law of faces read with their shadows"
+    again: CalibratedSensor = pickle.loads(pickle.dumps(undone))  # noqa: S301 - made here
+    fresh = again.with_reference([flat(np.random.default_rng(3))])
+    for one in (again, fresh):
+        assert one.reconstructor.shadows is not None
+        assert one.reconstructor.lean == by_hand.lean
+
+
 def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:
     bare = replace(profile(), calibration=None, compliance=None)
     sensor = load_sensor(write_profile(bare, tmp_path / "a.tvs"))
@@ -260,6 +295,10 @@ def test_numbers_changed_by_hand_and_files_taken_out_or_put_in_are_seen(path: Pa
             load_sensor(repacked(path, tmp_path / "a.tvs", change))
 
 
+def as_bytes(content: object) -> bytes:
+    return json.dumps(content).encode()
+
+
 FALSE = {
     "mm_per_px lies above 0": stated(sensor__mm_per_px=[0.0, 0.08]),
     "a picture's side is a whole number": stated(sensor__width_px="240"),
@@ -276,6 +315,19 @@ FALSE = {
     "Young's modulus lies above 0": lambda files: in_json(files, "calibration.json", "youngs_modulus_MPa", -1.0),
     "is not JSON": lambda files: files.update({"calibration.json": b"{"}),
     "does not match its card": lambda files: in_json(files, "method.json", "sha256", "0"),
+    "a lamp has three colours": lambda files: files.update(
+        {
+            "lamps.json": as_bytes(
+                {"lamps": 3 * [asdict(LAMPS.lamps[0]) | {"colour": [1.0]}], "power": 2, "misfit": 1}
+            )
+        }
+    ),
+    "a camera's power lies above 0": lambda files: files.update(
+        {"lamps.json": as_bytes(asdict(LAMPS) | {"power": 0.0})}
+    ),
+    "do not fit together: ValueError not enough": lambda files: files.update(
+        {"lamps.json": as_bytes(asdict(LAMPS) | {"lamps": []})}
+    ),
     "the array is damaged": lambda files: files.update({"compliance.npz": b"PK"}),
 }
 
