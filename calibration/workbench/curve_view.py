@@ -117,7 +117,7 @@ def _strip(one: Strip) -> dict[str, Any]:
     return {
         "name": one.name,
         "words": one.words,
-        "unit": one.unit,
+        "unit": "" if one.levels else one.unit,
         "levels": list(one.levels),
         "values": _few(one.values),
         "centre": _few(one.centre),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from calibration.workbench.models import Fitted
 from calibration.workbench.opened import Opened
 from tactilevision.plots.diagnosis import Overlay
 
-REFITTED = 5  # cards that show at once what they would leave; the others do when they are opened
+REFITTED = 6  # cards that show at once what they would leave; the others do when they are opened
 OF_FORCE, OF_PICTURE = "the force", "the picture's depth"
 
 
@@ -88,6 +88,12 @@ def with_pictures(
             table[k] = opened_card(now, one)
             if not tell(tuple(table)):
                 return
+    tell((*sorted(table[:REFITTED], key=_cost), *table[REFITTED:]))
+
+
+def _cost(one: Evidence) -> float:
+    """What is left with it and what it costs, as a diagnosis ranks candidates; one that was not fitted comes last."""
+    return inf if one.fitted is None else one.fitted.cost
 
 
 def opened_card(now: Fitted, one: Evidence) -> Evidence:

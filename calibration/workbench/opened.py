@@ -22,7 +22,7 @@ class Opened:
 
     `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private` effects
     of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures; `marks`
-    what the files were when they were read.
+    what the files were when they were read; `listed` the effects that are looked for beside one's own.
     """
 
     paths: tuple[Path, ...]
@@ -35,6 +35,7 @@ class Opened:
     frames: tuple[Frames | None, ...] = ()
     warnings: tuple[str, ...] = ()
     marks: Marks = ()
+    listed: tuple[Effect, ...] = tuple(EFFECTS.values())
 
     @property
     def title(self) -> str:
@@ -44,7 +45,7 @@ class Opened:
     @property
     def catalogue(self) -> list[Effect]:
         """The effects that are looked for: the listed ones and the user's own."""
-        return [*EFFECTS.values(), *self.private]
+        return [*self.listed, *self.private]
 
     def effect(self, key: str) -> Effect:
         """An effect by its key. Raises InputError for an unknown one."""

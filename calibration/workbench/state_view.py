@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.refit import Candidate
 from calibration.inputs.left_out import press_names
 from calibration.model.stages import EffectBase
 from calibration.report import wording
@@ -186,7 +188,8 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
         "about": _about(effect),
         "kind": opened.kind(effect.key),
         "of": one.of,
-        "evidence": _evidence(one.p_adjusted),
+        "evidence": _evidence(one.p_adjusted) + _unconfirmed(one, shown),
+        "rms": None if one.fitted is None else _rms_left(one.fitted, shown),
         "stands_out": one.stands_out,
         "named": named,
         "candidate": verdict is not None and effect.key in verdict.candidates and not named,
@@ -204,6 +207,21 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _unconfirmed(one: Evidence, shown: Shown) -> str:
+    """What stands out need not hold: a diagnosis asks presses left out, and rivals, too."""
+    if shown.verdict is None or not one.stands_out or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates):
+        return ""
+    return ", but the diagnosis does not name it"
+
+
+def _rms_left(fitted: Candidate, shown: Shown) -> list[float]:
+    """The rms error over the presses fitted, now and with the candidate, mN."""
+    assert shown.now is not None
+    base = shown.now.found.models[-1].fitted
+    left = base.data.normal_N - fitted.force_N
+    return [MN * base.rms_error_N, MN * replace(base, residual_N=left).rms_error_N]
+
+
 def _evidence(p: float) -> str:
     """How sure it is that something of this form is there."""
     if not np.isfinite(p):
@@ -216,7 +234,7 @@ def _evidence(p: float) -> str:
 def _overlay(shown: Overlay) -> dict[str, Any]:
     return {
         "words": shown.words,
-        "unit": shown.unit,
+        "unit": "" if shown.levels else shown.unit,
         "levels": list(shown.levels),
         "values": shown.values,
         "before": MN * shown.before,
