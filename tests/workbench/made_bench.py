@@ -22,16 +22,16 @@ from calibration.workbench.opened import Opened
 
 LOOKED_FOR = ("depth_zero", "force_bias", "thickness", "ageing")  # few, quickly fitted, one not testable
 ZERO_MM = 0.03  # planted
-PRESSES = 8  # enough for folds of presses, and quick
+PRESSES = 6  # enough for folds of presses, and quick
 
 
 def presses() -> Observations:
-    """Two radii in turn, down and up again, 4 mN a sample and .5 % a press."""
+    """One radius, down and up again, 4 mN a sample and .5 % a press."""
     rng = np.random.default_rng(3)
     depth = np.concatenate([np.linspace(0.03, 0.6, 9), np.linspace(0.54, 0.03, 6)])
     data = observations(
         [depth] * PRESSES,
-        [indenter(f"R{k % 2}", 1.5 + k % 2) for k in range(PRESSES)],
+        [indenter()] * PRESSES,
         time_s=[300.0 * k + np.linspace(0, 3, depth.size) for k in range(PRESSES)],
         phase=[["load"] * 9 + ["unload"] * 6] * PRESSES,
         gel=replace(GEL, poisson_ratio=0.48, poisson_ratio_std=0.002),

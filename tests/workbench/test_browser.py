@@ -20,7 +20,7 @@ sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("plotly")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
-WAIT_MS = 120_000  # ms: a fit on a busy machine
+WAIT_MS = 60_000  # ms: a fit on a busy machine
 SIZES = {"laptop": (1366, 768), "phone": (390, 844)}
 ODD_NAME = "p01 <img src=x onerror=alert(1)>"  # a press's label may be any text
 
@@ -77,7 +77,7 @@ class Watched:
 
     def bars(self) -> list[float]:
         """The errors on the screen."""
-        return [float(text) for text in self.page.locator("#falls .bartext").all_inner_texts()]
+        return [float(text) for text in self.page.locator("#falls .bartext").all_text_contents()]
 
 
 def test_the_error_falls_on_the_screen_and_rises_again(workbench: tuple[str, Path], browser: Any) -> None:
@@ -90,7 +90,7 @@ def test_the_error_falls_on_the_screen_and_rises_again(workbench: tuple[str, Pat
     assert page.get_by_text(ODD_NAME).count() > 0
     page.click("[data-add=viscoelasticity]")
     page.wait_for_selector("[data-remove=viscoelasticity]")
-    page.wait_for_function("document.querySelectorAll('#falls .bartext').length === 2")
+    page.wait_for_function("() => document.querySelectorAll('#falls .bartext').length === 2")
     first, last = watched.bars()
     assert last < 0.7 * first
     assert page.locator("#legend").inner_text().count("viscoelasticity") == 1
@@ -99,7 +99,7 @@ def test_the_error_falls_on_the_screen_and_rises_again(workbench: tuple[str, Pat
     page.keyboard.press("Enter")
     page.wait_for_selector("#states h3:text('cured')")
     page.click("#undo")
-    page.wait_for_function("document.querySelectorAll('#falls .bartext').length === 1")
+    page.wait_for_function("() => document.querySelectorAll('#falls .bartext').length === 1")
     assert watched.bars() == [first]
     page.click("#compare")
     page.wait_for_selector("#sides td:text('viscoelasticity')")
@@ -107,7 +107,7 @@ def test_the_error_falls_on_the_screen_and_rises_again(workbench: tuple[str, Pat
     page.click("#redo")
     page.wait_for_selector("[data-remove=viscoelasticity]")
     page.click("#export")
-    page.wait_for_function("document.querySelector('#notice').textContent.includes('Written')")
+    page.wait_for_function("() => document.querySelector('#notice').textContent.includes('Written')")
     written = {path.name for path in out.iterdir()}
     assert {"report.html", "calibration.json", "history.json", "repeat.sh", "comparison.json"} <= written
     assert "--with viscoelasticity" in (out / "repeat.sh").read_text()

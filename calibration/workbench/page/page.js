@@ -269,7 +269,8 @@ function redraw() {
 $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
 $("export").addEventListener("click", () => { drawn.saved = ""; act("export"); });
-$("label").addEventListener("click", () => { $("name").value = ""; $("naming").showModal(); });
+$("label").addEventListener("click", () => { $("name").value = ""; $("naming").returnValue = ""; $("naming").showModal(); });
+$("leave").addEventListener("click", () => $("naming").close("cancel"));
 $("naming").addEventListener("close", () => { if ($("naming").returnValue === "keep") act("label", $("name").value); });
 $("against").addEventListener("change", drawChosen);
 for (const id of ["covariate", "colour"]) $(id).addEventListener("change", drawResiduals);
