@@ -17,6 +17,7 @@ from pathlib import Path
 from calibration.session import History, steps_of_comparison
 from calibration.tasks.compare import suggest
 from calibration.workbench.changes import Track, change, named_state
+from calibration.workbench.dropping import Dropping
 from calibration.workbench.evidence import Evidence, look, opened_card, with_pictures
 from calibration.workbench.models import Fitted, Models
 from calibration.workbench.opened import Opened, file_marks
@@ -24,6 +25,7 @@ from calibration.workbench.verdict import Asked, Question, Verdict
 from tactilevision.errors import InputError
 
 BEFOREHAND = 2  # effects that stand out most are fitted before they are asked for: then adding one takes no time
+BACKGROUND, ACTION = "background", "action"
 SLOW_STARTS = 8  # starts of an effect that is not fitted beforehand: many starts take a minute
 Export = Callable[["Shown", Opened, Path], Path]
 
@@ -90,7 +92,9 @@ class Bench:
         self._asked: Asked | None = None
         self._verdicts: dict[tuple[object, ...], Verdict] = {}
         self._looks: dict[tuple[object, ...], tuple[Evidence, ...]] = {}
+        self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
         self._model_since = 1
+        self._dropping = Dropping()
         self._shown = Shown(1, Track(history), busy="fitting the plain law", since_s=time.monotonic())
 
     @property
@@ -105,13 +109,15 @@ class Bench:
         Raises InputError where the model has changed since, as by another tab.
         """
         with self._turn:
-            if version is not None and self._stale(version):
+            if version is not None and action != "stop" and self._stale(version):
                 raise InputError(
                     "the model has been changed since, in another tab", where="workbench", value=action,
                     remedy="Look at what it is now, and do it again if it still holds.",
                 )  # fmt: skip
-            self._todo.append((action, value))
+            if action != "stop":
+                self._todo.append((action, value))
             self._turn.notify_all()
+        self._dropping.drop(*((BACKGROUND, ACTION) if action == "stop" else (BACKGROUND,)))
 
     def wait(self, version: int, seconds: float) -> Shown:
         """What is shown as soon as it is another than `version`, or after so many seconds."""
@@ -128,27 +134,36 @@ class Bench:
 
     def work(self, *, until_idle: bool = False) -> None:
         """Do what is asked, one after the other, until `end`, or until there is nothing left to do."""
-        while True:
-            with self._turn:
-                self._turn.wait_for(lambda: self._ended or bool(self._todo) or until_idle)
-                if self._ended or not self._todo:
-                    return
-                action, value = self._todo.popleft()
-            self._do(action, value)
-            if not self._waiting:
-                self._look_on()
+        with self._dropping.armed():
+            while (one := self._next(until_idle=until_idle)) is not None:
+                action, value = one
+                if not self._dropping.run(ACTION, lambda: self._do(*one)):
+                    self._show(busy="", notice=f"{_words(action, value)} was stopped; nothing is changed")
+                if not self._waiting:
+                    self._dropping.run(BACKGROUND, self._look_on)
+                    self._show(busy="")
+
+    def _next(self, *, until_idle: bool) -> tuple[str, str] | None:
+        """The next action, waited for; None where there is none any more."""
+        with self._turn:
+            self._turn.wait_for(lambda: self._ended or bool(self._todo) or until_idle)
+            return None if self._ended or not self._todo else self._todo.popleft()
 
     @property
     def _waiting(self) -> bool:
-        with self._turn:
-            return bool(self._todo) or self._ended
+        return bool(self._todo) or self._ended
+
+    @property
+    def stoppable(self) -> bool:
+        """Whether an action is at work that can be stopped."""
+        return self._dropping.what == ACTION
 
     def _stale(self, version: int) -> bool:
         """Whether the model is another than that of the version; evidence that came in since changes nothing."""
         return version < self._model_since or any(action not in ("card", "export", "sides") for action, _ in self._todo)
 
     def _show(self, **news: object) -> None:
-        with self._turn:
+        with self._dropping.whole(), self._turn:
             self._shown = replace(self._shown, version=self._shown.version + 1, **news)  # type: ignore[arg-type]
             self._turn.notify_all()
 
@@ -166,8 +181,7 @@ class Bench:
                 self._change(action, value)
         except Exception as fault:  # a private effect may raise anything; the page lives on
             self._show(notice=str(fault) or type(fault).__name__)
-        finally:
-            self._show(busy="")
+        self._show(busy="")
 
     def _change(self, action: str, value: str) -> None:
         track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
@@ -179,6 +193,7 @@ class Bench:
         same = self._shown.now is fitted
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
         track = replace(track, now=replace(history, steps=steps))
+        self._dropping.keep()
         if action != "open":
             self._keep(track.now)
         changed = bool(self.opened.marks) and file_marks(self.opened.paths) != self.opened.marks
@@ -192,7 +207,7 @@ class Bench:
             track=track,
             now=fitted,
             evidence=self._looks.get(place, ()),
-            suggested=(),
+            suggested=self._suggested.get(place, ()),
             verdict=self._verdicts.get(place),
             asking="",
             troubled="",
@@ -213,17 +228,16 @@ class Bench:
         place = self._place(shown.history)
         self._ask(shown, place)
         try:
-            if place not in self._looks:
+            if place not in self._suggested:
                 self._show(busy="looking for what stands out", since_s=time.monotonic())
-                self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
+                if place not in self._looks:
+                    self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
                 with_pictures(shown.now, self._looks[place], tell=lambda table: self._keep_look(place, table))
-                if not self._waiting:
-                    self._show(suggested=suggest(shown.now.found))
+                self._suggested[place] = suggest(shown.now.found)
+            self._show(suggested=self._suggested[place], busy="")
             self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)
-        finally:
-            self._show(busy="")
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
         self._looks[place] = table
@@ -239,7 +253,6 @@ class Bench:
             if self._waiting:
                 return
             if len(one.effect.starts(shown.now.ready.data)) <= SLOW_STARTS:
-                self._show(busy="")
                 self.models.fitted(shown.history.left_out, (*keys, one.effect.key))
 
     def _open_card(self, key: str) -> None:
@@ -273,7 +286,8 @@ class Bench:
 
         question = Question.of(self.opened, shown.now.ready.stated, keys, shown.history.seed)
         self._show(asking="reading the measurements")
-        self._asked = Asked(question, tell=lambda what: self._show(asking=what), answer=hear)
+        with self._dropping.whole():
+            self._asked = Asked(question, tell=lambda what: self._show(asking=what), answer=hear)
 
     def _drop_question(self) -> None:
         if self._asked is not None:

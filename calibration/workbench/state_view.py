@@ -36,6 +36,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "title": opened.title,
         "busy": shown.busy,
         "busy_s": round(time.monotonic() - shown.since_s, 1) if shown.busy else 0.0,
+        "stoppable": bench.stoppable,
         "notice": shown.notice,
         "saved": shown.saved,
         "warnings": [*opened.warnings, *_changed(shown)],

@@ -87,6 +87,7 @@ function show() {
 function tick() {
   const seconds = state && state.busy ? (performance.now() - seenSince) / 1000 : 0;
   $("busy").className = state && state.busy ? "on" : "";
+  $("stop").hidden = !(state && state.busy && state.stoppable && seconds > 1);
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
@@ -266,6 +267,7 @@ function redraw() {
   if (curves) showCurves();
 }
 
+$("stop").addEventListener("click", () => act("stop"));
 $("undo").addEventListener("click", () => act("undo"));
 $("redo").addEventListener("click", () => act("redo"));
 $("export").addEventListener("click", () => { drawn.saved = ""; act("export"); });
