@@ -98,7 +98,10 @@ class History:
         """With this state under a name, which it takes from another state that had it."""
         if not name.strip() or len(name) > LONGEST_LABEL or not name.isprintable():
             raise InputError(
-                "a state's name is one line of text", where="label", value=name, remedy=f"{LONGEST_LABEL} letters at most."
+                "a state's name is one line of text",
+                where="label",
+                value=name,
+                remedy=f"{LONGEST_LABEL} letters at most.",
             )
         others = tuple(one for one in self.labels if one.name != name)
         return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))

@@ -160,7 +160,9 @@ class Bench:
 
     def _stale(self, version: int) -> bool:
         """Whether the model is another than that of the version; evidence that came in since changes nothing."""
-        return version < self._model_since or any(action not in ("card", "export", "sides") for action, _ in self._todo)
+        return version < self._model_since or any(
+            action not in ("card", "export", "sides") for action, _ in self._todo
+        )
 
     def _show(self, **news: object) -> None:
         with self._dropping.whole(), self._turn:

@@ -32,7 +32,10 @@ def curve_view(shown: Shown) -> dict[str, Any]:
         return {"models": [], "presses": [], "strips": []}
     fits = {name: one.fitted for name, one in models.items()}
     try:
-        curves, strips = force_curves(fits), residual_strips(fits, [m.covariates for m in models.values()], most=EVERY)
+        curves, strips = (
+            force_curves(fits),
+            residual_strips(fits, [m.covariates for m in models.values()], most=EVERY),
+        )
     except InputError:  # two states on other presses: the last one alone
         last = list(models)[-1]
         return curve_view_of({last: models[last]})
@@ -77,7 +80,8 @@ def tried_view(shown: Shown, name: str, value: float) -> dict[str, Any]:
     return {
         "rms": MN * tried.rms_error_N,
         "presses": [
-            {"modelled": _few(one.modelled_N[0]), "residual": _few(MN * one.residual_N[0])} for one in curves.presses
+            {"modelled": _few(one.modelled_N[0]), "residual": _few(MN * one.residual_N[0])}
+            for one in curves.presses
         ],
     }
 

@@ -139,7 +139,9 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
         of, _, name = p.name.rpartition(".")
         if (of if of in model.effects else "") != key or p.name in OF_MATERIAL:
             continue
-        low, high = _range(fitted.estimate(p.name).interval95, float(fitted.values[fitted.index(p.name)]), p.bounds)
+        low, high = _range(
+            fitted.estimate(p.name).interval95, float(fitted.values[fitted.index(p.name)]), p.bounds
+        )
         rows.append(
             {
                 "name": p.name,
@@ -186,7 +188,7 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
     return {
         "key": effect.key,
         "title": in_words(effect.key),
-        "about": _about(effect),
+        "about": _about(effect if about is not None else opened.effect(effect.key)),
         "kind": opened.kind(effect.key),
         "of": one.of,
         "evidence": _evidence(one.p_adjusted) + _unconfirmed(one, shown),
@@ -210,7 +212,11 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
 
 def _unconfirmed(one: Evidence, shown: Shown) -> str:
     """What stands out need not hold: a diagnosis asks presses left out, and rivals, too."""
-    if shown.verdict is None or not one.stands_out or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates):
+    if (
+        shown.verdict is None
+        or not one.stands_out
+        or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates)
+    ):
         return ""
     return ", but the diagnosis does not name it"
 
@@ -254,6 +260,7 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
         indenter = data.indenters[int(data.presses.indenter[k])]
         yield {
             "name": names[k],
+            "label": data.presses.label[k],
             "recording": int(data.presses.recording[k]),
             "indenter": f"{indenter.name}, a = {indenter.radius_mm:g} mm",
             "radius": float(data.presses.radius_mm[k]),
@@ -265,7 +272,13 @@ def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
         for point in measured.points:
             if not point.accepted:
                 why = point.details.findings or (point.reason or "rejected").replace("_", " ")
-                row = {"name": point.press, "recording": number, "indenter": point.indenter, "radius": None}
+                row = {
+                    "name": point.press,
+                    "label": point.press,
+                    "recording": number,
+                    "indenter": point.indenter,
+                    "radius": None,
+                }
                 yield {**row, "state": f"rejected: {why}", "odd": False, "rms": []}
 
 
@@ -288,10 +301,11 @@ def _sides(shown: Shown) -> dict[str, Any]:
         ("effects", *(", ".join(in_words(key) for key in one.effects) or "none" for one in lasts)),
         ("presses fitted", *(str(one.fitted.data.count) for one in lasts)),
         ("error", *(wording.fit_error(one.held_out_N, one.rms_N).removeprefix("error ") for one in lasts)),
-        ("repeatability", *(wording.repeatability(one.repeatability_N).removeprefix("repeatability ") for one in lasts)),
+        (
+            "repeatability",
+            *(wording.repeatability(one.repeatability_N).removeprefix("repeatability ") for one in lasts),
+        ),
     ]
     for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
         rows.append((title, *(wording.estimate(getattr(one.material, name)) for one in lasts)))
     return {"names": list(shown.sides.names), "rows": [list(row) for row in rows]}
-
-

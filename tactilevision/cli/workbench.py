@@ -33,7 +33,9 @@ Opening = Annotated[
 ]
 State = Annotated[
     Path | None,
-    typer.Option("--state", metavar="FOLDER", help="Go on where an analysis stood: what a workbench or compare wrote."),
+    typer.Option(
+        "--state", metavar="FOLDER", help="Go on where an analysis stood: what a workbench or compare wrote."
+    ),
 ]
 
 
@@ -137,15 +139,11 @@ def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     history = replace(shown.history, applied=True)
     keys, aside = [step.key for step in history.steps], history.left_out
     commands = [
-        compare_command(
-            history.recordings, [*keys, key], opened.files, prior=history.prior, left_out=aside
-        )
+        compare_command(history.recordings, [*keys, key], opened.files, prior=history.prior, left_out=aside)
         for key in shown.suggested
     ]
     with staged(out) as stage:
-        write_comparison(
-            found, FigureFolder(stage), title=f"Comparison of {opened.title}", try_next=commands
-        )
+        write_comparison(found, FigureFolder(stage), title=f"Comparison of {opened.title}", try_next=commands)
         keep_calibration(out, stage)
         material = found.models[-1].material
         assert material is not None
@@ -153,5 +151,3 @@ def _export(shown: Shown, opened: Opened, out: Path) -> Path:
         write_history(history, stage, out)
     forget_found(out)
     return out / "report.html"
-
-

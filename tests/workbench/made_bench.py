@@ -45,7 +45,11 @@ def presses() -> Observations:
 
 
 def bench(
-    out: Path, *, private: tuple[Effect, ...] = (), files: dict[str, str] | None = None, history: History | None = None
+    out: Path,
+    *,
+    private: tuple[Effect, ...] = (),
+    files: dict[str, str] | None = None,
+    history: History | None = None,
 ) -> Bench:
     """With its first model fitted; nothing asked of a diagnosis, nothing fitted beforehand."""
     listed = tuple(EFFECTS[key] for key in LOOKED_FOR)

@@ -26,7 +26,12 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """Nothing is at work behind it."""
     out = tmp_path_factory.mktemp("server")
     bench = Bench(
-        Opened((), (), presses()), History(("made",)), export=lambda *_: out, keep=lambda _: None, out=out, asks=False
+        Opened((), (), presses()),
+        History(("made",)),
+        export=lambda *_: out,
+        keep=lambda _: None,
+        out=out,
+        asks=False,
     )
     with Server(bench) as made:
         yield made
@@ -95,7 +100,15 @@ def test_without_the_token_nothing_is_found(server: Server, token: str) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    ["../../../etc/passwd", "..%2f..%2fetc/passwd", "/etc/passwd", "server.py", "page/page.js", "history.json", "page.js/"],
+    [
+        "../../../etc/passwd",
+        "..%2f..%2fetc/passwd",
+        "/etc/passwd",
+        "server.py",
+        "page/page.js",
+        "history.json",
+        "page.js/",
+    ],
 )
 def test_no_file_is_served_but_the_pages_own(server: Server, path: str) -> None:
     assert ask(server, path)[0] == 404
@@ -121,7 +134,9 @@ def test_an_action_of_another_page_is_turned_away(server: Server, headers: dict[
         ({"action": "a" * 70000, "version": 1}, {}, 413),
     ],
 )
-def test_an_action_that_is_none_is_refused(server: Server, body: Any, headers: dict[str, str], status: int) -> None:
+def test_an_action_that_is_none_is_refused(
+    server: Server, body: Any, headers: dict[str, str], status: int
+) -> None:
     code, _, content = ask(server, "act", method="POST", body=body, headers=headers)
     assert code == status
     assert json.loads(content)["error"]

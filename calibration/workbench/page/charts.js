@@ -50,7 +50,20 @@ function drawPress(curves, press, against, tried) {
   draw("residual-chart", left, layout(words, "meas. − model (mN)", { yaxis: { range: [-reach, reach], zeroline: true } }));
 }
 
-function largest(rows) { let most = 1e-9; for (const row of rows) for (const v of row) most = Math.max(most, Math.abs(v)); return most; }
+/** Presses of one sample each: all of them over the depth, the chosen one in a ring. */
+function drawPoints(curves, chosen, tried) {
+  const presses = curves.presses, x = presses.map((one) => one.depth[0]), names = presses.map((one) => plain(one.name));
+  const at = presses.findIndex((one) => one.name === chosen);
+  const row = (name, colour, y, symbol, size) => ({ x, y, text: names, name: plain(name), mode: "markers", hovertemplate: "press %{text}<br>%{y:.4g}<extra></extra>",
+    marker: { color: colour, size, symbol, line: { width: symbol === "line-ew-open" ? 2 : 0, color: colour } } });
+  const ring = (y) => ({ x: [x[at]], y: [y[at]], mode: "markers", hoverinfo: "skip", marker: { size: 16, color: "rgba(0,0,0,0)", line: { width: 2, color: css("--ink") } } });
+  const forces = presses.map((one) => one.measured[0]), slid = tried && tried.presses;
+  draw("press-chart", [row("measured", css("--ink"), forces, "circle", 6), ...curves.models.map((name, k) => row(name, shade(curves.colours[k]), presses.map((one) => one.modelled[k][0]), "line-ew-open", 16)),
+    ...(slid ? [row("slider", css("--good"), slid.map((one) => one.modelled[0]), "line-ew-open", 16)] : []), ring(forces)], layout("depth w (mm)", "force (N)"));
+  const left = curves.models.map((name, k) => row(name, shade(curves.colours[k]), presses.map((one) => one.residual[k][0]), "circle", 7));
+  if (slid) left.push(row("slider", css("--good"), slid.map((one) => one.residual[0]), "diamond", 7));
+  draw("residual-chart", [...left, ring(presses.map((one) => one.residual[one.residual.length - 1][0]))], layout("depth w (mm)", "meas. − model (mN)", { yaxis: { zeroline: true } }));
+}
 
 /** Residuals of all presses against what was recorded, with the mean of each bin and its 95 % interval. */
 function drawStrip(curves, strip, colourBy, chosen, onPress) {

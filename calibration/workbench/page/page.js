@@ -233,7 +233,9 @@ function drawChosen() {
   }
   const press = curves.presses[place];
   $("press-title").textContent = `Press ${press.name}: ${press.indenter}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
-  drawPress(curves, press, $("against").value, tried && tried.presses[place]);
+  $("against").parentNode.hidden = !curves.whole;
+  if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
+  else drawPoints(curves, chosen, tried);
 }
 
 function drawResiduals() {
