@@ -1,6 +1,6 @@
 """The state of one page: the model that stands, what speaks for each effect, the verdict; one change at a time.
 
-    a change -> the model is fitted -> the page is told -> what stands out -> the likeliest effects fitted beforehand
+    a change -> the model is fitted -> the page is told -> what stands out -> the likeliest effects are fitted
 
 The verdict comes from a process of its own. Whoever looks gets one immutable `Shown`, with a number that grows.
 """
@@ -42,9 +42,9 @@ class Sides:
 class Shown:
     """What the page shows, as one piece.
 
-    `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict` is
-    None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none; `sides` two
-    states that are held against each other.
+    `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict`
+    is None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none;
+    `sides` two states that are held against each other.
     """
 
     version: int

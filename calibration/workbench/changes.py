@@ -1,4 +1,4 @@
-"""What a person can do to a model, as histories that follow each other; each is undone by going back to the last."""
+"""What a person can do to a model, as histories that follow each other; to undo is to go back to the last."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Work that can be dropped: what nobody waits for any more ends where it stands, so that a click need not wait.
 
-A signal raises `Dropped` in the main thread, in the midst of a fit. In another thread, and on Windows, work goes on
-to its end. What must be whole (what the page is shown) is done with `whole`.
+A signal raises `Dropped` in the main thread, in the midst of a fit. In another thread, and on Windows, work goes
+on to its end. What must be whole (what the page is shown) is done with `whole`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How much speaks for each effect that is not in the model, and what it would leave, by the screen of `diagnose`."""
+"""How much speaks for each effect that is not in the model, and what it would leave: the screen of `diagnose`."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ OF_FORCE, OF_PICTURE = "the force", "the picture's depth"
 class Evidence:
     """One effect that could be added.
 
-    `p_adjusted` for having looked at all, NaN where it was not looked at, then `why`; `of` what it acts on; `fitted`
-    and `shown` what it would leave, where it was fitted.
+    `p_adjusted` for having looked at all, NaN where it was not looked at, then `why`; `of` what it acts on;
+    `fitted` and `shown` what it would leave, where it was fitted.
     """
 
     effect: Effect
@@ -92,7 +92,7 @@ def with_pictures(
 
 
 def _cost(one: Evidence) -> float:
-    """What is left with it and what it costs, as a diagnosis ranks candidates; one that was not fitted comes last."""
+    """What is left with it and what it costs, as a diagnosis ranks candidates; those not fitted come last."""
     return inf if one.fitted is None else one.fitted.cost
 
 

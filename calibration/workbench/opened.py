@@ -20,9 +20,9 @@ Marks = tuple[tuple[str, int, int], ...]
 class Opened:
     """Recordings as `compare` reads them.
 
-    `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private` effects
-    of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures; `marks`
-    what the files were when they were read; `listed` the effects that are looked for beside one's own.
+    `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private`
+    effects of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures;
+    `marks` what the files were when they were read; `listed` the effects that are looked for beside one's own.
     """
 
     paths: tuple[Path, ...]

@@ -1,8 +1,8 @@
 """The page's server: on this machine alone, for whoever knows the token in its address.
 
-A request is answered where its Host is this server's own, its path begins with the token, and a browser says that it
-comes from this page (Origin, Sec-Fetch-Site). Nothing is read from a path that a request names: a page's file and
-an answer have one fixed name each. The page may load and ask nothing elsewhere (Content-Security-Policy).
+A request is answered where its Host is this server's own, its path begins with the token, and a browser says that
+it comes from this page (Origin, Sec-Fetch-Site). Nothing is read from a path that a request names: a page's file
+and an answer have one fixed name each. The page may load and ask nothing elsewhere (Content-Security-Policy).
 """
 
 from __future__ import annotations
@@ -53,12 +53,11 @@ class Server:
         self.bench, self.token = bench, secrets.token_urlsafe(24)
         plotly()  # said now where it is missing
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), _handler(self))
+            self._server = _Listener(("127.0.0.1", port), self)
         except (OSError, OverflowError) as fault:
             raise InputError(
                 "the workbench's port cannot be used", where="--port", value=port, remedy="Name another, or 0."
             ) from fault
-        self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, name="workbench", daemon=True)
 
     @property
@@ -102,89 +101,98 @@ def plotly() -> bytes:
     return str(get_plotlyjs()).encode()
 
 
-def _handler(server: Server) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
+class _Listener(ThreadingHTTPServer):
+    """Whoever asks has a thread of their own."""
 
-        def do_GET(self) -> None:
-            name, asked = self._let_in(post=False)
-            if name is not None:
-                self._get(name, asked)
+    daemon_threads = True
 
-        def do_POST(self) -> None:
-            name, _ = self._let_in(post=True)
-            if name is not None:
-                self._post(name)
+    def __init__(self, place: tuple[str, int], page: Server) -> None:
+        self.page = page
+        super().__init__(place, _Handler)
 
-        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
-            """The terminal is for what the user should see."""
 
-        def _let_in(self, *, post: bool) -> tuple[str | None, dict[str, str]]:
-            """What is asked for under the token, with its parameters; None where the request is turned away."""
-            parts = urlsplit(self.path)
-            _, token, *rest = [*parts.path.split("/", 2), ""]
-            if not comes_from_page(self.headers, server.hosts, post=post):
-                self._refuse(403, "this page answers its own requests alone")
-            elif not hmac.compare_digest(token.encode(), server.token.encode()):
-                self._refuse(404, "the address has no token, or another's: open the one that was printed")
-            else:
-                asked = {key: values[-1] for key, values in parse_qs(parts.query).items()}
-                return rest[0], asked
-            return None, {}
+class _Handler(BaseHTTPRequestHandler):
+    """One request."""
 
-        def _get(self, name: str, asked: dict[str, str]) -> None:
-            if name in PAGE_FILES:
-                file, kind = PAGE_FILES[name]
-                self._whole(200, kind, (PAGE / file).read_bytes())
-            elif name == PLOTLY:
-                self._whole(200, "text/javascript; charset=utf-8", plotly(), keep=True)
-            elif name in ANSWERS:
-                self._answer(lambda: ANSWERS[name](server.bench, asked))
-            else:
-                self._refuse(404, "there is no such page")
+    protocol_version = "HTTP/1.1"
+    server: _Listener
 
-        def _post(self, name: str) -> None:
-            size = self.headers.get("Content-Length", "")
-            if not size.isdecimal() or int(size) > LARGEST:
-                self._refuse(413, "an action is short")
-                return
-            body = self.rfile.read(int(size))
-            if name != "act" or self.headers.get_content_type() != "application/json":
-                self._refuse(404, "there is no such action")
-                return
-            self._answer(lambda: _act(server.bench, parse_json(body, where="the page")))
+    def do_GET(self) -> None:
+        name, asked = self._let_in(post=False)
+        if name is not None:
+            self._get(name, asked)
 
-        def _answer(self, make: Callable[[], Answer | dict[str, Any]]) -> None:
-            try:
-                made = make()
-            except TactilevisionError as fault:
-                self._refuse(409, str(fault))
-            except (KeyError, ValueError, TypeError) as fault:
-                self._refuse(400, f"the request is not understood: {fault}")
-            else:
-                if isinstance(made, dict):
-                    made = Answer("application/json", as_json(made).encode())
-                self._whole(200, made.kind, made.content, more=made.headers)
+    def do_POST(self) -> None:
+        name, _ = self._let_in(post=True)
+        if name is not None:
+            self._post(name)
 
-        def _refuse(self, status: int, why: str) -> None:
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
+        """The terminal is for what the user should see."""
+
+    def _let_in(self, *, post: bool) -> tuple[str | None, dict[str, str]]:
+        """What is asked for under the token, with its parameters; None where the request is turned away."""
+        page, parts = self.server.page, urlsplit(self.path)
+        _, token, *rest = [*parts.path.split("/", 2), ""]
+        if not comes_from_page(self.headers, page.hosts, post=post):
+            self._refuse(403, "this page answers its own requests alone")
+        elif not hmac.compare_digest(token.encode(), page.token.encode()):
+            self._refuse(404, "the address has no token, or another's: open the one that was printed")
+        else:
+            return rest[0], {key: values[-1] for key, values in parse_qs(parts.query).items()}
+        return None, {}
+
+    def _get(self, name: str, asked: dict[str, str]) -> None:
+        if name in PAGE_FILES:
+            file, kind = PAGE_FILES[name]
+            self._whole(200, kind, (PAGE / file).read_bytes())
+        elif name == PLOTLY:
+            self._whole(200, "text/javascript; charset=utf-8", plotly(), keep=True)
+        elif name in ANSWERS:
+            self._answer(lambda: ANSWERS[name](self.server.page.bench, asked))
+        else:
+            self._refuse(404, "there is no such page")
+
+    def _post(self, name: str) -> None:
+        size = self.headers.get("Content-Length", "")
+        if not size.isdecimal() or int(size) > LARGEST:
+            self._refuse(413, "an action is short")
+            return
+        body = self.rfile.read(int(size))
+        if name != "act" or self.headers.get_content_type() != "application/json":
+            self._refuse(404, "there is no such action")
+            return
+        self._answer(lambda: _act(self.server.page.bench, parse_json(body, where="the page")))
+
+    def _answer(self, make: Callable[[], Answer | dict[str, Any]]) -> None:
+        try:
+            made = make()
+        except TactilevisionError as fault:
+            self._refuse(409, str(fault))
+        except (KeyError, ValueError, TypeError) as fault:
+            self._refuse(400, f"the request is not understood: {fault}")
+        else:
+            if isinstance(made, dict):
+                made = Answer("application/json", as_json(made).encode())
+            self._whole(200, made.kind, made.content, more=made.headers)
+
+    def _refuse(self, status: int, why: str) -> None:
+        self.close_connection = True
+        self._whole(status, "application/json", json.dumps({"error": why}).encode())
+
+    def _whole(
+        self, status: int, kind: str, content: bytes, *, more: Mapping[str, str] | None = None, keep: bool = False
+    ) -> None:
+        kept = "private, max-age=86400" if keep else "no-store"
+        head = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": kept}
+        try:
+            self.send_response(status)
+            for key, value in {**HEADERS, **head, **(more or {})}.items():
+                self.send_header(key, value)
+            self.end_headers()
+            self.wfile.write(content)
+        except OSError:  # the browser has gone
             self.close_connection = True
-            self._whole(status, "application/json", json.dumps({"error": why}).encode())
-
-        def _whole(
-            self, status: int, kind: str, content: bytes, *, more: Mapping[str, str] = {}, keep: bool = False
-        ) -> None:
-            kept = "private, max-age=86400" if keep else "no-store"
-            head = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": kept}
-            try:
-                self.send_response(status)
-                for key, value in {**HEADERS, **head, **more}.items():
-                    self.send_header(key, value)
-                self.end_headers()
-                self.wfile.write(content)
-            except OSError:  # the browser has gone
-                self.close_connection = True
-
-    return Handler
 
 
 def comes_from_page(headers: Any, hosts: tuple[str, ...], *, post: bool) -> bool:

@@ -24,7 +24,7 @@ from tactilevision.plots.diagnosis import Overlay
 from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.misfit import ErrorFall
 
-MN, UM = 1e3, 1e3  # of a N and of a mm
+MN = 1e3  # mN of a N, and um of a mm
 
 
 def state_view(bench: Bench) -> dict[str, Any]:
@@ -93,15 +93,14 @@ def _falls(found: Comparison) -> list[ErrorFall]:
 
 def _fall(fall: ErrorFall) -> dict[str, Any]:
     force = fall.unit == "N"
-    scale = MN if force else UM
     return {
         "of": "the force" if force else "the depth that the picture reads",
         "unit": "mN" if force else "µm",
         "models": list(fall.models),
         "colours": list(model_colours(len(fall.models))),
-        "error": [scale * one for one in fall.error],
-        "repeatability": scale * fall.repeatability,
-        "band": None if fall.band is None else [scale * end for end in fall.band],
+        "error": [MN * one for one in fall.error],
+        "repeatability": MN * fall.repeatability,
+        "band": None if fall.band is None else [MN * end for end in fall.band],
         "held_out": fall.held_out,
         "sentence": fall_sentence(fall),
         "reached": fall.band is not None and fall.error[-1] <= fall.band[1],
@@ -112,19 +111,18 @@ def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
     """The law, then each effect in the order added, with its parameters as they are fitted now."""
     last = found.models[-1]
     law = {"key": "", "title": "contact law: flat punch", "parameters": _parameters(last, ""), "own": False}
-    rows = [law]
-    for model in (last, *found.pictured[-1:]):
-        for key in model.effects:
-            rows.append(
-                {
-                    "key": key,
-                    "title": in_words(key),
-                    "about": _about(opened.effect(key)),
-                    "parameters": _parameters(model, key),
-                    "own": opened.kind(key) == "your own",
-                }
-            )
-    return rows
+    added = [
+        {
+            "key": key,
+            "title": in_words(key),
+            "about": _about(opened.effect(key)),
+            "parameters": _parameters(model, key),
+            "own": opened.kind(key) == "your own",
+        }
+        for model in (last, *found.pictured[-1:])
+        for key in model.effects
+    ]
+    return [law, *added]
 
 
 def _about(effect: object) -> str:

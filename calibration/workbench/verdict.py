@@ -1,4 +1,4 @@
-"""`diagnose` beside the page: in a process of its own, so that a click never waits for it, ended when it is stale."""
+"""`diagnose` beside the page: in a process of its own, so that no click waits for it; ended when it is stale."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def diagnosed(question: Question, tell: Callable[[str], None]) -> Verdict:
     own = {effect.key: effect for effect in (load_effect(path) for path in question.own)}
     known = [own[key] if key in own else get_effect(key) for key in question.known]
 
-    def progress(_done: int, _total: int, what: str = "") -> None:
+    def progress(done: int, total: int, what: str = "") -> None:
         tell(what)
 
     found = diagnose(

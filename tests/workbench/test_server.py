@@ -6,7 +6,6 @@ import http.client
 import json
 import socket
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -144,9 +143,15 @@ def test_an_action_that_is_none_is_refused(
 
 @pytest.mark.parametrize(
     "path",
-    ["tried?name=x&value=0", "tried", "picture?recording=0&number=0", "frames?recording=9&press=p0", "state?since=x",
-     "height?recording=-1&number=0"],
-)  # fmt: skip
+    [
+        "tried?name=x&value=0",
+        "tried",
+        "picture?recording=0&number=0",
+        "frames?recording=9&press=p0",
+        "state?since=x",
+        "height?recording=-1&number=0",
+    ],
+)
 def test_a_question_without_an_answer_is_refused_with_a_reason(server: Server, path: str) -> None:
     status, _, content = ask(server, path)
     assert status in (400, 409)
