@@ -75,7 +75,7 @@ function show() {
   if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh beside it.`));
   fill("warnings", state.warnings.map((text) => h("li", {}, text)));
   tick();
-  part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached])], showVerdict);
+  part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
   part("falls", state.falls, showFalls);
   part("components", [state.components, state.material], showComponents);
   part("cards", state.cards, showCards);
@@ -91,7 +91,7 @@ function tick() {
   $("busy").textContent = state && state.busy ? `${state.busy}${seconds > 1 ? `, ${seconds.toFixed(0)} s` : ""}` : "";
 }
 
-function showVerdict([verdict, falls]) {
+function showVerdict([verdict, falls, modulus]) {
   const withWords = verdict.with.length ? `With ${verdict.with.join(" and ")} in the model` : "With the plain law alone";
   const clean = verdict.word === "ADEQUATE";
   $("verdict").className = verdict.word ? (clean ? "clean" : "found") : "";
@@ -101,6 +101,7 @@ function showVerdict([verdict, falls]) {
         verdict.asking ? h("span", { class: "soft" }, ` (${verdict.asking} …)`) : ""),
     h("p", { class: "soft" }, `${withWords}.`),
     falls.map(([sentence, reached]) => h("p", { class: reached ? "good" : "" }, sentence)),
+    modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
       one.gain ? `, expected to part the candidates by ${one.gain} std)` : ")")))] : "");
@@ -115,16 +116,22 @@ function showFalls(falls) {
 
 function showComponents([components, material]) {
   fill("components", components.map((one) => h("div", { class: "box" },
-    h("div", { class: "bar" }, h("h3", {}, one.title), one.key ? h("button", { onclick: () => act("remove", one.key), "data-remove": one.key }, "Remove") : ""),
+    h("div", { class: "bar" }, h("h3", {}, one.title), one.key ? h("button", { onclick: () => { act("remove", one.key); toTop(); }, "data-remove": one.key }, "Remove") : ""),
     one.about ? h("p", { class: "soft" }, one.about) : "",
-    one.parameters.map((p) => h("div", {}, h("label", {}, `${p.words}: ${p.text}`,
-      p.fixed || p.low >= p.high ? "" : h("input", { type: "range", min: p.low, max: p.high, step: (p.high - p.low) / 200, value: p.value,
-        "data-name": p.name, oninput: (event) => slide(p, event.target), onchange: (event) => slide(p, event.target) })))))),
-  components.length ? h("p", { class: "soft" }, "Sliders only show: the dotted line is the force with one value moved and all else held. ",
-    h("button", { class: "link", onclick: letGo }, "Back to the fit")) : "");
-  fill("material", material.length ? h("table", {}, h("caption", { class: "soft" }, "What it says of the gel"),
+    one.parameters.map((p) => h("div", {}, `${p.words}: ${p.text}`)), sliders(one))));
+  fill("material", material.length ? h("details", { open: open.has("sliders gel"), ontoggle: (e) => keepOpen("sliders gel", e.target.open) }, h("summary", {}, "What it says of the gel"), h("table", {},
     h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "plain law"), h("th", { scope: "col" }, "now"))),
-    h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now))))) : "");
+    h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now)))))) : "");
+}
+
+/** One slider a value that is fitted; folded away, since it only shows. */
+function sliders(component) {
+  const moved = component.parameters.filter((p) => !p.fixed && p.low < p.high), name = `sliders ${component.key}`;
+  return !moved.length ? "" : h("details", { open: open.has(name), ontoggle: (e) => keepOpen(name, e.target.open) }, h("summary", {}, "Move a value"),
+    moved.map((p) => h("label", {}, p.words, h("input", { type: "range", min: p.low, max: p.high, step: (p.high - p.low) / 200, value: p.value,
+      oninput: (event) => slide(p, event.target) }))),
+    h("p", { class: "soft" }, "The dotted green line is the force with one value moved and all else held. The fit stays. ",
+      h("button", { class: "link", onclick: letGo }, "Back to the fit")));
 }
 
 async function slide(parameter, input) {
@@ -143,6 +150,12 @@ function letGo() {
   tried = null; drawn.components = ""; show(); if (curves) showCurves();
 }
 
+/** The error falls above: there the eye should be. */
+function toTop() {
+  $("fall-title").focus({ preventScroll: true });
+  scrollTo({ top: 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
+}
+
 function badge(card) {
   if (card.named) return h("span", { class: "badge bad" }, "named by the diagnosis");
   if (card.candidate) return h("span", { class: "badge bad" }, "cannot be told apart");
@@ -153,7 +166,7 @@ function showCards(cards) {
   const far = cards.filter((one) => !one.stands_out && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not looked at");
   const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|far|cannot)$/.test(key)) open.delete(key);
   fill("cards",
     cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
     cards.length && !near.length ? h("p", {}, "Nothing stands out any more.") : "",
@@ -170,7 +183,7 @@ function keepOpen(name, is) { if (is) open.add(name); else open.delete(name); }
 function cardOf(card) {
   return h("div", { class: card.named ? "box named" : "box", "data-card": card.key },
     h("div", { class: "bar" }, h("h3", {}, card.title), h("button", { class: card.named || card.candidate ? "main" : "", "data-add": card.key,
-      onclick: () => { act("add", card.key); $("model-title").focus({ preventScroll: true }); } }, "Add")),
+      onclick: () => { act("add", card.key); toTop(); } }, "Add")),
     card.about ? h("p", {}, card.about) : "",
     h("p", { class: card.stands_out ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
     card.why ? h("p", { class: "bad" }, card.why) : "",
