@@ -3,7 +3,8 @@
     TactilevisionError
     ├── InputError          mend the file, the option or the argument      exit code 2
     │   ├── RecordingError  ... a file of a recording folder (FORMAT: docs/format.md)
-    │   └── OutputError     ... the place that results should go to (full disk, no permission)
+    │   ├── OutputError     ... the place that results should go to (full disk, no permission)
+    │   └── ClusterError    ... the cluster that should do the work
     ├── NothingCertified    measure again: no press of the recording can be trusted   exit code 3
     └── ConvergenceError    a solver stopped before its tolerance; its result is not handed out
 
@@ -47,6 +48,10 @@ class RecordingError(InputError):
 
 class OutputError(InputError):
     """Results cannot be written where they should go."""
+
+
+class ClusterError(InputError):
+    """A cluster cannot be reached, has no workers, or theirs are of another version."""
 
 
 class NothingCertified(TactilevisionError):

@@ -1,5 +1,5 @@
-"""The blind test: python -m benchmarks.blind [--small] [--repeats N] [--seed N] [--jobs N] [--log FILE]
-[--most N] [--diagnose-only].
+"""The blind test: python -m benchmarks.blind [--small] [--repeats N] [--seed N] [--jobs N] [--cluster ADDRESS]
+[--log FILE] [--most N] [--diagnose-only].
 
 Makes recordings by a path of its own, hides effects in them, lets the diagnosis and two naive ways look at
 them, and
@@ -25,7 +25,9 @@ def main(arguments: Sequence[str] = ()) -> None:
     said: dict[str, list[Result]] = {}
     print(f"{len(cases)} recordings, seeds {cases[0].seed} to {cases[-1].seed}")
     cases = cases[: options.most]
-    outcomes = run(cases, options.log, jobs=options.jobs, with_naive=not options.diagnose_only)
+    outcomes = run(
+        cases, options.log, jobs=options.jobs, cluster=options.cluster, with_naive=not options.diagnose_only
+    )
     for number, outcome in enumerate(outcomes, start=1):
         for who, result in outcome.items():
             said.setdefault(who, []).append(result)
@@ -63,6 +65,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--repeats", type=int, default=4, help="recordings of each effect")
     parser.add_argument("--seed", type=int, default=1, help="the first recording's seed")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--cluster", help="a Dask scheduler's address or file, instead of processes")
     parser.add_argument("--log", type=Path, help="keeps results as they come; a run that was cut goes on from it")
     parser.add_argument("--most", type=int, help="only the first so many: run it again with more to go on")
     parser.add_argument("--diagnose-only", action="store_true", help="leave the naive ways out")

@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks.blind.analyst import Finding, diagnosing, naive
 from benchmarks.blind.cases import Case, make
 from benchmarks.blind.score import Result
+from tactilevision.cluster.pool import cluster_pool
 
 
 def run_case(case: Case, *, with_naive: bool) -> dict[str, Result]:
@@ -31,17 +32,25 @@ def run_case(case: Case, *, with_naive: bool) -> dict[str, Result]:
 
 
 def run(
-    cases: Sequence[Case], log: Path | None = None, *, jobs: int = 1, with_naive: bool = True
+    cases: Sequence[Case],
+    log: Path | None = None,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    with_naive: bool = True,
 ) -> Iterator[dict[str, Result]]:
-    """All cases, in order; `log` keeps them as lines of JSON, and those found in it are not run again."""
+    """All cases, in order; `log` keeps them as lines of JSON, and those found in it are not run again.
+
+    `cluster` is a Dask scheduler's address or file: its workers then take the place of `jobs` processes.
+    """
     done = {} if log is None or not log.exists() else _kept(log.read_text(encoding="utf-8").splitlines())
     left = [case for case in cases if case not in done]
     yield from (done[case] for case in cases if case in done)
-    if jobs == 1:
+    if jobs == 1 and cluster is None:
         outcomes: Iterable[dict[str, Result]] = (run_case(case, with_naive=with_naive) for case in left)
         yield from _logged(outcomes, log)
         return
-    with ProcessPoolExecutor(jobs) as pool:
+    with ProcessPoolExecutor(jobs) if cluster is None else cluster_pool(cluster) as pool:
         yield from _logged(pool.map(run_case_of, [(case, with_naive) for case in left]), log)
 
 

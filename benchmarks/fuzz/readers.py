@@ -17,6 +17,10 @@ from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import read_arrays
 from tactilevision.exports.tiff import read_tiff
 from tactilevision.force.calibrated import check_gel, read_clock_offset, read_material
+from tactilevision.logs.lerobot.dataset import read_dataset
+from tactilevision.logs.lerobot.pictures import pictures
+from tactilevision.logs.log import Log
+from tactilevision.logs.messages import WrenchReading, decode_picture, decode_wrench
 from tactilevision.photometric.storage import digest, load_method, load_network
 from tactilevision.profile import contents
 from tactilevision.profile.model import Profile
@@ -26,6 +30,7 @@ from tactilevision.recording.frames import iter_frames
 from tactilevision.recording.images import read_image
 from tactilevision.records import Gel
 
+TACTILE = "observation.images.tactile"
 Form = Literal["table", "toml", "json", "npy", "npz", "tiff", "picture", "bytes"]
 
 
@@ -132,6 +137,25 @@ def _read_map(folder: Path) -> Any:
     return {name: array.shape for name, array in read_arrays(folder / "map.npz").items()}
 
 
+def _log(name: str) -> Reader:
+    return Reader(name, "bytes", lambda folder: seeds.log(folder, name), lambda folder: _read_log(folder / name))
+
+
+def _read_log(path: Path) -> Any:
+    read = {"/camera": decode_picture, "/ft": decode_wrench}
+    found: list[Any] = [read[one.topic](one, path) for one in Log(path).messages(read)]
+    return [one.force_N for one in found if isinstance(one, WrenchReading)], len(found)
+
+
+def _dataset(file: str, form: Form = "bytes") -> Reader:
+    return Reader(file, form, seeds.dataset, _read_dataset)
+
+
+def _read_dataset(folder: Path) -> Any:
+    found = read_dataset(folder, TACTILE)
+    return found.rate_Hz, [row.time_s for row, _ in pictures(found)]
+
+
 READERS: dict[str, Reader] = {
     **{suffix[1:]: _picture(suffix) for suffix in (".png", ".jpg", ".tiff", ".bmp", ".npy")},
     "video": Reader("frames.avi", "bytes", seeds.film, _read_video, _GAPS),
@@ -156,6 +180,13 @@ READERS: dict[str, Reader] = {
     "history": Reader(
         "history.json", "json", seeds.history, lambda folder: load_history(folder / "history.json"), _ERRORS
     ),
+    "bag": _log("log.bag"),
+    "db3": _log("log.db3"),
+    "mcap": _log("log.mcap"),
+    "set": _dataset("meta/info.json", "json"),
+    "episodes": _dataset("meta/episodes/chunk-000/file-000.parquet"),
+    "rows": _dataset("data/chunk-000/file-000.parquet"),
+    "film": _dataset(f"videos/{TACTILE}/chunk-000/file-000.mp4"),
     "depth": Reader("depth.tiff", "tiff", seeds.depth, _read_depth),
     "map": Reader("map.npz", "npz", seeds.depth, _read_map),
     "journal": Reader("journal.csv", "table", seeds.journal, _read_journal, _RESULT),

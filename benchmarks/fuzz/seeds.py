@@ -18,6 +18,7 @@ from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.door.archives import read_archive
 from tactilevision.exports.npz import write_npz
 from tactilevision.exports.tiff import write_tiff
+from tactilevision.logs.write import depth_message, open_writer, wrench_message
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
@@ -34,6 +35,7 @@ from tactilevision.synthetic.writing import write_toml
 
 FINGERPRINT = "0" * 64
 HEIGHT, WIDTH = 10, 12  # px
+_DATA_SET = Path(__file__).parents[2] / "tests" / "data" / "lerobot_v3"
 _MODELS = Path(__file__).parents[2] / "models"
 
 
@@ -68,6 +70,29 @@ def recording(folder: Path) -> None:
     about = {"format": layout.FORMAT, "name": "seed", "date": "2026-11-21", "sensor": sensor, "force": force}
     write_toml(folder / layout.SETTINGS, about | {"clock": {"offset_s": 0.1}, "indenter": {"A": indenter}})
     _tables(folder)
+
+
+def log(folder: Path, name: str) -> None:
+    """A log of two wrenches and a small map, by its ending."""
+    path = folder / name
+    with open_writer(path if path.suffix != ".db3" else path.with_suffix("")) as (put, kind):
+        for number in range(2):
+            about: dict[str, Any] = {"time_ns": 10**18 + number * 10**8, "frame_id": "pad", "encoding": kind}
+            put("/ft", wrench_message(np.ones(3), np.ones(3), **about), about["time_ns"])
+        image = depth_message(_map(), **about)
+        image.encoding, image.step, image.data = "rgb8", 3 * WIDTH, pixels().ravel()
+        put("/camera", image, about["time_ns"])
+    for found in path.with_suffix("").glob("*.db3"):
+        found.replace(path)
+
+
+def dataset(folder: Path) -> None:
+    """A data set that LeRobot wrote."""
+    shutil.copytree(_DATA_SET, folder, dirs_exist_ok=True)
+
+
+def _map() -> HeightMap:
+    return HeightMap(np.zeros((HEIGHT, WIDTH), np.float32), np.ones((HEIGHT, WIDTH), bool), (0.06, 0.06))
 
 
 def _tables(folder: Path) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
+from tactilevision.cluster.connect import check_cluster
 from tactilevision.contact.region import at_border, find_contact
 from tactilevision.door.numbers import read_cells
 from tactilevision.errors import InputError
@@ -125,6 +126,7 @@ def reconstruct_folder(
     out: Path | str,
     *,
     workers: int | None = None,
+    cluster: str | None = None,
     progress: Callable[[int, int], None] | None = None,
     form: Form = "tiff",
     anchor: FaceDepthCorrection = NO_CORRECTION,
@@ -135,15 +137,20 @@ def reconstruct_folder(
     `form` "tiff": depth/NAME.tiff, of two frames that differ in their ending alone depth/NAME.ENDING.tiff; "zarr":
     depth.zarr with depth_mm (frames, rows, columns) and frame, the names. `with_std` adds the standard deviation
     of every depth: depth_std/NAME.tiff, or depth_std_mm.
-    `workers` is the number of processes (None: one a core). A frame that cannot be read is listed and passed
+    `workers` is the number of processes (None: one a core); `cluster` the address of a Dask scheduler, or its
+    file, whose workers see the same folders. A frame that cannot be read is listed and passed
     over. An earlier, unfinished run into the same folder with the same recording and method is continued.
     `anchor` holds the faces of certified presses (certificate/depth/face_depth.py).
     """
+    place = Path(out).absolute()  # workers elsewhere are in another folder
+    if cluster is not None:
+        check_cluster(cluster)
     with output_lock(out):
         return _reconstruct(
             recording,
-            DepthJob(reconstructor, Path(out), Path(out) / SCRATCH if form == "zarr" else None, anchor, with_std),
+            DepthJob(reconstructor, place, place / SCRATCH if form == "zarr" else None, anchor, with_std),
             workers=workers,
+            cluster=cluster,
             progress=progress,
         )
 
@@ -153,6 +160,7 @@ def _reconstruct(
     job: DepthJob,
     *,
     workers: int | None,
+    cluster: str | None,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[FrameResult, ...]:
     out, scratch, sensor = job.out, job.scratch, job.reconstructor.sensor
@@ -173,7 +181,9 @@ def _reconstruct(
             fields = dict.fromkeys((f"{kind}_mm" for kind in kinds), "mm")
             begin_frames(scratch, names, fields=fields, shape=(sensor.height_px, sensor.width_px), about=about)
 
-    done = run_job(recording, job, journal=journal, workers=workers, progress=progress, begin=begin)
+    done = run_job(
+        recording, job, journal=journal, workers=workers, cluster=cluster, progress=progress, begin=begin
+    )
     rows = tuple(FrameResult.of(row) for row in done)
     if scratch is not None:
         end_frames(scratch, out / STORE)

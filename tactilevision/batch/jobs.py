@@ -22,6 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilevision.cluster.pool import ClusterPool, EndsWorkers, cluster_pool
 from tactilevision.door.documents import read_text
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.files import append_text, write_text
@@ -32,6 +33,8 @@ from tactilevision.runs import join_lock, worker_pool
 Row = tuple[str, ...]
 Progress = Callable[[int, int], None]
 CHUNK = 4  # frames that a worker reads for itself, one ahead of the other
+SHIPMENT = 16  # frames of a task for a cluster: its hand-over costs some milliseconds
+AHEAD = 3  # tasks that wait for each worker, so that none is idle
 FEW = 12  # frames that are done before a second process has started
 
 
@@ -100,13 +103,15 @@ def run_job(
     *,
     journal: Journal,
     workers: int | None = None,
+    cluster: str | None = None,
     progress: Progress | None = None,
     begin: Callable[[], None] | None = None,
 ) -> list[Row]:
     """Every frame's row in the order of the frames; those that the journal holds are not done again.
 
     `begin` is called first where nothing is left of an earlier run. `progress` is told what was done before,
-    then after each frame, so that a rate taken from it is this run's own.
+    then after each frame, so that a rate taken from it is this run's own. `cluster` is the address of a Dask
+    scheduler, or its file: its workers see the same folders, and this process alone keeps the journal.
     """
     done = journal.read(job)
     if not done:
@@ -118,7 +123,15 @@ def run_job(
     left = [number for number, name in enumerate(names) if name not in done]
     report = progress or (lambda done, total: None)
     report(len(done), len(names))
-    for row in _rows(_bare(recording), left, (job, journal), workers or os.cpu_count() or 1):
+    bare = _bare(recording)
+    rows = (
+        _rows(bare, left, (job, journal), workers or os.cpu_count() or 1)
+        if cluster is None
+        else _rows_of_cluster(bare, left, job, cluster)
+    )
+    for row in rows:
+        if cluster is not None:
+            journal.add(row)
         done[row[0]] = row
         report(len(done), len(names))
     return [done[name] for name in names]
@@ -163,7 +176,7 @@ def as_line(row: Row) -> str:
     return text.getvalue()
 
 
-_at_work: tuple[Recording, Job, Journal] | None = None  # one a process: sent once, not with each frame
+_at_work: tuple[Recording, Job, Journal | None] | None = None  # one a process: sent once, not with each frame
 
 
 def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
@@ -172,6 +185,12 @@ def _start_worker(recording: Recording, job: Job, journal: Journal) -> None:
         os._exit(1)  # the parent has ended, and another run may hold its place
     _on_one_thread()
     _at_work = recording, job, journal
+
+
+def _start_on_cluster(recording: Recording, job: Job) -> None:
+    global _at_work
+    _on_one_thread()
+    _at_work = recording, job, None
 
 
 def _on_one_thread() -> None:
@@ -200,9 +219,10 @@ def _frames(recording: Recording, numbers: Iterable[int]) -> Iterator[Frame | Ba
             yield BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), fault.what)
 
 
-def _do(number: int, frame: Frame | BadFrame, job: Job, journal: Journal) -> Row:
+def _do(number: int, frame: Frame | BadFrame, job: Job, journal: Journal | None) -> Row:
     row = job(frame, number)
-    journal.add(row)
+    if journal is not None:
+        journal.add(row)
     return row
 
 
@@ -226,6 +246,59 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
             ready, pending = wait(pending, return_when=FIRST_COMPLETED)
             for one in ready:
                 yield from one.result()
+
+
+def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: str) -> Iterator[Row]:
+    """Frames whose task ended its workers are tried once more, each alone; one that does it again is named."""
+    if not left:
+        return
+    recording = replace(recording, path=recording.path.absolute(), frames_path=_absolute(recording.frames_path))
+    with cluster_pool(cluster, _start_on_cluster, recording, job) as pool:
+        suspects: list[int] = []
+        pending: dict[Future[list[Row]], list[int]] = {}
+        for numbers, future in _shipments(pool, recording, left):
+            pending[future] = numbers
+            while len(pending) >= AHEAD * pool.width:
+                yield from _landed(pending, suspects)
+        while pending:
+            yield from _landed(pending, suspects)
+        for number in sorted(suspects):
+            ((_, alone),) = _shipments(pool, recording, [number])
+            try:
+                yield from alone.result()
+            except EndsWorkers:
+                why = "it ended every process that worked on it"
+                yield job(
+                    BadFrame(recording.frame_names[number], float(recording.frame_times_s[number]), why), number
+                )
+
+
+def _landed(pending: dict[Future[list[Row]], list[int]], suspects: list[int]) -> Iterator[Row]:
+    ready, _ = wait(pending, return_when=FIRST_COMPLETED)
+    for future in ready:
+        numbers = pending.pop(future)
+        try:
+            yield from future.result()
+        except EndsWorkers:
+            suspects.extend(numbers)
+
+
+def _shipments(
+    pool: ClusterPool, recording: Recording, left: list[int]
+) -> Iterator[tuple[list[int], Future[list[Row]]]]:
+    """Pictures are read by the workers themselves; of a video each frame is sent."""
+    assert recording.frames_path is not None
+    if recording.frames_path.is_dir():
+        for start in range(0, len(left), SHIPMENT):
+            numbers = left[start : start + SHIPMENT]
+            yield numbers, pool.submit(_read_and_do, numbers)
+        return
+    for number, frame in zip(left, _frames(recording, left), strict=True):
+        yield [number], pool.submit(_do_all, number, frame)
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return None if path is None else path.absolute()
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:

@@ -15,8 +15,9 @@ from pathlib import Path
 
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
 from tactilevision.batch.jobs import fingerprint_of
+from tactilevision.cluster.connect import check_cluster
 from tactilevision.door.documents import read_text
-from tactilevision.errors import InputError, OutputError, RecordingError
+from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError
 from tactilevision.files import write_text
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, layout
@@ -64,6 +65,7 @@ def reconstruct_tree(
     light: Light,
     form: Form = "tiff",
     workers: int | None = None,
+    cluster: str | None = None,
     progress: Progress | None = None,
     with_std: bool = False,
     method: str = "",
@@ -74,13 +76,15 @@ def reconstruct_tree(
     A run that was cut off goes on where it was: sources that it finished are known by their depth.csv. Raises
     InputError where no source is found.
     """
+    if cluster is not None:
+        check_cluster(cluster)
     with output_lock(out):
         return _reconstruct(
             Path(root),
             Path(out),
             read=read,
             light=light,
-            run=partial(reconstruct_folder, workers=workers, form=form, with_std=with_std),
+            run=partial(reconstruct_folder, workers=workers, cluster=cluster, form=form, with_std=with_std),
             way=" ".join((form, "with std" if with_std else "", method)),
             progress=progress,
         )
@@ -144,7 +148,7 @@ def _branch(name: str, recording: Recording, out: Path, *, light: Light, run: Ru
     place = out / name
     try:
         rows = run(recording, light(recording), place)
-    except OutputError:
+    except (OutputError, ClusterError):
         raise
     except InputError as fault:
         return Branch(name, why=str(fault))

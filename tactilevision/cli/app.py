@@ -15,7 +15,10 @@ from tactilevision.cli import (
     compare,
     depth,
     diagnose,
+    export_log,
     force,
+    import_log,
+    lerobot,
     live,
     plan,
     simulate,
@@ -59,6 +62,9 @@ app.command("workbench")(alone(workbench.workbench))
 app.command("new-effect")(diagnose.new_effect)
 app.command("live")(live.live)
 app.command("force")(alone(force.force))
+app.command("import")(alone(import_log.import_log))
+app.command("export")(alone(export_log.export_log, file=True))
+app.command("lerobot")(alone(lerobot.lerobot))
 app.command("plan")(plan.plan)
 app.command("validate")(alone(validate.validate))
 app.command("tabulate")(alone(tabulate.tabulate))

@@ -30,10 +30,7 @@ def calibrate_sensor(
     reference: source.ReferenceOption = None,
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
-    ball_radius_mm: Annotated[
-        float | None,
-        typer.Option(min=0.01, help="For a bare folder of ball presses: the radius of the ball, of all alike."),
-    ] = None,
+    ball_radius_mm: source.BallOption = None,
     calibration: Annotated[
         Path | None, typer.Option(help="calibration.json, with E and nu; made here if left out and if possible.")
     ] = None,
@@ -77,26 +74,7 @@ class _Known:
 
 
 def _open(path: Path, chosen: source.Choice, ball_radius_mm: float | None, serial: str | None) -> Recording:
-    from tactilevision.errors import InputError
-    from tactilevision.recording import layout, read_ball_folder
-
-    if chosen.profile is not None:
-        raise InputError(
-            "a profile is made of a sensor that has none yet",
-            where="--sensor",
-            value=chosen.sensor,
-            remedy="Name the kind of sensor, or a TOML file.",
-        )
-    if (path / layout.SETTINGS).is_file() or not path.exists():
-        recording = chosen.open(path)
-    else:
-        recording = read_ball_folder(
-            path,
-            chosen.sensor,
-            reference=chosen.reference,
-            mm_per_px=chosen.mm_per_px,
-            ball_radius_mm=ball_radius_mm,
-        )
+    recording = source.open_balls(path, chosen, ball_radius_mm)
     return recording if serial is None else replace(recording, sensor=replace(recording.sensor, serial=serial))
 
 

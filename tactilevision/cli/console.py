@@ -32,6 +32,10 @@ FormatOption = Annotated[
         "--format", help="Write each figure in this form, too; PNG is always written, and in the report."
     ),
 ]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option("--cluster", metavar="ADDRESS", help="A Dask cluster: tcp://HOST:PORT, or its scheduler file."),
+]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
 PriorOption = Annotated[

@@ -48,6 +48,7 @@ def depth(
     even_so: source.EvenSoOption = False,
     shadows: source.ShadowsOption = True,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
@@ -58,7 +59,7 @@ def depth(
     warned: list[str] = []
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
     light = _teller(chosen, warned)
-    how: dict[str, Any] = {"form": form.value, "workers": workers, "with_std": with_std}
+    how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
         if calibration is not None:

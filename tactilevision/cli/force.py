@@ -42,6 +42,7 @@ def force(
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
     shadows: source.ShadowsOption = True,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
     json: console.JsonOption = None,
 ) -> None:
@@ -57,7 +58,9 @@ def force(
     reconstructor, anchor = job.reconstructor, job.anchor
     console.warn([*recording.warnings, *reconstructor.warnings])
     with console.progress_bar("frames") as progress:
-        rows = force_folder(recording, job, clock_offset_s=offset, workers=workers, progress=progress)
+        rows = force_folder(
+            recording, job, clock_offset_s=offset, workers=workers, cluster=cluster, progress=progress
+        )
     read = [row for row in rows if row.read]
     console.say(f"{len(read)} of {len(rows)} frames: {job.store.path}, {out / 'resultants.csv'}")
     console.say_first([f"  {row.frame}: {row.why}" for row in rows if not row.read], out / "resultants.csv")

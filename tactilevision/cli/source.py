@@ -45,6 +45,10 @@ MethodOption = Annotated[
         help="polynomial, auto, lookup, network, or a file that `train` made; left out: the best there is."
     ),
 ]
+BallOption = Annotated[
+    float | None,
+    typer.Option(min=0.01, help="Of ball presses without a table: the radius of the ball, of all alike."),
+]
 EvenSoOption = Annotated[
     bool, typer.Option("--even-so", help="Go on though the light's calibration fails its own balls.")
 ]
@@ -171,6 +175,28 @@ class Choice:
         if self.reference is None and self.mm_per_px is None:
             return read_recording(path)
         return read_folder(path, reference=self.reference, mm_per_px=self.mm_per_px)
+
+
+def open_balls(path: Path, chosen: Choice, ball_radius_mm: float | None) -> Recording:
+    """Read a recording, or a bare folder of ball presses whose sensor is named."""
+    from tactilevision.recording import layout, read_ball_folder
+
+    if chosen.profile is not None:
+        raise InputError(
+            "a profile is made of a sensor that has none yet",
+            where="--sensor",
+            value=chosen.sensor,
+            remedy="Name the kind of sensor, or a TOML file.",
+        )
+    if (path / layout.SETTINGS).is_file() or not path.exists():
+        return chosen.open(path)
+    return read_ball_folder(
+        path,
+        chosen.sensor,
+        reference=chosen.reference,
+        mm_per_px=chosen.mm_per_px,
+        ball_radius_mm=ball_radius_mm,
+    )
 
 
 def is_tree(path: Path) -> bool:

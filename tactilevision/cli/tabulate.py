@@ -32,8 +32,9 @@ def tabulate(
     a_over_h: Numbers = None,
     edge_over_h: Numbers = None,
     processes: Annotated[int | None, typer.Option(min=1, help="How many; left out: all cores.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask cluster that runs already; else this machine.")
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", "--scheduler", metavar="ADDRESS", help="A Dask cluster, or its scheduler file."),
     ] = None,
     json: console.JsonOption = None,
 ) -> None:
@@ -47,7 +48,7 @@ def tabulate(
 
     grid = _grid(law, friction, poisson_ratio, a_over_h, edge_over_h)
     cases, folder = list(grid.cases()), out / "cases"
-    with _workers(processes, scheduler) as workers, console.progress_bar("solving") as bar:
+    with _workers(processes, cluster) as workers, console.progress_bar("solving") as bar:
 
         def report(progress: Progress) -> None:
             bar(progress.done, progress.total, f"({_words(progress.left_s)} left)")
@@ -58,11 +59,12 @@ def tabulate(
     console.hand_over({"cases": len(cases), "solved_now": now, "table": str(out / "punch.npz")}, json)
 
 
-def _workers(processes: int | None, scheduler: str | None) -> AbstractContextManager[Executor | None]:
+def _workers(processes: int | None, cluster: str | None) -> AbstractContextManager[Executor | None]:
+    from tactilevision.cluster.pool import cluster_pool
     from tactilevision.mechanics.tables import tabulate as method
 
-    if scheduler is not None:
-        return method.cluster(scheduler)
+    if cluster is not None:
+        return cluster_pool(cluster)
     return nullcontext() if processes == 1 else method.processes(processes)
 
 

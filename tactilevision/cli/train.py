@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tactilevision.cli import console
+from tactilevision.cli import source as sources
 from tactilevision.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,12 +19,23 @@ if TYPE_CHECKING:
 
 
 def train(
-    recording: Annotated[Path, typer.Argument(help="A recording with reference/flat and reference/ball.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A recording, or a folder of ball presses and flats, gs_sdk's too.")
+    ],
     method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "polynomial",
     out: Annotated[
         Path, typer.Option("--out", help="The method's file; its card and figure lie beside it.")
     ] = Path("method.npz"),
     licence: Annotated[str, typer.Option(help="Of the method's file, for its card.")] = "not stated",
+    guide: Annotated[
+        bool,
+        typer.Option("--guide", help="First draw the balls' circles on a page; writes a profile, too."),
+    ] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the guide's page; 0: any free one.")] = 0,
+    sensor: sources.SensorOption = None,
+    reference: sources.ReferenceOption = None,
+    mm_per_px: sources.ScaleOption = None,
+    ball_radius_mm: sources.BallOption = None,
 ) -> None:
     """Calibrate a photometric method, to be used later with --method FILE.
 
@@ -33,7 +45,6 @@ def train(
     from tactilevision.photometric import PHOTOMETRIC
     from tactilevision.photometric.card import provenance
     from tactilevision.reconstruct import build_reconstructor
-    from tactilevision.recording import read_recording
 
     if method not in PHOTOMETRIC:
         raise InputError(
@@ -42,7 +53,10 @@ def train(
             value=method,
             remedy="Known are " + ", ".join(PHOTOMETRIC) + ".",
         )
-    source = read_recording(recording)
+    chosen = sources.Choice(sensor, reference, None, mm_per_px)
+    if guide:
+        _guide(recording, chosen, ball_radius_mm, method=method, port=port)
+    source = _read(recording, chosen, ball_radius_mm)
     if not source.balls:
         raise InputError(
             "no ball presses to train on",
@@ -58,6 +72,48 @@ def train(
     _save(made.referenced.with_card(card), out, network=method == "network")
     shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
+    if guide:
+        _save_profile(source, made, out)
+
+
+def _read(path: Path, chosen: sources.Choice, ball_radius_mm: float | None) -> Recording:
+    from tactilevision.recording import layout, read_recording
+
+    if chosen == sources.Choice() and ((path / layout.SETTINGS).is_file() or not path.exists()):
+        return read_recording(path)  # one without frames serves
+    return sources.open_balls(path, chosen, ball_radius_mm)
+
+
+def _guide(path: Path, chosen: sources.Choice, ball_radius_mm: float | None, *, method: str, port: int) -> None:
+    """Serve the page until a person is done; the table of balls is then as drawn."""
+    from tactilevision.profile.guide import Guide, Session
+    from tactilevision.profile.guide.labels import start_table
+    from tactilevision.runs import output_lock
+
+    start_table(path, ball_radius_mm)
+    with console.progress_bar("looking for balls"):
+        session = Session(
+            _read(path, chosen, ball_radius_mm), method="polynomial" if method == "network" else method
+        )
+    with output_lock(session.table, file=True), Guide(session, port=port) as page:
+        console.say(f"draw the circles at {page.address}", "Ctrl-C ends without writing them")
+        page.wait()
+    console.say(f"wrote {session.table}")
+
+
+def _save_profile(source: Recording, made: Reconstructor, out: Path) -> None:
+    """The sensor's profile beside the method: light alone, no E and nu."""
+    from tactilevision.profile.contents import SUFFIX
+    from tactilevision.profile.make import make_profile
+    from tactilevision.profile.write import write_profile
+
+    try:
+        with console.progress_bar("making the profile"):
+            write_profile(make_profile(source, made), out.with_suffix(SUFFIX))
+    except InputError as fault:  # the method stands without it
+        console.warn([f"no profile: {fault}"])
+        return
+    console.say(f"wrote {out.with_suffix(SUFFIX)}, for --sensor")
 
 
 def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:

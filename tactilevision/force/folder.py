@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_reading
+from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import InputError
 from tactilevision.files import write_text
 from tactilevision.force.compliance import GelCompliance
@@ -41,15 +42,26 @@ def force_folder(
     *,
     clock_offset_s: float | None = None,
     workers: int | None = None,
+    cluster: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[FrameForce, ...]:
     """Write the tractions of every frame (store.py) and resultants.csv; returns its rows in the frames' order.
 
     `job` is what `force_job` gives. `clock_offset_s` (F/T minus camera) stands in where the recording does not
-    state it. A frame that cannot be read is listed with the reason. An unfinished run of the same job goes on.
+    state it. `cluster` as in batch/folder.py. A frame that cannot be read is listed with the reason. An unfinished
+    run of the same job goes on.
     """
+    if cluster is not None:
+        check_cluster(cluster)
     with output_lock(job.store.out):
-        return _solve(recording, job, Readings(recording, clock_offset_s), workers=workers, progress=progress)
+        return _solve(
+            recording,
+            job,
+            Readings(recording, clock_offset_s),
+            workers=workers,
+            cluster=cluster,
+            progress=progress,
+        )
 
 
 def _solve(
@@ -58,6 +70,7 @@ def _solve(
     readings: Readings,
     *,
     workers: int | None,
+    cluster: str | None,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[FrameForce, ...]:
     store, names = job.store, recording.frame_names
@@ -65,7 +78,13 @@ def _solve(
     seen = way_of_reading(recording, job.reconstructor.height_map)
     journal = Journal(store.out / JOURNAL, fingerprint_of(recording, store, seen, *_what_decides(job)))
     done = run_job(
-        recording, job, journal=journal, workers=workers, progress=progress, begin=lambda: store.begin(names)
+        recording,
+        job,
+        journal=journal,
+        workers=workers,
+        cluster=cluster,
+        progress=progress,
+        begin=lambda: store.begin(names),
     )
     rows = tuple(beside(FrameForce.of(row), readings) for row in done)
     store.end(names, [number for number, row in enumerate(rows) if row.read])
@@ -106,7 +125,7 @@ def force_job(
         sensor.gel, material, sensor.mm_per_px, view_px=view, settings=settings, compliance=compliance
     )
     assert field.compliance is not None
-    store = TractionStore(Path(out), form, field.compliance.grid)
+    store = TractionStore(Path(out).absolute(), form, field.compliance.grid)
     return ForceJob(field, reconstructor, untouched or _untouched(recording), store)
 
 

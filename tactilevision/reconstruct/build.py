@@ -78,7 +78,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
             ball.ball_radius_mm,
             ball.centre_px,
             ball.contact_radius_px,
-            ball.path.name,
+            ball.name,
         )
         for ball in recording.balls
     ]

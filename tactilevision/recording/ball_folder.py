@@ -1,8 +1,8 @@
 """A folder of ball presses and pictures of the untouched gel, without a recording.toml, as a recording.
 
-Three forms: the folder `reference` of a recording, or one that holds it (flat/, ball/, ball.csv); pictures beside
-a ball.csv; pictures that are all presses of one ball, whose radius is then said. A folder without any of these
-holds no balls: it is read as any other bare folder.
+Four forms: the folder `reference` of a recording, or one that holds it (flat/, ball/, ball.csv); pictures beside
+a ball.csv; pictures that are all presses of one ball, whose radius is then said; the calibration folder of gs_sdk.
+A folder without any of these holds no balls: it is read as any other bare folder.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.folder import read_folder
+from tactilevision.recording.gs_sdk_folder import UNTOUCHED, is_gs_sdk_folder, read_catalogue
 from tactilevision.recording.model import BallPress, Recording
 from tactilevision.recording.pictures import list_images, read_balls
 from tactilevision.records import Sensor
@@ -34,7 +35,9 @@ def read_ball_folder(
     Raises RecordingError as that does, and for ball presses without a picture of the untouched gel.
     """
     root = Path(path)
-    place = _place_of_balls(root)
+    if is_gs_sdk_folder(root):
+        return _of_gs_sdk(root, sensor, reference or root / UNTOUCHED, mm_per_px)
+    place = place_of_balls(root)
     if place is None and ball_radius_mm is None:
         return read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
     folder, table = place or (root, root / TABLE)
@@ -54,7 +57,19 @@ def read_ball_folder(
     return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
 
 
-def _place_of_balls(root: Path) -> tuple[Path, Path] | None:
+def _of_gs_sdk(
+    root: Path, sensor: Sensor | Path | str | None, reference: Path | str, mm_per_px: float | None
+) -> Recording:
+    """Presses as gs_sdk collected them; their labels are those of a ball.csv in the folder where there is one."""
+    found = read_folder(root, sensor, reference=reference, mm_per_px=mm_per_px, guess=True)
+    balls, notes = read_balls(root, root / TABLE) if (root / TABLE).is_file() else read_catalogue(root)
+    if found.sensor.rectification is not None and not (root / TABLE).is_file():
+        balls = tuple(replace(ball, centre_px=None, contact_radius_px=None) for ball in balls)
+        notes += ("labels of gs_sdk are left out: they are not in the rectified frame",)
+    return replace(found, path=root, name=root.resolve().name, balls=balls, warnings=found.warnings + notes)
+
+
+def place_of_balls(root: Path) -> tuple[Path, Path] | None:
     """The folder of presses and where their table is; None where there is neither."""
     for reference in (root, root / layout.BALLS.split("/")[0]):
         if (reference / BALL).is_dir():

@@ -19,12 +19,19 @@ class BallPress:
     """A ball pressed into the gel for photometric calibration.
 
     `centre_px` (x, y) and `contact_radius_px` are in the rectified frame; None where they were not recorded.
+    `frame` is its name in ball.csv, where that is not the file's name alone.
     """
 
     path: Path
     ball_radius_mm: float
     centre_px: Pair | None = None
     contact_radius_px: float | None = None
+    frame: str = ""
+
+    @property
+    def name(self) -> str:
+        """As it stands in ball.csv."""
+        return self.frame or self.path.name
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,9 +144,9 @@ def read_balls(folder: Path, path: Path) -> tuple[tuple[BallPress, ...], tuple[s
             remedy=f"Add it: columns {', '.join(layout.BALL_COLUMNS.required)}.",
         )
     table = read_table(path, layout.BALL_COLUMNS)
-    for name in table.words["frame"]:
-        inside(folder, name, where=path)
-    _check_present(table, table.words["frame"], set(images))
+    names = table.words["frame"]
+    below = {name for name in names if inside(folder, name, where=path).is_file()}  # also in folders below
+    _check_present(table, names, set(images) | below)
     radius = table.numbers["ball_radius_mm"]
     for row in np.flatnonzero(radius <= 0):
         raise table.fault(int(row), "ball_radius_mm must be above 0", value=float(radius[row]))
@@ -160,11 +160,13 @@ def _ball(table: Table, row: int, folder: Path) -> BallPress:
     if contact <= 0:
         raise table.fault(row, "contact_radius_px must be above 0", value=contact)
     centre = None if np.isnan(x) or np.isnan(y) else (x, y)
+    name = table.words["frame"][row]
     return BallPress(
-        folder / table.words["frame"][row],
+        folder / name,
         float(table.numbers["ball_radius_mm"][row]),
         centre,
         None if np.isnan(contact) else contact,
+        name if "/" in name else "",
     )
 
 

@@ -10,6 +10,8 @@ from pydantic import AfterValidator, AliasChoices, BaseModel, BeforeValidator, C
 
 from tactilevision.door.limits import limit
 
+LAST_NS = 2**62  # ns since 1970: far beyond any date that a log holds
+
 
 def _finite(value: float) -> float:
     if not math.isfinite(value):
@@ -110,6 +112,16 @@ class ClockSettings(_Settings):
     offset_s: Number | None = None
 
 
+class LogSettings(_Settings):
+    """[log]: where an imported recording came from."""
+
+    source: str = ""
+    frames: str = ""
+    wrench: str | None = None
+    clock: Literal["header", "log"] = "header"
+    origin_ns: Annotated[int, Field(ge=0, lt=LAST_NS)] = 0
+
+
 class IndenterSettings(_Settings):
     """[indenter.NAME]"""
 
@@ -141,4 +153,5 @@ class Settings(_Settings):
     force: ForceSettings = ForceSettings()
     depth: DepthSettings = DepthSettings()
     clock: ClockSettings = ClockSettings()
+    log: LogSettings = LogSettings()
     indenter: dict[str, IndenterSettings] = {}

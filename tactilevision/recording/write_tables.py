@@ -99,7 +99,7 @@ def write_balls(folder: Path | str, balls: Sequence[BallPress]) -> None:
     """Write reference/ball.csv; the pictures themselves go into the folder beside it."""
     nowhere = (math.nan, math.nan)
     columns: dict[str, Any] = {
-        "frame": [ball.path.name for ball in balls],
+        "frame": [ball.name for ball in balls],
         "ball_radius_mm": [ball.ball_radius_mm for ball in balls],
         "centre_x_px": [(ball.centre_px or nowhere)[0] for ball in balls],
         "centre_y_px": [(ball.centre_px or nowhere)[1] for ball in balls],

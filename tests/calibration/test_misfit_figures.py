@@ -145,6 +145,7 @@ def test_fits_of_other_presses_are_refused(fits: dict[str, Fit]) -> None:
         force_curves({})
 
 
+@pytest.mark.slow
 def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
     """Lost motion of 20 um: the depth reads otherwise on the way back."""
     data, effect = presses(6), get_effect("depth_way_back")

@@ -112,6 +112,7 @@ def test_a_history_runs_no_file_that_nobody_named(
     assert json.loads((out / "history.json").read_text()) == kept
 
 
+@pytest.mark.slow
 def test_a_comparison_out_of_time_says_what_it_did_not_add(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,7 +30,8 @@ def depth(tmp_path_factory: pytest.TempPathFactory) -> trials.Undisturbed:
     return trials.undisturbed(frame_commands(folder / "frames")[0], folder)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_with_workers_stops_at_a_word_and_goes_on_later(
     number: signal.Signals, depth: trials.Undisturbed, tmp_path: Path
 ) -> None:

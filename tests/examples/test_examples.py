@@ -83,6 +83,7 @@ def test_the_error_falls_to_the_floor(said: str) -> None:
     assert held_out[1] < 1.2 * floor < held_out[0]
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["own_effect"], indirect=True)
 def test_a_planted_effect_of_ones_own_is_found(said: str) -> None:
     assert abs(first(r"found ([\d.]+)", said) - 0.06) < 3 * first(r"± ([\d.]+)", said)
@@ -92,3 +93,11 @@ def test_a_planted_effect_of_ones_own_is_found(said: str) -> None:
 def test_the_gel_as_a_solid(said: str, tmp_path: Path) -> None:
     assert first(r"kappa = ([\d.]+)", said) == pytest.approx(2.8103, abs=1e-4)
     assert "*HYPERELASTIC" in (tmp_path / "gel.inp").read_text()
+
+
+@pytest.mark.parametrize("said", ["ros2_node"], indirect=True)
+def test_the_node_answers_the_sample_without_ros(said: str, tmp_path: Path) -> None:
+    deepest_um = [first(r"gel_pad, to (\d+) um", line) for line in said.splitlines()]
+    assert len(deepest_um) == 10
+    assert max(deepest_um) > 300
+    assert (tmp_path / "ros2_node.png").is_file()

@@ -134,7 +134,9 @@ def test_only_a_method_settled_so_is_read_so() -> None:
     assert method.with_reference(dataclasses.replace(method.reference, marks=marks)).tiled_evaluator is None
 
 
-@pytest.mark.parametrize("name", PHOTOMETRIC)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.slow if one == "network" else ()) for one in PHOTOMETRIC]
+)
 def test_what_a_law_says_of_noisy_pixels_on_the_mean_it_says_of_their_mean(name: str) -> None:
     law, rng = calibrated(name).law, np.random.default_rng(8)
     noise, place = 0.03, np.zeros((8000, 2))

@@ -32,9 +32,9 @@ def made(places: tuple[tuple[float, float, float], ...], tints: Floats, seed: in
     ("places", "tints", "hidden"),
     [
         (LAMPS, TINTS, False),
-        (LAMPS, (TINTS + 1.0) / 2, False),
+        pytest.param(LAMPS, (TINTS + 1.0) / 2, False, marks=pytest.mark.slow),
         (FACING, RED_RED_GREEN, True),
-        (FAR, RED_RED_GREEN, True),
+        pytest.param(FAR, RED_RED_GREEN, True, marks=pytest.mark.slow),
         (LAMPS, np.full((3, 3), 0.4), True),
     ],
     ids=["three colours", "pale colours", "two reds face", "two reds face from afar", "one colour"],

@@ -69,7 +69,7 @@ def calibrated(folder: str, marks: bool) -> Calibration:
     [
         ("gelslim3_mcubelab/markerless", True, 3.0, 3.75),
         pytest.param("gelslim3_mcubelab/markers", True, 3.5, 4.5, marks=pytest.mark.slow),
-        ("gelslim_heightmap/dots1", True, 4.0, 5.6),
+        pytest.param("gelslim_heightmap/dots1", True, 4.0, 5.6, marks=pytest.mark.slow),
     ],
 )
 def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, least: float, most: float) -> None:
@@ -79,10 +79,8 @@ def test_direction_of_slope_under_balls_never_seen(folder: str, marks: bool, lea
     assert least < found.direction_error_deg < most
 
 
-@pytest.mark.parametrize(
-    "folder",
-    [pytest.param("gelslim3_mcubelab/markerless", marks=pytest.mark.slow), "gelslim3_mcubelab/markers"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["gelslim3_mcubelab/markerless", "gelslim3_mcubelab/markers"])
 def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) -> None:
     flat, shots = gelslim(folder)
     chosen = calibrate_from_balls(make_reference([flat]), shots, mm_per_px=SCALE, fit=AutoMethod())
@@ -91,6 +89,7 @@ def test_the_fit_that_balls_choose_is_no_worse_than_the_direct_one(folder: str) 
     assert chosen.direction_error_deg < direct.direction_error_deg + 0.25
 
 
+@pytest.mark.slow
 def test_filled_marks_make_better_slopes() -> None:
     filled, bare = (calibrated("gelslim3_mcubelab/markers", marks) for marks in (True, False))
     assert filled.method.reference.marks is not None
@@ -147,7 +146,11 @@ def test_a_real_dent_is_one_round_hill_in_flat_gel() -> None:
 
 @pytest.mark.parametrize(
     ("folder", "least"),
-    [("gelslim3_mcubelab/markerless", 0.8), ("gelslim3_mcubelab/markers", 1.0), ("gelslim_heightmap/dots1", 1.0)],
+    [
+        ("gelslim3_mcubelab/markerless", 0.8),
+        pytest.param("gelslim3_mcubelab/markers", 1.0, marks=pytest.mark.slow),
+        pytest.param("gelslim_heightmap/dots1", 1.0, marks=pytest.mark.slow),
+    ],
 )
 def test_the_ready_network_sees_real_presses(folder: str, least: float) -> None:
     """Of all presses 47 of 55, 39 of 39, 54 of 54: its scale is doubtful, a contact is not."""
@@ -192,6 +195,7 @@ def test_real_screws_and_balls_are_contacts_and_free_gel_is_none() -> None:
         assert measure(reader.rectified_map(free), reader.error)[1] == 0
 
 
+@pytest.mark.slow
 def test_an_overexposed_colour_leaves_real_presses_in_shape() -> None:
     """Blue made so bright that it is white in a sixth of the picture, against the same frames as they were."""
     folder = "gelslim3_mcubelab/markerless"

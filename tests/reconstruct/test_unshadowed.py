@@ -54,6 +54,7 @@ def test_faces_and_the_gel_beside_them_are_right_without_a_certificate(number: i
     assert np.mean(off[face | beside] < 2) > 0.92
 
 
+@pytest.mark.slow
 def test_what_is_given_back_is_part_of_the_deviation_and_of_its_terms() -> None:
     reader, plain = unshadowed_reader(), build_reconstructor(read_recording(SAMPLE))
     frame = read_frame(read_recording(SAMPLE), 6)

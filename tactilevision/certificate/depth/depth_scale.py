@@ -67,7 +67,8 @@ def scale_warning(pairs: Sequence[Pair], radii_mm: Sequence[float]) -> str:
     stated = ", ".join(f"{radius:g}" for radius in sorted(set(radii_mm)))
     implied = ", ".join(f"{off * radius:.2f}" for radius in sorted(set(radii_mm)))
     why = (
-        f"is the ball radius stated as {stated} mm really {implied}, or has the light changed since the balls?"
+        f"is the ball radius stated as {stated} mm really {implied}, has the light changed since the balls, or do "
+        "lamps cast shadows beside the faces?"
         if stated
         else "balls of this sensor would mend it."
     )

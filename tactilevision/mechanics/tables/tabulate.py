@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from tactilevision.errors import InputError
 from tactilevision.mechanics.tables.cases import Case, SolvedCase, case_path, save_case
 from tactilevision.mechanics.tables.solve import solve_case
 from tactilevision.runs import output_lock, worker_pool
@@ -38,7 +37,7 @@ def tabulate(
     """Solve every case that `folder` does not hold yet; returns how many were solved now.
 
     A case is written under a temporary name and renamed: a run that is killed loses only what it was at. Without
-    `workers` (see `processes`, `cluster`) the cases are solved one by one, here.
+    `workers` (see `processes`, and cluster/pool.py) the cases are solved one by one, here.
     """
     place, every = Path(folder), list(cases)
     with output_lock(place):
@@ -54,31 +53,6 @@ def tabulate(
 def processes(count: int | None = None) -> AbstractContextManager[Executor]:
     """So many processes on this machine, all its cores where none is said; they end with their parent."""
     return worker_pool(count or len(os.sched_getaffinity(0)))
-
-
-@contextmanager
-def cluster(address: str) -> Iterator[Executor]:
-    """The workers of a Dask scheduler that runs already; they need this library, but no shared disk.
-
-    Raises InputError where dask.distributed is not installed, or nobody answers at `address`.
-    """
-    try:
-        from distributed import Client
-    except ImportError as fault:
-        remedy = "pip install 'tactilevision[cluster]', or leave --scheduler out."
-        what = "a cluster needs dask.distributed, which is not installed"
-        raise InputError(what, where="--scheduler", remedy=remedy) from fault
-    try:
-        client = Client(address, timeout="20s")
-    except (OSError, ValueError) as fault:
-        raise InputError(
-            "no Dask scheduler answers",
-            where="--scheduler",
-            value=address,
-            remedy="Start one with: dask scheduler",
-        ) from fault
-    with client, client.get_executor(retries=2) as pool:
-        yield pool
 
 
 def _solved(missing: list[Case], workers: Executor | None) -> Iterator[tuple[Case, SolvedCase]]:

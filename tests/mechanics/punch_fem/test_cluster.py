@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tactilevision.cli import main
+from tactilevision.cluster.pool import cluster_pool
 from tactilevision.mechanics.tables import tabulate as method
 from tactilevision.mechanics.tables.cases import Grid, case_path, load_case
 from tactilevision.mechanics.tables.solve import solve_case
@@ -38,7 +39,7 @@ def test_a_worker_that_dies_costs_its_case_a_second_try_and_no_more(local: Any, 
         if len(told) == 1:
             os.kill(next(iter(local.workers.values())).pid, signal.SIGKILL)
 
-    with method.cluster(local.scheduler_address) as workers:
+    with cluster_pool(local.scheduler_address) as workers:
         assert method.tabulate(cases, tmp_path, workers=workers, report=report) == len(cases)
     assert told == [1, 2, 3, 4]
     here, there = solve_case(cases[3]), load_case(case_path(tmp_path, cases[3]))
@@ -60,7 +61,7 @@ def test_the_command_hands_its_cases_to_the_cluster(
         "0.4,0.6",
         "--edge-over-h",
         "0.1",
-        "--scheduler",
+        "--cluster",
         local.scheduler_address,
     )
     monkeypatch.setattr(sys, "argv", ["tactilevision", "tabulate", str(tmp_path), *options])

@@ -110,7 +110,7 @@ def test_slow_cases_count_for_more_of_the_time_left() -> None:
         (("--a-over-h", "wide"), "commas"),
         (("--law", "gent"), "There are neo-hooke"),
         (("--friction", "-1"), "--friction"),
-        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
+        pytest.param(("--cluster", "tcp://127.0.0.1:1"), "--cluster", marks=pytest.mark.slow),
     ],
 )
 def test_bad_options_are_one_clear_message(

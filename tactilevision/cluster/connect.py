@@ -1,0 +1,96 @@
+"""A connection to a scheduler that runs already, checked before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tactilevision.cluster.versions import refusal, versions
+from tactilevision.door.documents import read_json
+from tactilevision.errors import ClusterError
+
+ANSWER_S = 20.0  # s until a scheduler that says nothing counts as absent
+WORKER_S = 60.0  # s until a scheduler without a worker counts as idle for good
+WHERE = "--cluster"
+
+
+def address_of(where: str) -> str:
+    """The scheduler's address: `where` itself, or what the scheduler's file of that name says."""
+    path = Path(where)
+    if "://" in where or not (path.suffix or path.exists()):
+        return where
+    try:
+        address = read_json(path).get("address")
+    except OSError as fault:
+        remedy = "Give tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
+        raise ClusterError("there is no such scheduler file", where=WHERE, value=where, remedy=remedy) from fault
+    if not isinstance(address, str):
+        raise ClusterError(
+            "a scheduler file states `address`", where=where, remedy="Let `dask scheduler` write it."
+        )
+    return address
+
+
+def open_client(where: str) -> Any:
+    """A client whose workers have this library in this version. Raises ClusterError where that cannot be had."""
+    try:
+        from distributed import Client
+    except ImportError as fault:
+        remedy = "pip install 'tactilevision[cluster]', or leave --cluster out."
+        what = "a cluster needs dask.distributed, which is not installed"
+        raise ClusterError(what, where=WHERE, remedy=remedy) from fault
+    address = address_of(where)
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as fault:
+        remedy = "Start one with `dask scheduler`, or leave --cluster out."
+        raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
+    try:
+        _check(client, address)
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+def check_cluster(where: str) -> None:
+    """Raises ClusterError where `open_client` would, before anything is written."""
+    open_client(where).close()
+
+
+def _check(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WORKER_S)
+    except TimeoutError as fault:
+        remedy = f"Start some with: dask worker {address}"
+        raise ClusterError("the cluster has no workers", where=WHERE, value=address, remedy=remedy) from fault
+    here = versions()
+    try:
+        told = client.run(_asking(tuple(here)))
+    except Exception as fault:  # whatever a foreign worker answers
+        remedy = "Start the workers with the Python and dask of this machine."
+        raise ClusterError(
+            "a worker cannot say its versions", where=WHERE, value=str(fault), remedy=remedy
+        ) from fault
+    for there in told.values():
+        different = refusal(here, there)
+        if different is not None:
+            raise different
+
+
+def _asking(names: tuple[str, ...]) -> Callable[[], dict[str, str]]:
+    """A function that travels by value: a worker without this library can answer it, too."""
+
+    def ask() -> dict[str, str]:
+        from importlib.metadata import PackageNotFoundError, version
+
+        told = {}
+        for name in names:
+            try:
+                told[name] = version(name)
+            except PackageNotFoundError:
+                told[name] = "none"
+        return told
+
+    return ask

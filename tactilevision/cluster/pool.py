@@ -1,0 +1,206 @@
+"""An executor on a Dask cluster that outlives its workers and its scheduler.
+
+A task that was lost with a scheduler is handed over again once the scheduler is back. A task is a function of
+its arguments that writes its result whole under its own name, so a second time does no harm.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from tactilevision.cluster.connect import WHERE, open_client
+from tactilevision.cluster.versions import versions
+from tactilevision.errors import ClusterError, TactilevisionError
+
+RETRIES = 2  # more tries of a task that fails for a fault that may pass, as of a disk
+BACK_S = 600.0  # s that a scheduler may be away before the run gives up
+SWEEP_S = 1.0  # s between two looks at every task, for those that were lost in silence
+PAUSE_S = 0.5  # s between two tries to reach a scheduler
+UNTOLD = 20  # tries of a task on workers that have not been told of the run
+
+
+class EndsWorkers(TactilevisionError):
+    """A task whose worker ended each time that it was tried, or that shared its worker with one."""
+
+
+@dataclass(eq=False)
+class _Ticket:
+    fn: Callable[..., Any]
+    args: tuple[Any, ...]
+    future: Future[Any] = field(default_factory=Future)
+    remote: Any = None
+    untold: int = 0
+
+
+class ClusterPool(Executor):
+    """`submit` as any executor has it; `width` workers are there now."""
+
+    def __init__(self, where: str, start: Callable[..., None] | None = None, given: tuple[Any, ...] = ()) -> None:
+        self._where, self._start, self._given = where, start, given
+        self._run, self._versions = f"tactilevision-{uuid.uuid4().hex}", versions()
+        self._ended: queue.SimpleQueue[_Ticket | None] = queue.SimpleQueue()
+        self._tickets: set[_Ticket] = set()
+        self._lock = threading.RLock()
+        self._closed = False
+        self._client = open_client(where)
+        self._tell()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+
+    @property
+    def width(self) -> int:
+        """Workers that are there now, one at least."""
+        with suppress(Exception):  # the scheduler is away
+            return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return 1
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Hand a task over; it takes no keywords."""
+        if kwargs:
+            raise TypeError("tasks for a cluster take no keywords")
+        ticket = _Ticket(fn, args)
+        with self._lock:
+            self._tickets.add(ticket)
+            self._hand_over(ticket)
+        return ticket.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster; it runs on. Tasks that are still there are called back."""
+        if self._closed:
+            return
+        self._closed = True
+        self._ended.put(None)
+        self._watcher.join()
+        for ticket in self._tickets:
+            ticket.future.cancel()
+        with suppress(Exception):  # the scheduler is away, and with it all of this
+            self._client.cancel([ticket.remote for ticket in self._tickets])
+            self._client.unregister_worker_plugin(self._run)
+        with suppress(Exception):  # likewise
+            self._client.close()
+
+    def _tell(self) -> None:
+        from tactilevision.cluster.worker import Begin
+
+        self._client.register_plugin(Begin(self._run, self._start, self._given), name=self._run)
+
+    def _hand_over(self, ticket: _Ticket) -> None:
+        from tactilevision.cluster.worker import do
+
+        key = f"{getattr(ticket.fn, '__name__', 'task').strip('_')}-{uuid.uuid4().hex}"
+        given = (self._run, self._versions, ticket.fn, ticket.args)
+        try:
+            ticket.remote = self._client.submit(do, *given, key=key, pure=False, retries=RETRIES)
+            ticket.remote.add_done_callback(lambda _: self._ended.put(ticket))
+        except Exception:  # the scheduler is away: the sweep finds it
+            ticket.remote = None
+
+    def _watch(self) -> None:
+        swept = time.monotonic()
+        while not self._closed:
+            with suppress(queue.Empty):
+                ticket = self._ended.get(timeout=SWEEP_S)
+                if ticket is not None and ticket in self._tickets:
+                    self._settle(ticket)
+            if time.monotonic() - swept > SWEEP_S:
+                swept = time.monotonic()
+                self._sweep()
+
+    def _sweep(self) -> None:
+        with self._lock:
+            if any(_is_lost(ticket) for ticket in self._tickets):
+                self._bring_back()
+
+    def _settle(self, ticket: _Ticket) -> None:
+        """Pass on what became of a task; one that was lost waits for the sweep."""
+        if _is_lost(ticket) or not ticket.remote.done():
+            return
+        try:
+            outcome, fault = ticket.remote.result(timeout=BACK_S), None
+        except Exception as raised:
+            outcome, fault = None, raised
+        if fault is not None:
+            if _is_lost(ticket) or self._client.status != "running":
+                return
+            fault = self._meant(ticket, fault)
+            if fault is None:
+                return
+        with self._lock:
+            self._tickets.discard(ticket)
+        ticket.remote = None
+        if ticket.future.set_running_or_notify_cancel():
+            ticket.future.set_result(outcome) if fault is None else ticket.future.set_exception(fault)
+
+    def _meant(self, ticket: _Ticket, fault: Exception) -> Exception | None:
+        """The fault in our words; None where the task was handed over again."""
+        from distributed import KilledWorker
+
+        from tactilevision.cluster.worker import NotBegun
+
+        if isinstance(fault, KilledWorker):
+            return EndsWorkers(f"a task ended the workers that tried it: {fault.task}")
+        if isinstance(fault, NotBegun) and ticket.untold < UNTOLD:
+            ticket.untold += 1
+            with self._lock:
+                self._tell()
+                self._hand_over(ticket)
+            return None
+        return fault
+
+    def _bring_back(self) -> None:
+        """Find the scheduler again, and hand over what was lost."""
+        until = time.monotonic() + BACK_S
+        while not self._closed:
+            try:
+                if self._client.status != "running":
+                    with suppress(Exception):  # it is gone already
+                        self._client.close(timeout=PAUSE_S)
+                    self._client = open_client(self._where)
+                self._tell()
+                break
+            except Exception as fault:
+                if time.monotonic() > until:
+                    self._give_up(fault)
+                    return
+                time.sleep(PAUSE_S)
+        for ticket in self._tickets:
+            if _is_lost(ticket) and not self._closed:
+                self._hand_over(ticket)
+
+    def _give_up(self, fault: Exception) -> None:
+        gone = ClusterError(
+            f"the cluster was lost and has not come back for {BACK_S:.0f} s",
+            where=WHERE,
+            value=str(fault),
+            remedy="What is done is kept: start the cluster, and run the same command again.",
+        )
+        for ticket in self._tickets:
+            if ticket.future.set_running_or_notify_cancel():
+                ticket.future.set_exception(gone)
+        self._tickets.clear()
+
+
+def _is_lost(ticket: _Ticket) -> bool:
+    return ticket.remote is None or ticket.remote.status in ("cancelled", "lost")
+
+
+@contextmanager
+def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: Any) -> Iterator[ClusterPool]:
+    """The workers of the scheduler at `where`, an address or a scheduler's file.
+
+    `start(*given)` is called once in each, also in those that come later. Raises ClusterError where nobody
+    answers there, there are no workers, or theirs is another version of this library.
+    """
+    pool = ClusterPool(where, start, given)
+    try:
+        yield pool
+    finally:
+        pool.shutdown()

@@ -1,0 +1,54 @@
+"""What happens on a worker: it is told once what a run works with, then does one task at a time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from distributed import Worker, WorkerPlugin
+
+from tactilevision.cluster.versions import refusal, versions
+
+Start = Callable[..., None]
+Given = tuple[Any, ...]
+
+_runs: dict[str, tuple[Start | None, Given]] = {}  # by the run's name: many may share a cluster
+_ready = ""  # the run that this process was made ready for last
+_one_at_a_time = threading.Lock()  # a worker may have many threads, a reconstructor may not
+
+
+class NotBegun(Exception):
+    """This worker has not been told of the run yet."""
+
+
+class Begin(WorkerPlugin):  # type: ignore[misc]
+    """Tells a worker what a run works with; the scheduler hands it to workers that come later, too."""
+
+    def __init__(self, run: str, start: Start | None, given: Given) -> None:
+        self.name, self._what = run, (start, given)
+
+    def setup(self, worker: Worker) -> None:
+        """Keep it."""
+        _runs[self.name] = self._what
+
+    def teardown(self, worker: Worker) -> None:
+        """Forget it."""
+        _runs.pop(self.name, None)
+
+
+def do(run: str, said: dict[str, str], fn: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    """`fn(*args)` as the run's own process would. Raises ClusterError where this worker's versions differ."""
+    global _ready
+    different = refusal(said, versions())
+    if different is not None:
+        raise different
+    with _one_at_a_time:
+        if run not in _runs:
+            raise NotBegun
+        if _ready != run:
+            start, given = _runs[run]
+            if start is not None:
+                start(*given)
+            _ready = run
+        return fn(*args)

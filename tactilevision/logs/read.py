@@ -1,0 +1,158 @@
+"""A robot's log -> a recording folder: its frames as files, its wrench as forces.csv, on the headers' clock."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from tactilevision.errors import InputError, OutputError
+from tactilevision.files import staged, write_text
+from tactilevision.logs.clocks import Clock, check_clock, check_same_clock, first_ns, times_s
+from tactilevision.logs.log import Log
+from tactilevision.logs.messages import Stamp, WrenchReading, decode_picture, decode_wrench
+from tactilevision.logs.sensor_table import SensorTable
+from tactilevision.recording import layout
+from tactilevision.recording.write_tables import write_forces, write_frame_table
+from tactilevision.records import Floats, ForceSeries
+
+MAX_LISTED = 40  # topics that one sentence can name; robots log hundreds
+Rotation = tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSettings:
+    """What is taken from a log: topics, the clock, the sensor's name and scale, and how the wrench is turned.
+
+    `sensor` is a kind's name or a sensor profile (.tvs), whose scale is taken where none is stated.
+    `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes.
+    """
+
+    frames: str
+    wrench: str | None = None
+    clock: Clock = Clock.HEADER
+    sensor: str | None = None
+    mm_per_px: float | None = None
+    rotation: Rotation | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What was found: counts, seconds, and the frames of reference of pictures and wrench."""
+
+    frames: int
+    readings: int
+    seconds: float
+    frame_id: str
+    wrench_frame_id: str | None
+
+
+def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> Imported:
+    """Write the recording `out` from the log `path`; nothing is written unless all of it is.
+
+    Raises InputError for a log without the topics (and says which it has), with two clocks, with a wrench in
+    another frame of reference, or damaged; OutputError where `out` holds frames already.
+    """
+    if (Path(out) / layout.FRAMES).exists():
+        raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
+    log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
+    with staged(out) as folder:
+        names, stamps, readings = _messages(log, folder, settings)
+        origin_ns = _check_clocks(stamps, [one.stamp for one in readings], log, settings)
+        frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
+        order = np.argsort(frame_s, kind="stable")
+        write_frame_table(folder, [names[k] for k in order], times_s=frame_s[order])
+        if readings:
+            _write_forces(folder, readings, settings, origin_ns)
+        sensor.write_maps(folder)
+        _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
+    turned = readings[0].stamp.frame_id if readings else None
+    return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned)
+
+
+def _messages(
+    log: Log, folder: Path, settings: ImportSettings
+) -> tuple[list[str], list[Stamp], list[WrenchReading]]:
+    """Frames go to disk as they come; their names and stamps, and the readings, are kept."""
+    names: list[str] = []
+    stamps: list[Stamp] = []
+    readings: list[WrenchReading] = []
+    (folder / layout.FRAMES).mkdir()
+    wanted = {settings.frames, settings.wrench} - {None}
+    for message in log.messages({str(one) for one in wanted}):
+        if message.topic == settings.frames:
+            picture = decode_picture(message, log.path)
+            names.append(f"{len(names):07d}{picture.suffix}")
+            stamps.append(picture.stamp)
+            (folder / layout.FRAMES / names[-1]).write_bytes(picture.data)
+        else:
+            readings.append(decode_wrench(message, log.path))
+    _check_topic(log, settings.frames, len(stamps))
+    if settings.wrench is not None:
+        _check_topic(log, settings.wrench, len(readings))
+    return names, stamps, readings
+
+
+def _check_topic(log: Log, topic: str, count: int) -> None:
+    """Raise InputError, which lists the topics there are, where this one is missing or all but empty."""
+    if count >= 2:
+        return
+    has = [f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]]
+    said = "the topic has fewer than two messages" if topic in log.topics else "the log has no such topic"
+    raise InputError(said, where=log.path, value=topic, remedy=f"It has: {', '.join(has) or 'no topic at all'}.")
+
+
+def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> int:
+    """Where time starts, ns since 1970 or since a device was switched on; raises where it cannot be one clock."""
+    if settings.clock is Clock.HEADER:
+        frames_s = check_clock(frames, f"{log.path}, {settings.frames}")
+        if wrench:
+            wrench_s = check_clock(wrench, f"{log.path}, {settings.wrench}")
+            check_same_clock(frames_s, wrench_s, where=log.path)
+    if wrench:
+        _check_axes(frames, wrench, log, settings)
+    return first_ns([*frames, *wrench], settings.clock)
+
+
+def _check_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> None:
+    where = f"{log.path}, {settings.wrench}"
+    ids = sorted({one.frame_id for one in wrench})
+    if len(ids) > 1:
+        raise InputError("the wrench changes its frame of reference", where=where, value=", ".join(ids)[:120])
+    if settings.rotation is None and ids[0] != frames[0].frame_id:
+        raise InputError(
+            f"the wrench is in another frame of reference than the pictures ({frames[0].frame_id!r})",
+            where=where,
+            value=ids[0],
+            remedy="State --rotation: nine numbers, rows x, y, z (into the gel) of the picture in its axes; "
+            "1,0,0,0,1,0,0,0,1 where they agree.",
+        )
+
+
+def _write_forces(folder: Path, readings: list[WrenchReading], settings: ImportSettings, origin_ns: int) -> None:
+    time_s = times_s([one.stamp for one in readings], settings.clock, origin_ns=origin_ns)
+    order = np.argsort(time_s, kind="stable")
+    force: Floats = np.array([one.force_N for one in readings])[order]
+    torque: Floats = np.array([one.torque_Nm for one in readings])[order]
+    unknown = (float("nan"),) * 3
+    write_forces(folder, ForceSeries(time_s[order], force, unknown, torque))
+
+
+def _write_settings(
+    folder: Path, source: Path, settings: ImportSettings, *, sensor: Mapping[str, Any], origin_ns: int
+) -> None:
+    """recording.toml; [log] says where all came from and when time_s began."""
+    content: dict[str, Any] = {"format": layout.FORMAT, "name": source.stem}
+    if settings.clock is Clock.LOG or origin_ns > 10**18:  # 2001: earlier is no time of day
+        content["date"] = datetime.datetime.fromtimestamp(origin_ns * 1e-9, datetime.UTC).date()
+    content |= {"sensor": dict(sensor)} if sensor else {}
+    if settings.rotation is not None:
+        content["force"] = {"rotation": [list(row) for row in settings.rotation]}
+    content["log"] = {"source": source.name, "frames": settings.frames, "clock": settings.clock.value}
+    content["log"] |= {"origin_ns": origin_ns} | ({"wrench": settings.wrench} if settings.wrench else {})
+    write_text(folder / layout.SETTINGS, tomli_w.dumps(content))

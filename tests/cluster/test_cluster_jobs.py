@@ -1,0 +1,268 @@
+"""Frames through a Dask cluster of processes of this machine, which are killed at work."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.batch.folder import reconstruct_folder
+from tactilevision.batch.tree import reconstruct_tree
+from tactilevision.cli import main
+from tactilevision.cluster import connect, pool
+from tactilevision.cluster.versions import refusal, versions
+from tactilevision.errors import ClusterError, InputError
+from tactilevision.reconstruct import Reconstructor
+from tactilevision.recording import Recording
+from tactilevision.records import Bytes, Sensor, SlopeMap
+
+pytest.importorskip("distributed")
+pytestmark = pytest.mark.filterwarnings("default")  # the cluster's own farewells
+
+SENSOR = Sensor("custom", 64, 48, (0.1, 0.2))
+POISON = 255  # a pixel in a corner that ends the process that reads it
+PAUSE_S = 0.02  # s a frame, so that there is time to kill something
+
+
+class SlopeOrDeath:
+    """Slope along x = (red - 100)/100; the poisoned frame kills whoever reads it."""
+
+    name = "slope or death"
+
+    def slopes(self, rgb_rectified: Bytes) -> SlopeMap:
+        if rgb_rectified[0, 0, 2] == POISON:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(PAUSE_S)
+        red = rgb_rectified[..., 0].astype(np.float32)
+        return SlopeMap((red - 100) / 100, np.zeros_like(red))
+
+
+def recording(folder: Path, count: int, poisoned: int | None = None) -> Recording:
+    frames = folder / "frames"
+    frames.mkdir(parents=True)
+    names = []
+    for number in range(count):
+        rgb = np.full((48, 64, 3), 100, np.uint8)
+        rgb[10:20, 20 : 24 + number % 9, 0] = 120
+        rgb[0, 0, 2] = POISON if number == poisoned else 0
+        names.append(f"{number:03d}.png")
+        cv2.imwrite(str(frames / names[-1]), rgb[..., ::-1])
+    return Recording(
+        folder, "r", SENSOR, frames_path=frames, frame_names=tuple(names), frame_times_s=np.arange(count) / 30
+    )
+
+
+def reconstructor() -> Reconstructor:
+    return Reconstructor(SENSOR, SlopeOrDeath())
+
+
+class Machines:
+    """A scheduler and workers, each a process of its own, as on a cluster."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.folder, self.started = folder, list[subprocess.Popen[bytes]]()
+        self.scheduler = self.start_scheduler()
+        self.workers = [self.start_worker(), self.start_worker()]
+
+    def _start(self, *words: str) -> subprocess.Popen[bytes]:
+        path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+        told = {"PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
+        command = [sys.executable, "-m", "dask", *words]
+        with (self.folder / "log").open("ab") as log:
+            process = subprocess.Popen(command, cwd=self.folder, env=os.environ | told, stdout=log, stderr=log)
+        self.started.append(process)
+        return process
+
+    def start_scheduler(self) -> subprocess.Popen[bytes]:
+        words = ("--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard", "--scheduler-file", "at.json")
+        return self._start("scheduler", *words)
+
+    def start_worker(self) -> subprocess.Popen[bytes]:
+        return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
+
+    def end(self) -> None:
+        for process in reversed(self.started):
+            process.terminate()
+        for process in self.started:
+            process.wait(30)
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
+    running = Machines(tmp_path_factory.mktemp("cluster"))
+    yield running
+    running.end()
+
+
+def at(count: int, act: Callable[[], object]) -> Callable[[int, int], None]:
+    """`act` once, when so many frames are done."""
+    left = [act]
+
+    def report(done: int, total: int) -> None:
+        if done >= count and left:
+            left.pop()()
+
+    return report
+
+
+def alike(here: Path, there: Path) -> None:
+    """Two folders of results are equal byte for byte, but for the column `ms`."""
+    names = sorted(path.relative_to(here) for path in here.rglob("*"))
+    assert names == sorted(path.relative_to(there) for path in there.rglob("*"))
+    for name in names:
+        if (here / name).is_file() and name.suffix != ".csv":
+            assert (here / name).read_bytes() == (there / name).read_bytes(), name
+    assert without_ms(here) == without_ms(there)
+
+
+def without_ms(folder: Path) -> list[list[str]]:
+    lines = [line.split(",") for line in (folder / "depth.csv").read_text().splitlines()]
+    ms = lines[0].index("ms")
+    return [line[:ms] + line[ms + 1 :] for line in lines]
+
+
+def worker_pid(machines: Machines) -> int:
+    with connect.open_client(machines.address) as client:
+        return int(next(iter(client.run(os.getpid).values())))
+
+
+def test_a_killed_worker_loses_nothing_and_doubles_nothing(machines: Machines, tmp_path: Path) -> None:
+    source = recording(tmp_path / "in", 80)
+    reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
+    pid, told = worker_pid(machines), list[int]()
+    kill = at(10, lambda: os.kill(pid, signal.SIGKILL))
+
+    def report(done: int, total: int) -> None:
+        told.append(done)
+        kill(done, total)
+
+    reconstruct_folder(source, reconstructor(), tmp_path / "many", cluster=machines.address, progress=report)
+    alike(tmp_path / "one", tmp_path / "many")
+    assert told == list(range(81))
+
+
+def test_a_frame_that_kills_its_workers_is_named_and_the_others_are_read(
+    machines: Machines, tmp_path: Path
+) -> None:
+    source = recording(tmp_path / "in", 40, poisoned=21)
+    rows = reconstruct_folder(source, reconstructor(), tmp_path / "out", cluster=machines.address)
+    assert [row.frame for row in rows if row.status != "ok"] == ["021.png"]
+    assert rows[21].status == "unreadable: it ended every process that worked on it"
+    assert len(list((tmp_path / "out" / "depth").iterdir())) == 39
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_started_anew_is_found_again(machines: Machines, tmp_path: Path) -> None:
+    source = recording(tmp_path / "in", 120)
+    reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
+
+    def restart() -> None:
+        machines.scheduler.kill()
+        machines.scheduler.wait()
+        for worker in machines.workers:
+            worker.terminate()
+            worker.wait(30)
+        machines.scheduler = machines.start_scheduler()
+        machines.workers = [machines.start_worker()]
+
+    before = len(machines.started)
+    address = str(machines.folder / "at.json")
+    reconstruct_folder(source, reconstructor(), tmp_path / "many", cluster=address, progress=at(20, restart))
+    assert len(machines.started) > before
+    alike(tmp_path / "one", tmp_path / "many")
+
+
+def test_a_cut_run_goes_on_and_does_next_to_nothing_again(machines: Machines, tmp_path: Path) -> None:
+    source = recording(tmp_path / "in", 60)
+
+    def cut() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct_folder(
+            source, reconstructor(), tmp_path / "out", cluster=machines.address, progress=at(30, cut)
+        )
+    told: list[int] = []
+    reconstruct_folder(
+        source,
+        reconstructor(),
+        tmp_path / "out",
+        cluster=machines.address,
+        progress=lambda done, total: told.append(done),
+    )
+    assert told == list(range(30, 61))
+
+
+def test_a_tree_on_the_cluster_equals_one_process(machines: Machines, tmp_path: Path) -> None:
+    sources = {name: recording(tmp_path / "in" / name, 5) for name in ("a", "b")}
+
+    def run(out: Path, cluster: str | None) -> None:
+        reconstruct_tree(
+            tmp_path / "in",
+            out,
+            read=lambda path: sources[path.relative_to(tmp_path / "in").parts[0]],
+            light=lambda _: reconstructor(),
+            cluster=cluster,
+            workers=1,
+        )
+
+    run(tmp_path / "one", None)
+    run(tmp_path / "many", machines.address)
+    alike(tmp_path / "one", tmp_path / "many")
+
+
+def test_a_task_that_raises_says_so_here(machines: Machines) -> None:
+    with pool.cluster_pool(machines.address) as workers:
+        assert workers.submit(divmod, 7, 2).result(60) == (3, 1)
+        with pytest.raises(ZeroDivisionError):
+            workers.submit(divmod, 7, 0).result(60)
+
+
+def test_workers_of_another_version_are_refused(machines: Machines, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connect, "versions", lambda: versions() | {"tactilevision": "9.9"})
+    with pytest.raises(ClusterError, match=r"another version of tactilevision.*Install tactilevision 9\.9"):
+        connect.check_cluster(machines.address)
+
+
+def test_a_worker_without_the_library_is_refused() -> None:
+    fault = refusal(versions(), {})
+    assert fault is not None
+    assert "'none'" in str(fault)
+    assert refusal(versions(), versions()) is None
+
+
+@pytest.mark.parametrize("where", ["tcp://127.0.0.1:1", "missing.json"])
+def test_a_cluster_out_of_reach_is_one_sentence_and_nothing_is_written(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(connect, "ANSWER_S", 0.5)
+    out = tmp_path / "out"
+    with pytest.raises(ClusterError, match="--cluster"):
+        reconstruct_folder(recording(tmp_path / "in", 3), reconstructor(), out, cluster=where)
+    assert not out.exists()
+    monkeypatch.setattr(sys, "argv", ["tactilevision", "tabulate", str(out), "--cluster", where])
+    assert main() == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_scheduler_file_states_an_address(tmp_path: Path) -> None:
+    file = tmp_path / "scheduler.json"
+    file.write_text('{"address": "tcp://10.0.0.1:8786"}')
+    assert connect.address_of(str(file)) == "tcp://10.0.0.1:8786"
+    file.write_text('{"id": 3}')
+    with pytest.raises(InputError, match="states `address`"):
+        connect.address_of(str(file))

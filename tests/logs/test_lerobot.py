@@ -1,0 +1,310 @@
+"""A data set that LeRobot wrote gains depth, contact and force; one that is not whole is refused in a sentence."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tactilevision.cli import main
+from tactilevision.errors import InputError, OutputError
+from tactilevision.logs.lerobot import statistics
+from tactilevision.logs.lerobot.annotate import Annotated, annotate
+from tactilevision.logs.lerobot.dataset import read_dataset
+from tactilevision.logs.lerobot.features import STEP_MM, base_of, read_frame, shrunk
+from tactilevision.logs.lerobot.pictures import pictures, rows
+from tactilevision.profile.sensor import CalibratedSensor
+from tactilevision.records import HeightMap
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
+from lamp_sensor import free, pressed, profile, saved
+
+FIXTURE = Path(__file__).parents[1] / "data" / "lerobot_v3"  # lerobot_fixture.py says how LeRobot wrote it
+TACTILE, WRIST = "observation.images.tactile", "observation.images.wrist"
+TABLE, VIDEO = "data/chunk-000/file-000.parquet", f"videos/{TACTILE}/chunk-000/file-000.mp4"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+PRESSED = np.array([False] * 3 + [True] * 3 + [False] * 3 + [True])
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A copy that a test may spoil."""
+    return Path(shutil.copytree(FIXTURE, tmp_path / "set"))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Annotated]:
+    out = tmp_path_factory.mktemp("made")
+    return out, annotate(read_dataset(FIXTURE, TACTILE), CalibratedSensor(profile()), out)
+
+
+def change(path: Path, how: Callable[[pa.Table], pa.Table]) -> None:
+    pq.write_table(how(pq.read_table(path)), path)
+
+
+def tell(path: Path, **news: Any) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | news))
+
+
+def encode(path: Path, times_s: Iterator[float] | list[float], size: tuple[int, int] = (180, 240)) -> None:
+    """A video of dark pictures at these times."""
+    with av.open(str(path), "w", format="mp4") as box:
+        stream = box.add_stream("libx264", rate=10, options={"bf": "0"})
+        stream.height, stream.width, stream.pix_fmt = *size, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for time_s in times_s:
+            frame = av.VideoFrame.from_ndarray(np.full((*size, 3), 20, np.uint8), format="rgb24")
+            frame.pts, frame.time_base = round(1000 * time_s), Fraction(1, 1000)
+            box.mux(stream.encode(frame))
+        box.mux(stream.encode())
+
+
+def test_frames_come_in_order_from_video_and_table() -> None:
+    shown = list(pictures(read_dataset(FIXTURE, TACTILE)))
+    assert [(row.episode.number, row.frame) for row, _ in shown] == [(0, k) for k in range(6)] + [
+        (1, k) for k in range(4)
+    ]
+    for k, (_, rgb) in enumerate(shown):
+        drawn = pressed(k - 3 if k < 6 else 0, 1.5) if PRESSED[k] else free(k % 6)
+        assert np.abs(rgb.astype(int) - drawn).mean() < 3.0  # H.264 at LeRobot's own quality
+    small = [rgb for _, rgb in pictures(read_dataset(FIXTURE, WRIST))]
+    assert [np.unique(rgb).tolist() for rgb in small] == [[10 * k] for k in range(10)]
+
+
+def test_depth_contact_and_force_stand_beside_the_frames(made: tuple[Path, Annotated]) -> None:
+    out, told = made
+    table = pq.read_table(out / TABLE)
+    assert (told.episodes, told.frames, told.in_contact, told.not_read) == (2, 10, 4, 0)
+    np.testing.assert_array_equal(table["observation.tactile.contact"].to_numpy(), PRESSED)
+    depth = np.array(table["observation.tactile.depth_mm"].to_pylist(), float)
+    assert depth.shape == (10, 45, 60)
+    raw = read_frame(CalibratedSensor(profile()), pressed(0, 1.5), shrink=4)
+    peak = table["observation.tactile.peak_mm"].to_numpy()
+    np.testing.assert_allclose(peak[PRESSED], raw.peak_mm, rtol=0.15)  # LeRobot packs at crf 30
+    assert np.nanmean(np.abs(depth[PRESSED] - raw.depth_mm)) < 0.04
+    assert np.nanmax(np.abs(depth[~PRESSED])) < 0.2
+    assert not np.any(depth[np.isfinite(depth)] * 1024 % 1)
+    wrench = np.array(table["observation.tactile.wrench"].to_pylist())
+    assert (wrench[PRESSED, 2] > 0.1).all()
+    assert (np.abs(wrench[~PRESSED, 2]) < 0.05).all()
+
+
+def test_single_pictures_are_read_as_they_were_taken(root: Path, tmp_path: Path) -> None:
+    raw = [free(0), pressed(0, 1.5)] * 5
+    packed = [{"bytes": cv2.imencode(".png", rgb[..., ::-1])[1].tobytes(), "path": None} for rgb in raw]
+    change(root / TABLE, lambda table: table.append_column(TACTILE, [packed]))
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    features[TACTILE]["dtype"] = "image"
+    tell(root / "meta/info.json", features=features)
+    sensor, out = CalibratedSensor(profile()), tmp_path / "out"
+    assert annotate(read_dataset(root, TACTILE), sensor, out, shrink=1).in_contact == 5
+    depth = np.array(pq.read_table(out / TABLE)["observation.tactile.depth_mm"][1].as_py(), np.float32)
+    expected = sensor.read(raw[1]).height
+    assert isinstance(expected, HeightMap)
+    np.testing.assert_allclose(depth[expected.valid], expected.depth_mm[expected.valid], atol=STEP_MM / 2)
+    assert np.isnan(depth[~expected.valid]).all()
+
+
+def test_all_that_was_there_is_kept(made: tuple[Path, Annotated]) -> None:
+    out, _ = made
+    before, after = pq.read_table(FIXTURE / TABLE), pq.read_table(out / TABLE)
+    assert after.select(before.column_names).equals(before.replace_schema_metadata())
+    assert (out / VIDEO).read_bytes() == (FIXTURE / VIDEO).read_bytes()
+    assert (out / "meta/tasks.parquet").read_bytes() == (FIXTURE / "meta/tasks.parquet").read_bytes()
+    old, new = pq.read_table(FIXTURE / EPISODES), pq.read_table(out / EPISODES)
+    assert new.select(old.column_names).equals(old)
+    names = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
+    assert names == {str(path.relative_to(FIXTURE)) for path in FIXTURE.rglob("*") if path.is_file()}
+
+
+def test_the_new_features_follow_the_schema_of_the_old(made: tuple[Path, Annotated]) -> None:
+    out, told = made
+    old, new = (json.loads((root / "meta/info.json").read_text()) for root in (FIXTURE, out))
+    assert {key: value for key, value in new.items() if key != "features"} == {
+        key: value for key, value in old.items() if key != "features"
+    }
+    assert set(new["features"]) == {*old["features"], *told.features}
+    stats, each = json.loads((out / "meta/stats.json").read_text()), pq.read_table(out / EPISODES)
+    numeric = [key for key in told.features if new["features"][key]["dtype"] != "string"]
+    for key in numeric:
+        assert "image" not in key
+        assert set(stats[key]) == set(stats["observation.state"])
+        assert stats[key]["count"] == [10]
+        assert each[f"stats/{key}/count"].to_pylist() == [[6], [4]]
+    assert np.shape(stats["observation.tactile.depth_mm"]["mean"]) == (1, 1)
+    assert stats["observation.tactile.contact"]["mean"] == [0.4]
+
+
+def test_statistics_are_those_of_all_values_and_nan_is_left_out() -> None:
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(90, 2))
+    parts = [statistics.of_values(part) for part in (values[:20], values[20:])]
+    whole = statistics.together(parts)
+    np.testing.assert_allclose(whole["mean"], values.mean(axis=0))
+    np.testing.assert_allclose(whole["std"], values.std(axis=0))
+    np.testing.assert_allclose(whole["min"], values.min(axis=0))
+    gaps = statistics.of_values(np.array([[1.0, np.nan], [3.0, np.nan], [np.nan, np.nan]]))
+    assert (gaps["mean"].tolist(), gaps["max"].tolist()) == ([2.0, 0.0], [3.0, 0.0])
+    maps = [np.full((40, 50), float(k)) for k in range(3)]
+    maps[2][7, 9], maps[0][0, 0] = 9.0, np.nan
+    found = statistics.of_depth([statistics.sampled(one) for one in maps])
+    assert (found["max"].item(), found["min"].item(), found["q50"].item()) == (9.0, 0.0, 1.0)
+
+
+def test_maps_shrink_by_means_of_what_is_known() -> None:
+    depth = np.zeros((5, 6))
+    depth[:2, :2], depth[:2, 2:4] = [[1.0, 2.0], [3.0, np.nan]], [[1.0, np.nan], [np.nan, np.nan]]
+    small = shrunk(depth, 2)
+    assert small.shape == (2, 3)
+    assert small[0, 0] == pytest.approx(2.0, abs=STEP_MM)
+    assert np.isnan(small[0, 1])
+    assert shrunk(depth, 1) is depth
+
+
+def test_no_new_key_is_taken_for_a_picture() -> None:
+    assert base_of(TACTILE) == "observation.tactile"
+    assert base_of("observation.image") == "observation.tactile"
+    assert base_of("observation.images.image_left") == "observation.tactile_left"
+
+
+def test_what_is_no_such_data_set_is_told(root: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"no such camera.*observation.images.tactile \(video\), .*wrist \(image\)"
+    ):
+        read_dataset(root, "observation.images.left")
+    with pytest.raises(InputError, match="no data set of LeRobot"):
+        read_dataset(tmp_path, TACTILE)
+    tell(root / "meta/info.json", codebase_version="v2.1")
+    with pytest.raises(InputError, match=r"version that is not read.*v2\.1.*convert"):
+        read_dataset(root, TACTILE)
+    tell(root / "meta/info.json", codebase_version="v3.0", fps=0)
+    with pytest.raises(InputError, match="no rate"):
+        read_dataset(root, TACTILE)
+
+
+def test_missing_frames_and_files_are_told(root: Path) -> None:
+    change(root / TABLE, lambda table: pa.concat_tables([table.slice(0, 2), table.slice(3)]))
+    with pytest.raises(InputError, match=r"frame 3 of episode 0, where frame 2 of episode 0 is due"):
+        list(rows(read_dataset(root, TACTILE)))
+    change(root / TABLE, lambda table: pq.read_table(FIXTURE / TABLE).slice(0, 8))
+    with pytest.raises(InputError, match=r"end before the last episode does.*episode 1"):
+        list(rows(read_dataset(root, TACTILE)))
+    (root / TABLE).unlink()
+    with pytest.raises(InputError, match=r"lacks a file.*data/chunk-000/file-000\.parquet"):
+        list(rows(read_dataset(root, TACTILE)))
+    change(root / EPISODES, lambda table: table.slice(1))
+    with pytest.raises(InputError, match="lacks an episode"):
+        read_dataset(root, TACTILE)
+
+
+def test_a_frame_off_the_stated_rate_is_told(root: Path) -> None:
+    tell(root / "meta/info.json", fps=12)
+    with pytest.raises(InputError, match=r"episode 0, frame 1: .*not at the stated rate of 12"):
+        list(rows(read_dataset(root, TACTILE)))
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (
+            [0.0, 0.1, 0.2, 0.33, 0.4],
+            r"episode 0, frame 3.*constant rate of 10 a second.*0\.3300 s, not 0\.3000 s",
+        ),
+        ([0.1 * k for k in range(8)], r"episode 1, frame 2.*the video ends"),
+        ([0.05 * k for k in range(20)], r"episode 0, frame 1.*constant rate"),
+    ],
+)
+def test_a_video_of_another_or_variable_rate_is_told(root: Path, times: list[float], said: str) -> None:
+    encode(root / VIDEO, times)
+    with pytest.raises(InputError, match=said):
+        list(pictures(read_dataset(root, TACTILE)))
+
+
+def test_every_cut_and_flipped_byte_is_told_or_harmless(root: Path) -> None:
+    rng, said = np.random.default_rng(2), []
+    for name in (TABLE, EPISODES, VIDEO):
+        whole = (FIXTURE / name).read_bytes()
+        for trial in range(16):
+            torn = bytearray(whole[: rng.integers(1, len(whole))] if trial % 2 else whole)
+            torn[rng.integers(len(torn))] ^= 1 << rng.integers(8)
+            (root / name).write_bytes(torn)
+            try:
+                list(pictures(read_dataset(root, TACTILE)))
+            except InputError as fault:
+                said.append(str(fault))
+        (root / name).write_bytes(whole)
+    assert len(said) >= 20
+    assert not [one for one in said if "\n" in one]
+
+
+def test_a_name_that_leads_elsewhere_is_refused(root: Path, tmp_path: Path) -> None:
+    (tmp_path / "elsewhere.parquet").write_bytes((root / TABLE).read_bytes())
+    (root / TABLE).unlink()
+    (root / TABLE).symlink_to(tmp_path / "elsewhere.parquet")
+    with pytest.raises(InputError, match="leads out of its folder"):
+        list(rows(read_dataset(root, TACTILE)))
+
+
+def test_nothing_is_written_where_frames_do_not_fit(root: Path, tmp_path: Path) -> None:
+    sensor, out = CalibratedSensor(profile()), tmp_path / "out"
+    with pytest.raises(InputError, match=r"240 x 180 px.*16 x 12 px"):
+        annotate(read_dataset(root, WRIST), sensor, out)
+    encode(root / VIDEO, [0.1 * k for k in range(9)])
+    with pytest.raises(InputError, match="the video ends"):
+        annotate(read_dataset(root, TACTILE), sensor, out)
+    assert not [path for path in out.rglob("*") if path.is_file()]
+
+
+def test_the_command_writes_once_and_says_what(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ["lerobot", root, "--camera", TACTILE, "--sensor", saved(tmp_path), "--out", out, "--shrink", "20"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
+        assert main() == 0
+        assert "10 frames of 2 episodes" in capsys.readouterr().out
+        assert main() == 2
+    assert "is a data set already" in capsys.readouterr().err
+    with pytest.raises(InputError, match="such a feature already"):
+        annotate(read_dataset(out, TACTILE), CalibratedSensor(profile()), tmp_path / "again")
+    with pytest.raises(OutputError):
+        annotate(read_dataset(root, TACTILE), CalibratedSensor(profile()), out)
+
+
+@pytest.mark.slow
+def test_lerobots_own_loader_opens_what_was_written(made: tuple[Path, Annotated]) -> None:
+    """LEROBOT_PYTHON names a Python that has LeRobot; it needs other versions of torch than this library."""
+    python = os.environ.get("LEROBOT_PYTHON") or (sys.executable if importlib.util.find_spec("lerobot") else None)
+    if python is None:
+        pytest.skip("LeRobot is not installed: set LEROBOT_PYTHON")
+    out, _ = made
+    plain = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {"HF_HUB_OFFLINE": "1"}
+    script = Path(__file__).with_name("lerobot_loads.py")
+    ran = subprocess.run([python, script, out], capture_output=True, text=True, env=plain, check=False)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    found, table = json.loads(ran.stdout.splitlines()[-1]), pq.read_table(out / TABLE)
+    assert found["kinds"]["observation.tactile.depth_mm"] == [[45, 60], "torch.float32"]
+    assert found["kinds"]["observation.tactile.contact"] == [[], "torch.bool"]
+    assert found["kinds"][TACTILE] == [[3, 180, 240], "torch.float32"]
+    depth = np.array(table["observation.tactile.depth_mm"].to_pylist(), float)
+    np.testing.assert_array_equal(found["deepest"], np.nanmax(depth, axis=(1, 2)))
+    wrench = np.array(table["observation.tactile.wrench"].to_pylist(), np.float32)
+    np.testing.assert_array_equal(np.array(found["pressing"], np.float32), wrench[:, 2])
+    assert found["contact"] == PRESSED.tolist()
+    assert found["flags"] == table["observation.tactile.flags"][0].as_py()
+    assert {"min", "max", "mean", "std", "count", "q01", "q99"} <= set(found["stats"])

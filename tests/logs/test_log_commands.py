@@ -1,0 +1,80 @@
+"""`import` and `export` as they are typed: a log, a recording, and a log again."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn_logs import Draw, drawer
+from rosbags.highlevel import AnyReader
+
+from tactilevision.cli import main
+from tactilevision.exports.tiff import write_tiff
+from tactilevision.records import HeightMap
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
+from lamp_sensor import saved
+
+AXES = "0,1,0,1,0,0,0,0,-1"
+
+
+@pytest.fixture
+def draw(tmp_path: Path) -> Draw:
+    return drawer(tmp_path)
+
+
+def run(*words: object) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["tactilevision", *map(str, words)])
+        return main()
+
+
+def test_a_log_becomes_a_recording_and_its_depth_a_log(
+    draw: Draw, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, rec, out = draw("bag", sensor="wrist"), tmp_path / "rec", tmp_path / "out.mcap"
+    told = tmp_path / "told.json"
+    taken = ["--frames", "/camera", "--wrench", "/ft", "--rotation", AXES, "--out", rec, "--sensor", "digit"]
+    taken += ["--mm-per-px", "0.03"]
+    assert run("import", log, *taken, "--json", told) == 0
+    assert "4 frames over 0.120 s, 4 readings" in capsys.readouterr().out
+    assert json.loads(told.read_text())["wrench_frame_id"] == "wrist"
+    (tmp_path / "depth").mkdir()
+    zero = HeightMap(np.zeros((6, 8), np.float32), np.ones((6, 8), bool), (0.03, 0.03))
+    write_tiff(tmp_path / "depth" / "0000002.tiff", zero)
+    assert run("export", rec, "--depth", tmp_path, "--out", out, "--frame-id", "pad") == 0
+    said = "".join(capsys.readouterr())
+    assert "3 frames have no height map" in said
+    assert "no meaning" not in said
+    with AnyReader([out]) as bag:
+        ((about, _, data),) = bag.messages()
+        assert bag.deserialize(data, about.msgtype).header.frame_id == "pad"
+
+
+def test_frames_that_are_there_are_kept(draw: Draw, tmp_path: Path) -> None:
+    rec = tmp_path / "rec"
+    taken = ["--frames", "/camera", "--sensor", saved(tmp_path), "--out", rec]
+    assert run("import", draw(), *taken) == 0
+    before = {path: path.read_bytes() for path in rec.rglob("*") if path.is_file()}
+    assert run("import", draw("other.bag", frames=2), *taken) == 2
+    assert {path: path.read_bytes() for path in rec.rglob("*") if path.is_file()} == before
+    sensor = tomllib.loads((rec / "recording.toml").read_text())["sensor"]
+    assert sensor == {
+        "kind": "custom",
+        "serial": "07",
+        "mm_per_px": [0.08, 0.08],
+        "width_px": 240,
+        "height_px": 180,
+    }
+
+
+@pytest.mark.parametrize("axes", ["1,0,0", "1,0,0,0,1,0,0,0,z"])
+def test_axes_are_nine_numbers(draw: Draw, tmp_path: Path, capsys: pytest.CaptureFixture[str], axes: str) -> None:
+    taken = ["--frames", "/camera", "--wrench", "/ft", "--rotation", axes]
+    assert run("import", draw(), *taken, "--out", tmp_path / "rec") == 2
+    assert f"--rotation: nine numbers with commas between are needed (got '{axes}')" in capsys.readouterr().err
+    assert not (tmp_path / "rec").exists()

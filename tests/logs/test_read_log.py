@@ -1,0 +1,193 @@
+"""A log comes back as it was drawn; one that is not what it should be is refused in a sentence."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from drawn_logs import KINDS, START_NS, Draw, drawer, pictures
+from rosbags.highlevel import AnyReader
+
+from tactilevision.errors import InputError
+from tactilevision.logs.clocks import Clock
+from tactilevision.logs.log import Log
+from tactilevision.logs.messages import COMPRESSED, typestore
+from tactilevision.logs.read import ImportSettings, import_log
+from tactilevision.logs.write import _header, open_writer
+from tactilevision.recording import layout, read_frame, read_recording
+from tactilevision.recording.series import read_frame_table
+
+BOTH = ImportSettings("/camera", "/ft", sensor="gelsight_mini", mm_per_px=0.03)
+
+
+@pytest.fixture
+def draw(tmp_path: Path) -> Draw:
+    return drawer(tmp_path)
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("encoding", ["bgr8", "rgb8"])
+def test_frames_and_forces_come_back_on_the_headers_clock(
+    draw: Draw, tmp_path: Path, name: str, encoding: str
+) -> None:
+    shift_s = 0.25  # both headers are later than the log
+    log = draw(name, encoding=encoding, picture_shift_s=shift_s, wrench_shift_s=shift_s)
+    found = import_log(log, tmp_path / "rec", BOTH)
+    recording = read_recording(tmp_path / "rec")
+    assert (found.frames, found.readings) == (4, 4)
+    origin_ns = int(recording.settings["log"]["origin_ns"])
+    expected = (START_NS - origin_ns) * 1e-9 + shift_s + 0.04 * np.arange(4)
+    np.testing.assert_allclose(recording.frame_times_s, expected, atol=2e-9)
+    assert recording.forces is not None
+    np.testing.assert_allclose(recording.forces.time_s, expected, atol=2e-9)
+    np.testing.assert_array_equal(recording.forces.force_N[:, 2], np.arange(4))
+    np.testing.assert_allclose(recording.forces.torque_Nm[:, 0], 1.0)  # type: ignore[index]
+    for number, rgb in enumerate(pictures(4)):
+        np.testing.assert_array_equal(read_frame(recording, number).rgb, rgb)
+
+
+def test_the_logs_own_time_is_taken_where_it_is_asked_for(draw: Draw, tmp_path: Path) -> None:
+    log = draw(picture_shift_s=-1e9)
+    with pytest.raises(InputError, match="two clocks"):
+        import_log(log, tmp_path / "rec", BOTH)
+    import_log(log, tmp_path / "rec", ImportSettings("/camera", "/ft", clock=Clock.LOG))
+    times = read_frame_table(tmp_path / "rec" / layout.FRAME_TABLE).numbers["time_s"]
+    np.testing.assert_allclose(np.diff(times), 0.04, atol=2e-9)
+
+
+def test_a_missing_topic_names_those_there_are(draw: Draw, tmp_path: Path) -> None:
+    for name in KINDS:
+        with pytest.raises(InputError, match=r"no such topic.*/camera \(sensor_msgs.*Image\), /ft"):
+            import_log(draw(name), tmp_path / "rec", ImportSettings("/kamera"))
+    assert not (tmp_path / "rec" / layout.SETTINGS).exists()
+    assert not list((tmp_path / "rec").iterdir())
+
+
+def test_a_wrench_in_other_axes_is_turned_when_it_is_said_how(draw: Draw, tmp_path: Path) -> None:
+    log = draw(sensor="wrist")
+    with pytest.raises(InputError, match=r"another frame of reference.*'tool'.*wrist"):
+        import_log(log, tmp_path / "rec", BOTH)
+    turn = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+    settings = ImportSettings("/camera", "/ft", sensor="gelsight_mini", mm_per_px=0.03, rotation=turn)
+    import_log(log, tmp_path / "rec", settings)
+    forces = read_recording(tmp_path / "rec").forces
+    assert forces is not None
+    np.testing.assert_allclose(forces.force_N[3], [2.0, 1.0, -3.0])
+
+
+def test_a_topic_of_another_type_and_grey_pictures_are_refused(draw: Draw, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"of another type.*WrenchStamped.*Needed"):
+        import_log(draw(), tmp_path / "rec", ImportSettings("/ft"))
+    with pytest.raises(InputError, match=r"encoding are not read.*mono8"):
+        import_log(draw("grey.mcap", encoding="mono8"), tmp_path / "rec", ImportSettings("/camera"))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_cut_and_every_flipped_byte_is_told_or_harmless(draw: Draw, tmp_path: Path, name: str) -> None:
+    whole = draw(name)
+    storage = next(whole.glob("*.db3")) if whole.is_dir() else whole
+    data, rng = storage.read_bytes(), np.random.default_rng(1)
+    broken = tmp_path / f"broken{storage.suffix}"
+    told: list[str] = []
+    for trial in range(60):
+        torn = bytearray(data[: rng.integers(1, len(data))] if trial % 2 else data)
+        torn[rng.integers(len(torn))] ^= 1 << rng.integers(8)
+        broken.write_bytes(torn)
+        try:
+            import_log(broken, tmp_path / "rec", BOTH)
+        except InputError as fault:
+            told.append(str(fault))
+        shutil.rmtree(tmp_path / "rec", ignore_errors=True)
+    assert len(told) >= 20
+    assert not [said for said in told if "\n" in said]
+
+
+def test_a_part_that_unpacks_beyond_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import bz2
+
+    import lz4.frame
+    import zstandard
+
+    from tactilevision.logs.unpack import unpack
+
+    monkeypatch.setenv("TACTILEVISION_MAX_ARRAY_MB", "1")
+    small, large = bytes(1000), bytes(5_000_000)
+    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}
+    for kind, pack in packers.items():
+        assert unpack(kind, pack(small), where="log") == small
+        with pytest.raises(InputError, match="MAX_ARRAY_MB"):
+            unpack(kind, pack(large), where="log")
+        with pytest.raises(InputError, match="damaged"):
+            unpack(kind, pack(small)[:-6], where="log")
+    with pytest.raises(InputError, match="packed in a way"):
+        unpack("xz", b"", where="log")
+
+
+def test_what_is_no_log_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such log"):
+        list(Log(tmp_path / "none.bag").messages({"/a"}))
+    with pytest.raises(InputError, match="no log that is read"):
+        list(Log(tmp_path).messages({"/a"}))
+    (tmp_path / "log_0.db3.zstd").write_bytes(b"")
+    with pytest.raises(InputError, match="packed"):
+        list(Log(tmp_path).messages({"/a"}))
+
+
+@pytest.mark.parametrize("way", ["BZ2", "LZ4"])
+def test_a_packed_bag_of_ros_1_is_read(draw: Draw, tmp_path: Path, way: str) -> None:
+    from rosbags.rosbag1 import Writer
+
+    packed = tmp_path / "packed.bag"
+    writer = Writer(packed)
+    writer.set_compression(Writer.CompressionFormat[way])
+    with AnyReader([draw("log.bag")]) as whole, writer:
+        added = {
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=whole.typestore)
+            for one in whole.connections
+        }
+        for about, at_ns, data in whole.messages():
+            writer.write(added[about.topic], at_ns, bytes(data))
+    assert packed.stat().st_size != (tmp_path / "log.bag").stat().st_size
+    _same_frames(packed, tmp_path)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_packed_messages_of_ros_2_are_read(draw: Draw, tmp_path: Path, storage: str) -> None:
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    writer = Writer(tmp_path / "packed", version=8, storage_plugin=StoragePlugin[storage])
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with AnyReader([draw("log")]) as whole, writer:
+        added = {
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=whole.typestore)
+            for one in whole.connections
+        }
+        for about, at_ns, data in whole.messages():
+            writer.write(added[about.topic], at_ns, bytes(data))
+    _same_frames(tmp_path / "packed", tmp_path)
+
+
+def _same_frames(log: Path, folder: Path) -> None:
+    import_log(log, folder / "rec", BOTH)
+    recording = read_recording(folder / "rec")
+    for number, rgb in enumerate(pictures(4)):
+        np.testing.assert_array_equal(read_frame(recording, number).rgb, rgb)
+
+
+def test_pictures_that_were_packed_stay_as_they_came(tmp_path: Path) -> None:
+    store, rgb = typestore("cdr"), np.kron(pictures(2), np.ones((1, 8, 8, 1), np.uint8))
+    jpegs = [cv2.imencode(".jpg", one)[1] for one in rgb]
+    with open_writer(tmp_path / "log.mcap") as (put, kind):
+        for number, data in enumerate(jpegs):
+            header = _header(START_NS + number, "camera", kind)
+            put(
+                "/camera",
+                store.types[COMPRESSED](header=header, format="bgr8; jpeg compressed bgr8", data=data),
+                1,
+            )
+    import_log(tmp_path / "log.mcap", tmp_path / "rec", ImportSettings("/camera"))
+    kept = [path.read_bytes() for path in sorted((tmp_path / "rec" / "frames").iterdir())]
+    assert kept == [one.tobytes() for one in jpegs]
