@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_recording import write_small
+from hidden_sample import write_small
 
 sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("plotly")
@@ -65,11 +65,15 @@ class Watched:
         self.page.set_default_timeout(WAIT_MS)
         self.faults: list[str] = []
         own = address.rsplit("/", 2)[0]
-        self.page.on("console", lambda said: said.type in ("error", "warning") and self.faults.append(said.text))
+        self.page.on("console", self._hear)
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
-        self.page.on("dialog", lambda one: (self.faults.append(one.message), one.dismiss()))
+        self.page.on("dialog", lambda one: self.faults.append(one.message))
         self.page.on("request", lambda one: self._elsewhere(one.url, own))
         self.page.goto(address)
+
+    def _hear(self, said: Any) -> None:
+        if said.type in ("error", "warning"):
+            self.faults.append(said.text)
 
     def _elsewhere(self, url: str, own: str) -> None:
         if not url.startswith((f"{own}/", "data:", "blob:")):
