@@ -16,6 +16,7 @@ from pathlib import Path
 
 from calibration.session import History, steps_of_comparison
 from calibration.tasks.compare import suggest
+from calibration.tasks.history import HistoryRow, history
 from calibration.workbench.changes import Track, change, named_state
 from calibration.workbench.dropping import Dropping
 from calibration.workbench.evidence import Evidence, look, opened_card, with_pictures
@@ -44,7 +45,7 @@ class Shown:
 
     `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict`
     is None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none;
-    `sides` two states that are held against each other.
+    `sides` two states that are held against each other; `weeks` each of several recordings by itself.
     """
 
     version: int
@@ -61,6 +62,7 @@ class Shown:
     saved: str = ""
     changed: bool = False
     sides: Sides | None = None
+    weeks: tuple[HistoryRow, ...] = ()
 
     @property
     def history(self) -> History:
@@ -74,7 +76,7 @@ class Bench:
     def __init__(
         self,
         opened: Opened,
-        history: History,
+        begin: History,
         *,
         export: Export,
         keep: Callable[[History], None],
@@ -83,7 +85,7 @@ class Bench:
         beforehand: bool = True,
     ) -> None:
         self.opened = opened
-        self.models = Models(opened, history.seed)
+        self.models = Models(opened, begin.seed)
         self._export, self._keep, self._out = export, keep, out
         self._asks, self._beforehand = asks, beforehand
         self._turn = threading.Condition()
@@ -95,7 +97,7 @@ class Bench:
         self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
         self._model_since = 1
         self._dropping = Dropping()
-        self._shown = Shown(1, Track(history), busy="fitting the plain law", since_s=time.monotonic())
+        self._shown = Shown(1, Track(begin), busy="fitting the plain law", since_s=time.monotonic())
 
     @property
     def shown(self) -> Shown:
@@ -187,14 +189,14 @@ class Bench:
 
     def _change(self, action: str, value: str) -> None:
         track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
-        history = track.now
-        fitted = self.models.fitted(history.left_out, [step.key for step in history.steps])
+        now = track.now
+        fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
         if fitted.refused:
             key, why = fitted.refused[-1]
             raise InputError(f"{key.replace('_', ' ')} cannot be added: {why}")
         same = self._shown.now is fitted
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
-        track = replace(track, now=replace(history, steps=steps))
+        track = replace(track, now=replace(now, steps=steps))
         self._dropping.keep()
         if action != "open":
             self._keep(track.now)
@@ -203,7 +205,7 @@ class Bench:
             self._show(track=track, changed=changed)
             return
         self._drop_question()
-        place = self._place(history)
+        place = self._place(track.now)
         self._model_since = self._shown.version + 1
         self._show(
             track=track,
@@ -219,8 +221,8 @@ class Bench:
         )
 
     @staticmethod
-    def _place(history: History) -> tuple[object, ...]:
-        return history.left_out, tuple(step.key for step in history.steps)
+    def _place(at: History) -> tuple[object, ...]:
+        return at.left_out, tuple(step.key for step in at.steps)
 
     def _look_on(self) -> None:
         """What stands out of the model that stands, unless that is known; and the likeliest effects, fitted."""
@@ -237,6 +239,9 @@ class Bench:
                 with_pictures(shown.now, self._looks[place], tell=lambda table: self._keep_look(place, table))
                 self._suggested[place] = suggest(shown.now.found)
             self._show(suggested=self._suggested[place], busy="")
+            if len(self.opened.measured) > 1 and not shown.weeks:
+                self._show(busy="fitting each recording by itself", since_s=time.monotonic())
+                self._show(weeks=history(self.opened.measured), busy="")
             self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)

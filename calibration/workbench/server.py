@@ -26,6 +26,7 @@ from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files import as_json
 
 LARGEST = 65536  # bytes of an action: a name and a number
+TIMEOUT_S = 60.0  # s that a browser may take to say what it wants
 PAGE = Path(__file__).parent / "page"
 PAGE_FILES: Mapping[str, tuple[str, str]] = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -115,6 +116,7 @@ class _Handler(BaseHTTPRequestHandler):
     """One request."""
 
     protocol_version = "HTTP/1.1"
+    timeout = TIMEOUT_S
     server: _Listener
 
     def do_GET(self) -> None:

@@ -17,6 +17,7 @@ from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, par
 from calibration.report.error_fall import error_fall_of_comparison, error_fall_of_picture
 from calibration.report.verdict import in_words
 from calibration.tasks.compare import Compared, Comparison
+from calibration.tasks.history import HistoryRow
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.evidence import Evidence
 from calibration.workbench.opened import Opened
@@ -30,7 +31,7 @@ MN = 1e3  # mN of a N, and um of a mm
 def state_view(bench: Bench) -> dict[str, Any]:
     """Everything but the curves, which are fetched where `model` has changed."""
     shown, opened = bench.shown, bench.opened
-    history, found = shown.history, None if shown.now is None else shown.now.found
+    kept, found = shown.history, None if shown.now is None else shown.now.found
     return {
         "version": shown.version,
         "title": opened.title,
@@ -51,8 +52,9 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "presses": list(_presses(opened, shown)),
         "labels": [
             {"name": one.name, "effects": [in_words(s.key) for s in one.steps], "left_out": list(one.left_out)}
-            for one in history.labels
+            for one in kept.labels
         ],
+        "weeks": [_week(row) for row in shown.weeks],
         "sides": None if shown.sides is None else _sides(shown),
     }
 
@@ -288,6 +290,20 @@ def _rms(shown: Shown) -> dict[str, list[float]]:
     names, rows = press_names(models[-1].fitted.data), models[-1].as_json(models[0])["presses"]
     return {
         name: [MN * row["rms_before_N"], MN * row["rms_after_N"]] for name, row in zip(names, rows, strict=True)
+    }
+
+
+def _week(row: HistoryRow) -> dict[str, Any]:
+    """One recording by itself."""
+    low, high = (100 * end for end in row.change_interval95)
+    return {
+        "date": row.date or row.recording,
+        "recording": row.recording,
+        "modulus": row.youngs_modulus.as_json(),
+        "ratio": row.poisson_ratio.as_json(),
+        "words": [wording.estimate(row.youngs_modulus), wording.estimate(row.poisson_ratio)],
+        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)",
+        "moved": row.moved,
     }
 
 

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "hidden_material"
-KEPT = ("p01", "p02", "p03", "p05", "p06", "p07", "p08", "p35", "p36")  # long holds too
+KEPT = ("p01", "p02", "p03", "p05", "p07", "p08", "p39")  # one radius, three speeds, a long hold
 
 
 def write_small(folder: Path) -> Path:

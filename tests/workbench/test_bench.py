@@ -183,10 +183,14 @@ FAULTS = {
     "raises": "raise RuntimeError('no <b>luck</b>')",
     "returns": "return state.force_N",
     "prints": "print('noise'); raise KeyError",
+    "loops": "while True: pass",
 }
 
 
-def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(tmp_path: Path) -> None:
+def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_MAX_EFFECT_SECONDS", "1")
     files = {}
     for key, fault in FAULTS.items():
         file = tmp_path / f"{key}.py"

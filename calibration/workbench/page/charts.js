@@ -2,7 +2,7 @@
 // The charts, drawn by plotly: numbers come ready from the server, nothing is computed here but places on a screen.
 
 const DARK = matchMedia("(prefers-color-scheme: dark)");
-const LIGHTER = { "#D55E00": "#ff8a3d", "#0072B2": "#56a9e8", "#767676": "#a5a5a5" };
+const LIGHTER = { "#D55E00": "#ff8a3d", "#0072B2": "#3f98e0", "#56B4E9": "#b5e0fb", "#767676": "#a5a5a5" };
 
 /** A colour of the reports as it is seen on today's background. */
 function shade(colour) { return DARK.matches ? LIGHTER[colour] || colour : colour; }
@@ -112,7 +112,7 @@ function logTicks(values) {
 
 /** The error of each model, and the band in which like presses repeat. */
 function drawFall(place, fall) {
-  const names = fall.models.map(plain), colours = fall.colours.map(shade);
+  const names = fall.models.map((name) => plain(name).replace(/(?<=\S{3}) /g, "<br>")), colours = fall.colours.map(shade);
   const shapes = [];
   if (fall.band) shapes.push({ type: "rect", xref: "paper", x0: 0, x1: 1, y0: fall.band[0], y1: fall.band[1], fillcolor: css("--soft"), opacity: 0.22,
     line: { width: 0 }, layer: "below" });
@@ -122,7 +122,7 @@ function drawFall(place, fall) {
   draw(place, [{ type: "bar", x: names.map((_, k) => k), y: fall.error, marker: { color: colours }, width: 0.6,
     text: fall.error.map((e) => (e === null ? "" : e.toFixed(1))), textposition: "outside", cliponaxis: false, hoverinfo: "skip" }],
   layout("", `rms error (${fall.unit})`, { shapes, dragmode: false, yaxis: { range: [0, top], fixedrange: true },
-    xaxis: { tickvals: names.map((_, k) => k), ticktext: names, fixedrange: true, showgrid: false, range: [-0.6, Math.max(names.length, 3) - 0.4] } }));
+    xaxis: { tickvals: names.map((_, k) => k), ticktext: names, tickangle: 0, fixedrange: true, showgrid: false, range: [-0.6, Math.max(names.length, 3) - 0.4] } }));
 }
 
 /** What a candidate would leave: now, with it, and what it alone explains, over bins. */
@@ -138,4 +138,14 @@ function drawOverlay(place, shown) {
     { x, y: pick(shown.after), mode: "markers", marker: { color: css("--last"), size: 7, symbol: "square" } },
   ], layout(withUnit(shown.words, shown.unit), "mN", { margin: { l: 40, r: 4, t: 4, b: 34 }, dragmode: false, hovermode: false,
     xaxis: { ...xaxis, fixedrange: true }, yaxis: { zeroline: true, nticks: 4, fixedrange: true } }), { staticPlot: true });
+}
+
+/** One quantity of each recording with its 95 % interval, by date. */
+function drawWeeks(place, weeks, name, words) {
+  const known = weeks.filter((row) => row[name].value !== null);
+  draw(place, [{ x: known.map((row) => plain(row.date)), y: known.map((row) => row[name].value), mode: "markers", hoverinfo: "x+y",
+    error_y: { type: "data", symmetric: false, array: known.map((row) => (row[name].interval95 ? row[name].interval95[1] - row[name].value : 0)),
+      arrayminus: known.map((row) => (row[name].interval95 ? row[name].value - row[name].interval95[0] : 0)), color: css("--last") },
+    marker: { size: 9, color: css("--last") } }],
+  layout("", words, { dragmode: false, xaxis: { type: "category", fixedrange: true }, yaxis: { fixedrange: true } }));
 }

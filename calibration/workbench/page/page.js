@@ -82,6 +82,7 @@ function show() {
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
+  part("weeks", state.weeks, showWeeks);
 }
 
 function tick() {
@@ -166,7 +167,7 @@ function showCards(cards) {
   const far = cards.filter((one) => !one.stands_out && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not looked at");
   const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|far|cannot)$/.test(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|far|cannot|weeks shut)$/.test(key)) open.delete(key);
   fill("cards",
     cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
     cards.length && !near.length ? h("p", {}, "Nothing stands out any more.") : "",
@@ -230,6 +231,17 @@ function showSides(sides) {
       h("tbody", {}, sides.rows.map(([name, ...cells]) => h("tr", {}, h("th", { scope: "row" }, name), cells.map((cell) => h("td", {}, cell))))))) : "");
 }
 
+/** Several recordings, each fitted by itself: has the gel changed? */
+function showWeeks(weeks) {
+  fill("weeks", weeks.length ? h("details", { class: "box", open: !open.has("weeks shut"), ontoggle: (e) => keepOpen("weeks shut", !e.target.open) },
+    h("summary", {}, "E and ν over the recordings"),
+    h("div", { class: "pair" }, h("div", { id: "modulus-chart", class: "chart small" }), h("div", { id: "ratio-chart", class: "chart small" })),
+    h("table", {}, h("thead", {}, h("tr", {}, ["recording", "E", "ν", "change of the stiffness c"].map((word) => h("th", { scope: "col" }, word)))),
+      h("tbody", {}, weeks.map((row) => h("tr", {}, h("th", { scope: "row" }, `${row.recording} (${row.date})`), row.words.map((text) => h("td", {}, text)),
+        h("td", { class: row.moved ? "bad" : "" }, `${row.change}${row.moved ? ": it has changed" : ""}`)))))) : "");
+  if (weeks.length) { drawWeeks("modulus-chart", weeks, "modulus", "E (MPa)"); drawWeeks("ratio-chart", weeks, "ratio", "ν"); }
+}
+
 function choose(name) {
   chosen = name;
   part("presses", [state.presses, chosen], showPresses);
@@ -277,7 +289,7 @@ function showCurves() {
 }
 
 function redraw() {
-  for (const name of ["falls", "cards"]) drawn[name] = "";
+  for (const name of ["falls", "cards", "weeks"]) drawn[name] = "";
   if (state) show();
   if (curves) showCurves();
 }
