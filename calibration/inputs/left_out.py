@@ -12,12 +12,17 @@ from tactilevision.errors import InputError
 
 
 def press_names(data: Observations) -> tuple[str, ...]:
-    """One name a press: its label, with the recording's name before it where the label comes twice."""
+    """One name a press: its label, with the recording's name before it where the label comes twice.
+
+    Of recordings of one name the later ones have their number behind it.
+    """
     labels, numbers = data.presses.label, data.presses.recording
     twice = {label for label, count in Counter(labels).items() if count > 1}
+    folders = [
+        name if name not in data.recordings[:k] else f"{name} {k + 1}" for k, name in enumerate(data.recordings)
+    ]
     return tuple(
-        f"{data.recordings[int(k)]}/{label}" if label in twice else label
-        for label, k in zip(labels, numbers, strict=True)
+        f"{folders[int(k)]}/{label}" if label in twice else label for label, k in zip(labels, numbers, strict=True)
     )
 
 

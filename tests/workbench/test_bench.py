@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from made_bench import PRESSES, bench, do
+from made_bench import PRESSES, bench, do, presses
 
 from calibration.effects.support.private import load_effect, new_effect
-from calibration.inputs.left_out import leave_out
+from calibration.inputs.left_out import leave_out, press_names
 from calibration.session import History, load_history
 from calibration.tasks.compare import compare
 from calibration.workbench.bench import Bench
@@ -101,6 +102,22 @@ def test_a_press_is_left_out_and_put_back(made: Bench, tmp_path: Path) -> None:
     assert shown.now.ready.data.count == leave_out(made.opened.data, ["p1"]).count
     do(made, "put_back", "p1")
     assert len(curve_view(made.shown)["presses"]) == PRESSES
+
+
+def test_presses_of_several_recordings_have_names_of_their_own() -> None:
+    data = presses()
+    half = np.arange(data.count) // (data.count // 2)
+    labels = tuple(f"p{k % (data.count // 2)}" for k in range(data.count))
+    both = replace(data, presses=replace(data.presses, recording=half, label=labels), recordings=("gel", "gel"))
+    assert press_names(both)[:2] == ("gel/p0", "gel/p1")
+    assert press_names(both)[-1] == f"gel 2/{labels[-1]}"
+    kept = leave_out(both, ["gel 2/p0"])
+    assert kept.count == data.count - 1
+    assert kept.presses.recording.sum() == data.count // 2 - 1
+    with pytest.raises(InputError, match="no press is left"):
+        leave_out(both, press_names(both))
+    with pytest.raises(InputError, match="--leave-out"):
+        leave_out(both, ["p0"])
 
 
 def test_states_have_names_and_stand_side_by_side(made: Bench) -> None:
