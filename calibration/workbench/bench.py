@@ -137,13 +137,17 @@ class Bench:
     def work(self, *, until_idle: bool = False) -> None:
         """Do what is asked, one after the other, until `end`, or until there is nothing left to do."""
         with self._dropping.armed():
-            while (one := self._next(until_idle=until_idle)) is not None:
-                action, value = one
-                if not self._dropping.run(ACTION, lambda: self._do(*one)):
-                    self._show(busy="", notice=f"{_words(action, value)} was stopped; nothing is changed")
+            while self.work_once(until_idle=until_idle):
                 if not self._waiting:
                     self._dropping.run(BACKGROUND, self._look_on)
                     self._show(busy="")
+
+    def work_once(self, *, until_idle: bool = True) -> bool:
+        """Do the next action alone; False where there is none."""
+        one = self._next(until_idle=until_idle)
+        if one is not None and not self._dropping.run(ACTION, lambda: self._do(*one)):
+            self._show(busy="", notice=f"{_words(*one)} was stopped; nothing is changed")
+        return one is not None
 
     def _next(self, *, until_idle: bool) -> tuple[str, str] | None:
         """The next action, waited for; None where there is none any more."""
