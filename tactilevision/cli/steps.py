@@ -102,7 +102,7 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
     rng = np.random.default_rng(history.seed)
     with console.progress_bar("fitting") as progress:
-        data, bound = observed(taken), elastomer_bound(history.prior)
+        data, bound = observed(taken, history.left_out), elastomer_bound(history.prior)
         result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
