@@ -163,11 +163,7 @@ class Window:
         self.profile.plot(place, value, color=style.RED)
         std = self.height.std_mm
         if std is not None and not self.differs:
-<<<<<<< HEAD
             _, width = along(np.asarray(std, np.float64), self.line, mm_per_px=self.height.mm_per_px)
-=======
-            _, width = along(std.astype(np.float64), self.line, mm_per_px=self.height.mm_per_px)
->>>>>>> cluster
             self.profile.fill_between(
                 place, value - width, value + width, color=style.RED, alpha=0.2, lw=0, label="std"
             )
