@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.certificate.certificate import Certificate
-from tactilevision.certificate.depth.cast_shadow import FLAG, NU_STD, fall_growth, shows_shadow
+from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
 from tactilevision.certificate.depth.pile_up import blur_place, combine, computed_ratio, depth_std
 from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
@@ -47,6 +47,7 @@ CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_f
 GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
 MOST_NU = 0.4999  # of a gel
+INTERVAL = 1.96  # deviations to either end of a 95 % interval
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
 
 Picture = npt.NDArray[np.float32]
@@ -122,7 +123,8 @@ def _out_of_shadow(
         views = surfaces_beside_punch(recording, reconstructor, certificate=certificate, lamps=lamps)
         found = fit_nu(recording, reconstructor, views=views)
         if found is not None:
-            return found, "nu is read from the places that all three lamps reach."
+            wider = replace(found, poisson_ratio=_widened(found.poisson_ratio, LIT_NU_STD))
+            return wider, "nu is read from the places that all three lamps reach."
     nu = plain.poisson_ratio
     if nu.value is not None and nu.std is not None and nu.interval95 is not None:
         low, high = nu.interval95
@@ -130,6 +132,15 @@ def _out_of_shadow(
     return replace(plain, poisson_ratio=nu), (
         f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high."
     )
+
+
+def _widened(nu: Estimate, std: float) -> Estimate:
+    """The estimate with a further deviation, alike to both sides."""
+    if nu.std is None or nu.interval95 is None:
+        return nu
+    low, high = nu.interval95
+    more = math.hypot(0.5 * (high - low), INTERVAL * std) - 0.5 * (high - low)
+    return replace(nu, std=math.hypot(nu.std, std), interval95=(low - more, min(high + more, MOST_NU)))
 
 
 def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:

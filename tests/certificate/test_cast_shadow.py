@@ -12,7 +12,7 @@ from press_scenes import Made, line_up, recording
 from test_poisson_from_rise import Slopes, certified
 
 from tactilevision.certificate import poisson_from_rise
-from tactilevision.certificate.depth.cast_shadow import FLAG, NU_STD, fall_growth, shows_shadow
+from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD, fall_growth, shows_shadow
 from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.reconstruct import Reconstructor
@@ -49,6 +49,22 @@ def test_shadows_show_in_it(tmp_path: Path) -> None:
     growth, std = fall_growth(views_of(tmp_path, Shadowed))
     assert growth > 0.25
     assert shows_shadow(growth, std)
+
+
+def test_where_lamps_are_known_nu_has_room_for_the_light_that_the_gel_sends_to_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = line_up([Made(height) for height in HEIGHTS])
+    record = recording(tmp_path, made)[0]
+    monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: ())
+    monkeypatch.setattr(poisson_from_rise, "lit", lambda lamps, depth, mm_per_px: np.ones(depth.shape, np.bool_))
+    certificate, nu = with_nu(record, cast(Reconstructor, Shadowed(made)), certificate=certified(made, record))
+    assert nu is not None
+    assert nu.std is not None
+    assert nu.interval95 is not None
+    assert LIT_NU_STD < nu.std < NU_STD
+    assert nu.interval95[1] - nu.interval95[0] > 2 * 1.96 * LIT_NU_STD
+    assert "places that all three lamps reach" in certificate.warnings[0]
 
 
 def test_where_lamps_are_not_known_nu_says_what_shadows_may_do(
