@@ -122,8 +122,15 @@ def test_the_error_falls_on_the_screen_and_rises_again(workbench: tuple[str, Pat
     page.close()
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [
+        ("phone", "light"),
+        pytest.param("phone", "dark", marks=pytest.mark.slow),
+        pytest.param("laptop", "light", marks=pytest.mark.slow),
+        ("laptop", "dark"),
+    ],
+)
 def test_the_page_fits_a_screen_and_is_reached_by_keyboard(
     workbench: tuple[str, Path], browser: Any, size: str, scheme: str
 ) -> None:
