@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,7 @@ def compare(
     *,
     rng: np.random.Generator,
     bulge: Estimate | None = None,
+    treated: Mapping[str, Observations] = MappingProxyType({}),
     progress: Progress = SILENT,
     deadline: Deadline = NEVER,
     bound: Pair | None = SILICONE_NU,
@@ -119,7 +121,7 @@ def compare(
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
     and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
+    one; where its cure is to read the frames anew, `treated` holds what they then are. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
     any more. Raises InputError for unusable data.
     """
     stated = clear_of_touch(usable(data))
@@ -139,7 +141,7 @@ def compare(
                 one = evaluate(model + effect, data, rng=rng, on=found[-1].fitted)
                 found.append(replace(one, effects=(*found[-1].effects, effect.key)))
                 model = model + effect
-            elif why or not _in_picture(pictured, effect, stated):
+            elif why or not _in_picture(pictured, effect, stated, treated=treated):
                 left_out.append((effect.key, unseen))
         except Exception as fault:  # a private effect may raise anything; the next one may still do
             left_out.append((effect.key, str(fault) or type(fault).__name__))
@@ -153,17 +155,35 @@ def _suggested(last: Compared, deadline: Deadline) -> tuple[str, ...]:
     return tuple(one.effect.key for one in suggested(last.fitted))
 
 
-def _in_picture(pictured: list[Compared], effect: Effect, data: Observations) -> bool:
+def _in_picture(
+    pictured: list[Compared], effect: Effect, data: Observations, *, treated: Mapping[str, Observations]
+) -> bool:
     """Add the effect to the models of the picture's depth; False where no such depth shows it."""
     seen = pictured[-1].fitted if pictured else fit_vision_depth(data)
     shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
     if seen is None or shown is None or shown.missing(seen.data):
         return False
-    fitted = adopt(seen, refit_with(seen, shown))
+    treatment = getattr(effect, "treatment", "")
+    fitted = _read_anew(seen, treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
     if not pictured:
         pictured.append(_as_read(seen, ()))
     pictured.append(_as_read(fitted, (*pictured[-1].effects, effect.key)))
     return True
+
+
+def _read_anew(seen: Fit, data: Observations | None) -> Fit:
+    """The law of the picture's depth, with the effects added so far, on frames that were read anew."""
+    if data is None:
+        raise InputError(
+            "the frames show none of it, or too little is known to undo it",
+            remedy="Undoing shadows needs the reference pictures of balls, which tell the lamps.",
+        )
+    begin = fit_vision_depth(data)
+    assert begin is not None
+    shown = {one.key: one for one in in_picture(begin.data)}
+    for key in seen.model.keys:
+        begin = adopt(begin, refit_with(begin, shown[key])) if key in shown else begin
+    return begin
 
 
 def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:

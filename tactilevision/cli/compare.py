@@ -20,6 +20,7 @@ from tactilevision.cli.analysis import (
     keep_history,
     named_effects,
     observed,
+    treated,
     with_nu,
 )
 from tactilevision.cli.measure import take
@@ -65,8 +66,9 @@ def compare(
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("fitting") as progress:
         data, rng, bound = observed(taken), np.random.default_rng(seed), elastomer_bound(prior)
+        again = treated(taken, effects)
         found = method.compare(
-            data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress, deadline=deadline
+            data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
     added = [step.key for step in steps_of(found, files)]
     commands = [compare_command(recordings, [*added, key], files, prior=prior) for key in found.suggested]
@@ -90,7 +92,7 @@ def steps_of(found: Comparison, files: Mapping[str, str]) -> list[Step]:
     steps = []
     for before, model in (*pairwise(found.models), *pairwise(found.pictured)):
         key = model.effects[-1]
-        named = next(written(effect) for effect in model.fitted.model.effects if effect.key == key)
+        named = next((written(effect) for effect in model.fitted.model.effects if effect.key == key), key)
         rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
         unit = "mm" if model.material is None else "N"
         steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
