@@ -190,8 +190,9 @@ def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     times = beyond_stated(fitted)
     if times is None:
         return result
-    said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
-    return replace(result, flags=(*result.flags, "stated_noise_too_small"), warnings=(*result.warnings, said))
+    said = f"samples scatter {times:.2g} times as much as was stated of them; that is taken as their noise"
+    flag = "stated_noise_too_small" if times > 1 else "stated_noise_too_large"
+    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
 
 
 def _material(
