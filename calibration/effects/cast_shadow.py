@@ -52,7 +52,9 @@ class CastShadow(OfPicture):
         usual = Prior(REACH, REACH_STD, "lamps 15 to 35 degrees high")
         toe = Prior(TOE_MM, TOE_STD_MM, "walls of rendered presses")
         return (
-            Parameter("tilt_per_mm", "1/mm", 0.0, (0.0, 2.0), "slope that gel in shadow seems to have, over w", 0.1),
+            Parameter(
+                "tilt_per_mm", "1/mm", 0.0, (0.0, 2.0), "slope that gel in shadow seems to have, over w", 0.1
+            ),
             Parameter("reach", "1", REACH, (0.8, 6.0), "length of a shadow over the depth", REACH_STD, usual),
             Parameter("toe_mm", "mm", TOE_MM, (0.0, 1.0), "by how much walls shorten it", TOE_STD_MM, toe),
         )

@@ -31,7 +31,9 @@ def without_copies(data: Observations) -> Observations:
         samples = np.column_stack([data.depth_mm[start:end], data.normal_N[start:end]]).tobytes()
         if samples in first:
             keep[k] = False
-            said.append(f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: left out")
+            said.append(
+                f"press {_named(data, k)} has the samples of press {_named(data, first[samples])}: left out"
+            )
         first.setdefault(samples, k)
     return data if keep.all() else replace(data.take(keep), warnings=(*data.warnings, *said))
 

@@ -186,12 +186,15 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
 
 
 def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
-    """The material of the last fit, with a word where samples scatter by more than was stated of them."""
+    """The material of the last fit, with a word where samples scatter far otherwise than was stated of them."""
     times = beyond_stated(fitted)
     if times is None:
         return result
-    said = f"samples scatter {times:.2g} times as much as was stated of them; that is taken as their noise"
-    flag = "stated_noise_too_small" if times > 1 else "stated_noise_too_large"
+    said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
+    flag = "stated_noise_too_small"
+    if times < 1:
+        said = "samples scatter less than half as much as was stated of them: small effects may stay unseen"
+        flag = "stated_noise_too_large"
     return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
 
 

@@ -124,7 +124,10 @@ def _out_of_shadow(
         views = surfaces_beside_punch(recording, reconstructor, certificate=certificate, lamps=lamps)
         found = fit_nu(recording, reconstructor, views=views)
         if found is not None:
-            return found, f"nu is read from the places that all three lamps reach.{_without(plain, found, recording)}"
+            return (
+                found,
+                f"nu is read from the places that all three lamps reach.{_without(plain, found, recording)}",
+            )
     nu = plain.poisson_ratio
     if nu.value is not None and nu.std is not None and nu.interval95 is not None:
         low, high = nu.interval95

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.analysis import ANSWERED, Private, again_in, named_effects, observed, treated, with_nu, write_history
+from tactilevision.cli.analysis import (
+    ANSWERED,
+    Private,
+    again_in,
+    named_effects,
+    observed,
+    treated,
+    with_nu,
+    write_history,
+)
 from tactilevision.cli.measure import take
 
 if TYPE_CHECKING:
