@@ -28,8 +28,9 @@ HIDDEN = {"cast_shadow": {"amount": 1.0, "unit": "share of the light", "catalogu
 README = """# hidden_shadow: presses drawn by a path tracer, and something wrong with the pictures
 
 Five flat cylinders (radius 2.5 mm; .15 to .6 mm over the bevel on their right), ten presses, seen by a camera of
-427 x 320 pixels (JPEG, colours at full resolution, about 20 frames a press); `reference/` holds two pictures of the
-untouched gel and 24 of balls. Mitsuba 3 drew them, a path tracer by others. Presses and forces are the simulator's.
+427 x 320 pixels (JPEG, colours at full resolution, about 20 frames a press); `reference/` holds two pictures of
+the untouched gel and 24 of balls. Mitsuba 3 drew them, a path tracer by others. Presses and forces are the
+simulator's.
 
 No frame, force or number of a real sensor is in it. It is made again, in about an hour, by
 

@@ -22,7 +22,7 @@ import numpy as np
 from calibration.effects.support.in_picture import BesideFaces, InPicture, OfPicture
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter, Prior
-from calibration.model.stages import ManualCheck
+from calibration.model.stages import ManualCheck, Stage
 from tactilevision.records import Floats
 
 REACH, REACH_STD = 2.7, 0.7  # cotangent of 20 degrees; 15 to 35 degrees lie within two std
@@ -36,6 +36,7 @@ class CastShadow(OfPicture):
 
     key = "cast_shadow"
     title = "lamps cast shadows beside the faces"
+    stage = Stage.DEPTH
     seen_in = ("w", "slope")
     confused_with = ("slope_saturation", "photometric_gain")
     separated_by = ("presses of several depths", "pictures of balls, which tell the lamps' places")

@@ -2,8 +2,8 @@
 
     seen = w T(k s max(0, cos(phi - phi_0))),        T(x) = tanh(x)/x
 
-s the slope beside a face at azimuth phi, phi_0 the side whose colour is full, k one over the steepest slope that is
-read there. All sides alike is slope_saturation.py. Vanishes at k = 0. E rests on certified depths and does not
+s the slope beside a face at azimuth phi, phi_0 the side whose colour is full, k one over the steepest slope that
+is read there. All sides alike is slope_saturation.py. Vanishes at k = 0. E rests on certified depths and does not
 move; nu comes out too high, since gel that is read too flat seems to give way less.
 Source: form by judgement (tanh is the simplest response with a ceiling).
 """
@@ -18,7 +18,7 @@ from calibration.effects.support.in_picture import BesideFaces, InPicture, OfPic
 from calibration.effects.support.wall_ceiling import read_share
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import ManualCheck
+from calibration.model.stages import ManualCheck, Stage
 from tactilevision.records import Floats
 
 
@@ -28,6 +28,7 @@ class ColourSaturation(OfPicture):
 
     key = "colour_saturation"
     title = "one colour saturates"
+    stage = Stage.DEPTH
     seen_in = ("azimuth beside the face", "slope", "w")
     confused_with = ("slope_saturation", "lamp_fading")
     separated_by = ("a shorter exposure",)

@@ -3,8 +3,8 @@
     seen = w (1 + (c cos phi + s sin phi) t/T)        phi: azimuth beside the face
 
 t counts while the rig runs, T in all (photometric_drift.py, which is the part that all sides share). Lamps that
-fade alike, and a tint of the whole picture, are taken off by the light of the untouched gel. Vanishes at c = s = 0.
-E rests on certified depths and does not move; nu is read from all sides, so that it moves by the part that they
+fade alike, and a tint of the whole picture, are taken off by the light of the untouched gel. Vanishes at
+c = s = 0. E rests on certified depths and does not move; nu is read from all sides, so that it moves by the part that they
 share. Source: first order of a gain that differs by side.
 """
 
@@ -18,7 +18,7 @@ from calibration.effects.support.in_picture import BesideFaces, InPicture, OfPic
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
-from calibration.model.stages import ManualCheck
+from calibration.model.stages import ManualCheck, Stage
 from tactilevision.records import Floats
 
 
@@ -28,6 +28,7 @@ class LampFading(OfPicture):
 
     key = "lamp_fading"
     title = "one lamp fades"
+    stage = Stage.DEPTH
     seen_in = ("azimuth beside the face", "time", "order")
     confused_with = ("photometric_drift",)
     separated_by = ("pictures of the untouched gel at the beginning and the end",)

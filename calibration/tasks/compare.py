@@ -121,8 +121,9 @@ def compare(
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
     and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one; where its cure is to read the frames anew, `treated` holds what they then are. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
-    any more. Raises InputError for unusable data.
+    one; where its cure is to read the frames anew, `treated` holds by the treatment's name what they then give.
+    `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added any
+    more. Raises InputError for unusable data.
     """
     stated = clear_of_touch(usable(data))
     data = informed(stated, bulge, bound=bound)

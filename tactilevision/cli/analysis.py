@@ -61,7 +61,7 @@ def observed(taken: Sequence[Taken]) -> Observations:
 
 
 def treated(taken: Sequence[Taken], effects: Sequence[Effect]) -> dict[str, Observations]:
-    """The same measurements read anew in each way that one of the effects asks for, where frames show its cause."""
+    """The measurements read anew in each way that one of the effects asks for, where frames show its cause."""
     wanted = {str(getattr(effect, "treatment", "")) for effect in effects}
     again = [shadows_undone(one) for one in taken] if UNDO_SHADOWS in wanted else []
     if not any(again):

@@ -79,6 +79,66 @@ def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[
     assert low > 0 or high < 0
 
 
+@pytest.mark.slow
+def test_shadows_beside_faces_are_named() -> None:
+    """Gel that a lamp does not reach reads .2 w steeper, out to 2.6 w - .3 mm beside the face."""
+    sound = seen(7)
+    fitted = fit_vision_depth(sound)
+    assert fitted is not None
+    deep = dict(zip(sound.presses.label, sound.depth_mm, strict=True))
+    falls = [
+        replace(f, fall_mm=f.fall_mm + 0.2 * deep[f.press] * _dark(deep[f.press], f) * (f.to_mm - f.from_mm))
+        for f in sound.falls
+    ]
+    fitted = fit_vision_depth(replace(sound, falls=tuple(falls)))
+    assert fitted is not None
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    assert [step.best.effect.key for step in found.steps] == ["cast_shadow"]
+    assert found.current.estimate("cast_shadow.reach").value == pytest.approx(2.6, rel=0.3)
+
+
+def _dark(depth_mm: float, fall: EdgeDrop) -> float:
+    """Share of a ring in shadow, its places drawn one by one."""
+    places = np.linspace(fall.from_mm, fall.to_mm, FINE)
+    return float(np.mean(places < 2.6 * depth_mm - 0.2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["lamp_fading", "colour_saturation"])
+def test_a_lamp_that_fades_and_a_full_colour_are_named_by_their_side(key: str) -> None:
+    sound = seen(8)
+    order = {label: k / 11 for k, label in enumerate(sound.presses.label)}
+
+    def read(fall: EdgeDrop) -> float:
+        towards = np.cos(np.deg2rad(fall.azimuth_deg))
+        slope = fall.fall_mm / (fall.to_mm - fall.from_mm)
+        if key == "lamp_fading":
+            return float(fall.fall_mm * (1 - 0.3 * towards * order[fall.press]))
+        steep = 8.0 * slope * max(towards, 0.0)
+        return float(fall.fall_mm * (np.tanh(steep) / steep if steep > 0 else 1.0))
+
+    fitted = fit_vision_depth(replace(sound, falls=tuple(replace(f, fall_mm=read(f)) for f in sound.falls)))
+    assert fitted is not None
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    assert [step.best.effect.key for step in found.steps] == [key]
+
+
+def test_effects_beside_faces_leave_faces_alone_and_vanish_when_off() -> None:
+    fitted = fit_vision_depth(seen(4))
+    assert fitted is not None
+    data = fitted.data
+    assert data.slopes is not None
+    face = np.isnan(data.slopes.slope)
+    for key in ("cast_shadow", "lamp_fading", "colour_saturation"):
+        effect = {one.key: one for one in in_picture(data)}[key]
+        assert not effect.missing(data)
+        off = np.array([p.default for p in effect.parameters])
+        np.testing.assert_allclose(effect.inner.seen(data.depth_mm, off, data), data.depth_mm)
+        on = effect.inner.seen(data.depth_mm, effect.starts(data)[0] * 3, data)
+        np.testing.assert_array_equal(on[face], data.depth_mm[face])
+        assert (on[~face] != data.depth_mm[~face]).any()
+
+
 def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> None:
     fitted = fit_vision_depth(seen(4))
     assert fitted is not None

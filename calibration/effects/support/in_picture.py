@@ -86,8 +86,6 @@ class InPicture:
 class OfPicture(EffectBase):
     """An effect of the picture alone: no force and no certified depth knows of it."""
 
-    stage = Stage.DEPTH
-
     def missing(self, data: Observations) -> str:
         """Forces never show it."""
         return "needs frames: it shows in the gel beside faces, against certified depths"
