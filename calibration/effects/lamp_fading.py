@@ -4,8 +4,8 @@
 
 t counts while the rig runs, T in all (photometric_drift.py, which is the part that all sides share). Lamps that
 fade alike, and a tint of the whole picture, are taken off by the light of the untouched gel. Vanishes at
-c = s = 0. E rests on certified depths and does not move; nu is read from all sides, so that it moves by the part that they
-share. Source: first order of a gain that differs by side.
+c = s = 0. E rests on certified depths and does not move; nu is read from all sides, so that it moves by the part
+that they share. Source: first order of a gain that differs by side.
 """
 
 from __future__ import annotations

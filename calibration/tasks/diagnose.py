@@ -50,6 +50,10 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
+POINTS_ALONE, WHY_POINTS = "curves_not_used", (  # of presses that a camera saw
+    "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent from "
+    "depth to depth, so what follows rate, time and history is not looked for"
+)
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -150,6 +154,8 @@ def _determine(
     suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
     after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
+    if sight is not None and not base.data.is_curves:
+        flags, after = [*flags, POINTS_ALONE], replace(after, warnings=(*after.warnings, WHY_POINTS))
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
