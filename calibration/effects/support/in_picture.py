@@ -53,6 +53,11 @@ class InPicture:
         return self.inner.check
 
     @property
+    def treatment(self) -> str:
+        """The catalogue's."""
+        return str(getattr(self.inner, "treatment", ""))
+
+    @property
     def stage(self) -> Stage:
         """True depth becomes seen depth."""
         return Stage.DEPTH
