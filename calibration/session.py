@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from math import nan  # one object: steps without a figure are equal
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactilevision.door.documents import read_json
 from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
 from tactilevision.files import write_json
 
+if TYPE_CHECKING:
+    from calibration.tasks.compare import Comparison
+
 _KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
 UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
+LONGEST_LABEL = 80  # letters of a state's name: one line of a page
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
 
 
@@ -38,11 +43,20 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Labelled:
+    """A state that was given a name: the steps that stood, and the presses left out."""
+
+    name: str
+    steps: tuple[Step, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class History:
     """The steps taken on these recordings, and those undone, which can be redone.
 
     `applied`: the folder's calibration.json is that of these steps; `seed` of the score tests; `prior`: nu was
-    held to what elastomers have.
+    held to what elastomers have; `left_out`: names of presses that are not fitted; `labels`: states with a name.
     """
 
     recordings: tuple[str, ...]
@@ -51,6 +65,8 @@ class History:
     applied: bool = False
     seed: int = 0
     prior: bool = True
+    left_out: tuple[str, ...] = ()
+    labels: tuple[Labelled, ...] = ()
 
     def add(self, step: Step) -> History:
         """One more step; what was undone is forgotten."""
@@ -70,6 +86,26 @@ class History:
             raise InputError("there is no step to redo", where="history")
         return replace(self, steps=(*self.steps, self.undone[-1]), undone=self.undone[:-1])
 
+    def remove(self, key: str) -> History:
+        """Without the step of this key, which can be redone. Raises InputError where there is none."""
+        step = next((one for one in self.steps if one.key == key), None)
+        if step is None:
+            raise InputError("this effect is not in the model", where="history", value=key)
+        rest = tuple(one for one in self.steps if one is not step)
+        return replace(self, steps=rest, undone=(*self.undone, step))
+
+    def label(self, name: str) -> History:
+        """With this state under a name, which it takes from another state that had it."""
+        if not name.strip() or len(name) > LONGEST_LABEL or not name.isprintable():
+            raise InputError(
+                "a state's name is one line of text",
+                where="label",
+                value=name,
+                remedy=f"{LONGEST_LABEL} letters at most.",
+            )
+        others = tuple(one for one in self.labels if one.name != name)
+        return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))
+
     def as_json(self) -> dict[str, Any]:
         """Plain data."""
 
@@ -84,6 +120,10 @@ class History:
             "applied": self.applied,
             "seed": self.seed,
             "prior": self.prior,
+            "left_out": list(self.left_out),
+            "labels": [
+                {"name": one.name, "steps": rows(one.steps), "left_out": list(one.left_out)} for one in self.labels
+            ],
         }
 
     def save(self, path: Path | str) -> None:
@@ -95,10 +135,26 @@ class History:
         options = " ".join(
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
+        options += "".join(f" --leave-out {_quoted(name)}" for name in self.left_out)
         names = " ".join(_quoted(name) for name in self.recordings)
         how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
         command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
+
+
+def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Step]:
+    """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
+    from calibration.effects import written
+
+    steps = []
+    for before, model in (*pairwise(found.models), *pairwise(found.pictured)):
+        key = model.effects[-1]
+        kept = (effect for effect in model.fitted.model.effects if effect.key == key)
+        named = next((written(effect) for effect in kept), key)  # what frames read anew cure is not fitted
+        rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
+        unit = "mm" if model.material is None else "N"
+        steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
+    return steps
 
 
 def load_history(path: Path | str) -> History:
@@ -119,9 +175,16 @@ def load_history(path: Path | str) -> History:
             applied=content.get("applied") is True,
             seed=_seed(content.get("seed", 0)),
             prior=content.get("prior") is not False,
+            left_out=tuple(_text(name) for name in content.get("left_out", ())),
+            labels=tuple(_labelled(row) for row in content.get("labels", ())),
         )
     except (OSError, ValueError, KeyError, TypeError) as fault:
         raise InputError("this is no history of an analysis", where=path, value=str(fault)) from fault
+
+
+def _labelled(row: dict[str, Any]) -> Labelled:
+    steps = tuple(_step(step) for step in row["steps"])
+    return Labelled(_text(row["name"]), steps, tuple(_text(name) for name in row["left_out"]))
 
 
 def _step(row: dict[str, Any]) -> Step:

@@ -30,6 +30,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "tactilevision.cli.source.open_branch",
     "tactilevision.cli.source.open_reconstructor",
     "tactilevision.cli.source.open_source",
+    "tactilevision.mechanics.tables.tabulate.cluster",
     "tactilevision.streaming.clear_leftovers",
     "tactilevision.photometric.method.Evaluator",
     "tactilevision.photometric.response.response_in",

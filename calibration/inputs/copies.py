@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.inputs.observations import Observations
 from tactilevision.errors import InputError
+from tactilevision.records import Floats
 
 MIN_SAMPLES = 5  # of a press: fewer may be equal by rounding
 SLOWEST_MM_S = 5e-4  # mm/s: motion stages press a hundred times as fast, and motors stick below
@@ -60,7 +61,7 @@ def _speeds(data: Observations) -> Iterator[tuple[float, float]]:
         yield (float(way / time) if time > 0 and way > 0 else np.nan), float(data.presses.speed_mm_s[k])
 
 
-def _median(values: np.ndarray) -> float:
+def _median(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else np.nan
 

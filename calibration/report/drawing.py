@@ -199,7 +199,7 @@ def plain_card(found: Diagnosis) -> Card | None:
     one = found.plain
     pairs = zip(one.effect.parameters, one.own_values, strict=True)
     values = tuple((p.name, float(v), p.unit) for p, v in pairs)
-    return Card(one.effect.key, values, replace(_overlay(found.fitted, one), key=PLAIN_ERROR))
+    return Card(one.effect.key, values, replace(overlay(found.fitted, one), key=PLAIN_ERROR))
 
 
 def _card(base: Fit, effect: Effect) -> Card:
@@ -208,10 +208,10 @@ def _card(base: Fit, effect: Effect) -> Card:
     except CANNOT_FIT:
         return Card(effect.key, (), None)
     pairs = zip(effect.parameters, fitted.own_values, strict=True)
-    return Card(effect.key, tuple((p.name, float(v), p.unit) for p, v in pairs), _overlay(base, fitted))
+    return Card(effect.key, tuple((p.name, float(v), p.unit) for p, v in pairs), overlay(base, fitted))
 
 
-def _overlay(base: Fit, candidate: Candidate) -> Overlay:
+def overlay(base: Fit, candidate: Candidate) -> Overlay:
     """Against the covariate along which the candidate changes most."""
     change = candidate.force_N - base.force_N
     std = np.maximum(base.about.base_N * base.noise.scale, 1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -125,59 +125,90 @@ def compare(
     `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added any
     more. Raises InputError for unusable data.
     """
-    stated = clear_of_touch(usable(data))
-    data = informed(stated, bulge, bound=bound)
-    model = base_model(data)
+    ready = replace(prepare(data, bulge=bulge, bound=bound), treated=treated)
     progress(0, len(effects) + 1, "the plain law")
-    found = [judge(fit_alone(model, data), rng)]
-    pictured: list[Compared] = []
-    left_out = []
+    found = plain_law(ready, rng=rng)
     for number, added in enumerate(effects, start=1):
         effect = get_effect(added) if isinstance(added, str) else added
         progress(number, len(effects) + 1, effect.key.replace("_", " "))
-        why = "the time was over" if deadline.passed else ""
-        try:
-            unseen = why or effect_directions(found[0].fitted, [effect])[1].get(effect.key, "")
-            if not unseen:
-                one = evaluate(model + effect, data, rng=rng, on=found[-1].fitted)
-                found.append(replace(one, effects=(*found[-1].effects, effect.key)))
-                model = model + effect
-            elif why or not _in_picture(pictured, effect, stated, treated=treated):
-                left_out.append((effect.key, unseen))
-        except Exception as fault:  # a private effect may raise anything; the next one may still do
-            left_out.append((effect.key, str(fault) or type(fault).__name__))
-    return Comparison(tuple(found), tuple(left_out), tuple(pictured), _suggested(found[-1], deadline))
+        found = with_effect(found, effect, ready, rng=rng, deadline=deadline)
+    return replace(found, suggested=suggest(found, deadline))
 
 
-def _suggested(last: Compared, deadline: Deadline) -> tuple[str, ...]:
-    """Plain errors worth a try, where something is left of the last model's error."""
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu.
+
+    `treated`: as they were recorded, from frames that were read anew, by the name of the treatment.
+    """
+
+    stated: Observations
+    data: Observations
+    treated: Mapping[str, Observations] = field(default_factory=dict)
+
+
+def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
+    """The measurements as `compare` fits them. Raises InputError for unusable data."""
+    stated = clear_of_touch(usable(data))
+    return Prepared(stated, informed(stated, bulge, bound=bound))
+
+
+def plain_law(ready: Prepared, *, rng: np.random.Generator) -> Comparison:
+    """The base law alone, which `with_effect` adds to. Raises InputError where it cannot be fitted."""
+    return Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
+
+
+def with_effect(
+    found: Comparison,
+    effect: Effect,
+    ready: Prepared,
+    *,
+    rng: np.random.Generator,
+    deadline: Deadline = NEVER,
+) -> Comparison:
+    """One more effect on top of those before; where that cannot be, the same with it named in `left_out`."""
+    last = found.models[-1]
+    why = "the time was over" if deadline.passed else ""
+    try:
+        unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
+        if not unseen:
+            one = evaluate(last.fitted.model + effect, ready.data, rng=rng, on=last.fitted)
+            return replace(
+                found, models=(*found.models, replace(one, effects=(*last.effects, effect.key))), suggested=()
+            )
+        if why or (pictured := _in_picture(found.pictured, effect, ready)) is None:
+            return replace(found, left_out=(*found.left_out, (effect.key, unseen)))
+        return replace(found, pictured=pictured, suggested=())
+    except Exception as fault:  # a private effect may raise anything; the next one may still do
+        return replace(found, left_out=(*found.left_out, (effect.key, str(fault) or type(fault).__name__)))
+
+
+def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
+    """Keys of plain errors worth a try, where something is left of the last model's error."""
+    last = found.models[-1]
     if deadline.passed or min((c.p_adjusted for c in last.covariates), default=1.0) > LEFT:
         return ()
     return tuple(one.effect.key for one in suggested(last.fitted))
 
 
-def _in_picture(
-    pictured: list[Compared], effect: Effect, data: Observations, *, treated: Mapping[str, Observations]
-) -> bool:
-    """Add the effect to the models of the picture's depth; False where no such depth shows it."""
-    seen = pictured[-1].fitted if pictured else fit_vision_depth(data)
+def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
+    """The models of the picture's depth with the effect added; None where no such depth shows it."""
+    seen = pictured[-1].fitted if pictured else fit_vision_depth(ready.stated)
     shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
     if seen is None or shown is None or shown.missing(seen.data):
-        return False
+        return None
     treatment = getattr(effect, "treatment", "")
-    fitted = _read_anew(seen, treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
-    if not pictured:
-        pictured.append(_as_read(seen, ()))
-    pictured.append(_as_read(fitted, (*pictured[-1].effects, effect.key)))
-    return True
+    fitted = _read_anew(seen, ready.treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
+    before = pictured or (_as_read(seen, ()),)
+    return (*before, _as_read(fitted, (*before[-1].effects, effect.key)))
 
 
 def _read_anew(seen: Fit, data: Observations | None) -> Fit:
     """The law of the picture's depth, with the effects added so far, on frames that were read anew."""
     if data is None:
         raise InputError(
-            "the frames show none of it, or too little is known to undo it",
-            remedy="Undoing shadows needs the reference pictures of balls, which tell the lamps.",
+            "its cure is to read the frames anew, and they show none of it or were not read anew",
+            remedy="`tactilevision compare` does, where reference pictures of balls tell the lamps.",
         )
     begin = fit_vision_depth(data)
     assert begin is not None

@@ -28,7 +28,7 @@ LEVEL = 0.05  # chance, over all recordings, of a change where there is none
 
 @dataclass(frozen=True, slots=True)
 class HistoryRow:
-    """One recording: its date, E and c with intervals, and the change of c since the first recording.
+    """One recording: its date, E, nu and c with intervals, and the change of c since the first recording.
 
     `change` is relative, c_k/c_1 - 1, with a 95 % interval; `p_adjusted` of no change; `moved` at the 5 % level.
     """
@@ -37,6 +37,7 @@ class HistoryRow:
     recording: str
     presses: int
     youngs_modulus: Estimate
+    poisson_ratio: Estimate
     c: Estimate
     change: float
     change_interval95: Pair
@@ -111,6 +112,7 @@ def _row(measured: Measured, result: CalibrationResult, change: float, interval:
         recording=measured.recording.name,
         presses=len(result.presses_accepted),
         youngs_modulus=result.youngs_modulus,
+        poisson_ratio=result.poisson_ratio,
         c=result.c,
         change=change,
         change_interval95=interval,

@@ -29,6 +29,9 @@ Private = Annotated[
     list[Path] | None, typer.Option("--effect", metavar="FILE.py", help="An effect of your own; the file is run.")
 ]
 Seed = Annotated[int, typer.Option(help="Of the bootstrap and the permutations.")]
+LeftOut = Annotated[
+    list[str] | None, typer.Option("--leave-out", metavar="PRESS", help="A press that is not fitted (repeatable).")
+]
 TimeLimit = Annotated[
     float | None,
     typer.Option("--time-limit", min=1, metavar="SECONDS", help="End with the best answer so far, and say so."),
@@ -42,6 +45,7 @@ class Settings:
     seed: int
     prior: bool
     applied: bool = False
+    left_out: tuple[str, ...] = ()
 
 
 def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
@@ -51,22 +55,25 @@ def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
     return [one for one, _ in read], min(known, key=lambda bulge: bulge.std or 0.0, default=None)
 
 
-def observed(taken: Sequence[Taken]) -> Observations:
-    """The curves of these recordings where there are any, else the certified points."""
+def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observations:
+    """The curves of these recordings where there are any, else the certified points, without some presses."""
     from calibration.inputs.gather import observe_all
+    from calibration.inputs.left_out import leave_out
     from calibration.tasks.calibrate import observe
 
     sets = [one.measured for one in taken]
-    return observe_all(sets) if any(one.curves for one in sets) else observe(sets)
+    return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
 
 
-def treated(taken: Sequence[Taken], effects: Sequence[Effect]) -> dict[str, Observations]:
+def treated(
+    taken: Sequence[Taken], effects: Sequence[Effect], left_out: Sequence[str] = ()
+) -> dict[str, Observations]:
     """The measurements read anew in each way that one of the effects asks for, where frames show its cause."""
     wanted = {str(getattr(effect, "treatment", "")) for effect in effects}
     again = [shadows_undone(one) for one in taken] if UNDO_SHADOWS in wanted else []
     if not any(again):
         return {}
-    return {UNDO_SHADOWS: observed([new or old for new, old in zip(again, taken, strict=True)])}
+    return {UNDO_SHADOWS: observed([new or old for new, old in zip(again, taken, strict=True)], left_out)}
 
 
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
@@ -84,13 +91,18 @@ def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dic
 
 
 def compare_command(
-    recordings: Sequence[Path | str], names: Sequence[str], files: Mapping[str, str], *, prior: bool = True
+    recordings: Sequence[Path | str],
+    names: Sequence[str],
+    files: Mapping[str, str],
+    *,
+    prior: bool = True,
+    left_out: Sequence[str] = (),
 ) -> str:
     """The command that adds these effects, as a shell takes it."""
     options = [
         word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
     ]
-    held = [] if prior else ["--no-prior"]
+    held = [word for press in left_out for word in ("--leave-out", press)] + ([] if prior else ["--no-prior"])
     return shlex.join(["tactilevision", "compare", *map(str, recordings), *options, *held])
 
 
@@ -101,7 +113,7 @@ def keep_history(
     from calibration.session import History
 
     names, how = tuple(str(path.resolve()) for path in recordings), settings
-    history = History(names, applied=how.applied, seed=how.seed, prior=how.prior)
+    history = History(names, applied=how.applied, seed=how.seed, prior=how.prior, left_out=how.left_out)
     for step in steps:
         history = history.add(step)
     write_history(history, folder, out)

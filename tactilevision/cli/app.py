@@ -27,6 +27,7 @@ from tactilevision.cli import (
     train,
     validate,
     view,
+    workbench,
 )
 from tactilevision.runs import output_lock
 
@@ -57,6 +58,7 @@ app.command("view")(alone(view.view))
 app.command("diagnose")(alone(diagnose.diagnose))
 app.command("compare")(alone(compare.compare))
 app.command("steps")(alone(steps.steps, into="folder"))
+app.command("workbench")(alone(workbench.workbench))
 app.command("new-effect")(diagnose.new_effect)
 app.command("live")(live.live)
 app.command("force")(alone(force.force))

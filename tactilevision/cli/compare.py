@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +10,7 @@ import typer
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
     ANSWERED,
+    LeftOut,
     Recordings,
     Seed,
     Settings,
@@ -27,7 +26,6 @@ from tactilevision.cli.measure import take
 from tactilevision.cli.steps import forget_found
 
 if TYPE_CHECKING:
-    from calibration.session import Step
     from calibration.tasks.compare import Compared, Comparison
 
 Chosen = Annotated[
@@ -50,53 +48,43 @@ def compare(
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
     time_limit: TimeLimit = None,
+    left_out: LeftOut = None,
 ) -> None:
     """Add effects one after the other and watch the error, on presses left out, beside the repeatability."""
     import numpy as np
 
     from calibration.inputs.deadline import Deadline
     from calibration.laws.flat_punch import elastomer_bound
+    from calibration.session import steps_of_comparison
     from calibration.tasks import compare as method
     from tactilevision.cli.comparison import content_of, write_comparison
     from tactilevision.cli.pictures import FigureFolder
     from tactilevision.files import staged
 
-    deadline = Deadline.after(time_limit)
+    deadline, aside = Deadline.after(time_limit), tuple(left_out or ())
     effects, files = named_effects(chosen)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("fitting") as progress:
-        data, rng, bound = observed(taken), np.random.default_rng(seed), elastomer_bound(prior)
-        again = treated(taken, effects)
+        data, rng, bound = observed(taken, aside), np.random.default_rng(seed), elastomer_bound(prior)
+        again = treated(taken, effects, aside)
         found = method.compare(
             data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
-    added = [step.key for step in steps_of(found, files)]
-    commands = [compare_command(recordings, [*added, key], files, prior=prior) for key in found.suggested]
+    added = [step.key for step in steps_of_comparison(found, files)]
+    commands = [
+        compare_command(recordings, [*added, key], files, prior=prior, left_out=aside) for key in found.suggested
+    ]
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
-    left_out = [f"{key} is left out: {why}" for key, why in found.left_out]
+    passed_over = [f"{key} is left out: {why}" for key, why in found.left_out]
     with staged(out) as stage:
         write_comparison(found, FigureFolder(stage, form), title=title, try_next=commands)
-        keep_history(recordings, steps_of(found, files), stage, out=out, settings=Settings(seed, prior))
+        steps = steps_of_comparison(found, files)
+        keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, left_out=aside))
     forget_found(out)
-    console.warn(left_out)
-    console.say(*lines_of(found), *left_out, *(f"to try next: {text}" for text in commands))
+    console.warn(passed_over)
+    console.say(*lines_of(found), *passed_over, *(f"to try next: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content_of(found), json)
-
-
-def steps_of(found: Comparison, files: Mapping[str, str]) -> list[Step]:
-    """A step for each effect that was added, with the errors before and after it; `files` of one's own by key."""
-    from calibration.effects import written
-    from calibration.session import Step
-
-    steps = []
-    for before, model in (*pairwise(found.models), *pairwise(found.pictured)):
-        key = model.effects[-1]
-        named = next((written(effect) for effect in model.fitted.model.effects if effect.key == key), key)
-        rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
-        unit = "mm" if model.material is None else "N"
-        steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
-    return steps
 
 
 def lines_of(found: Comparison) -> list[str]:

@@ -111,8 +111,8 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
     rng = np.random.default_rng(history.seed)
     with console.progress_bar("fitting") as progress:
-        data, bound = observed(taken), elastomer_bound(history.prior)
-        again = treated(taken, effects)
+        data, bound = observed(taken, history.left_out), elastomer_bound(history.prior)
+        again = treated(taken, effects, history.left_out)
         result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."

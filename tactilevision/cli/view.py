@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
+    from tactilevision.plots.window import Window
     from tactilevision.reconstruct import Reconstructor
     from tactilevision.recording import Recording
     from tactilevision.records import Bytes, HeightMap
@@ -48,7 +49,15 @@ def view(
     terms: Annotated[
         bool, typer.Option("--terms", help="Also draw which part of the depth's deviation is the largest where.")
     ] = False,
-    window: Annotated[bool, typer.Option("--window", help="Show the pictures in windows, too.")] = False,
+    html: Annotated[
+        bool, typer.Option("--html", help="Also write one page with a surface to turn; it needs no other file.")
+    ] = False,
+    window: Annotated[
+        bool,
+        typer.Option(
+            "--window", help="Open a window: all frames, profiles by mouse, differences, a surface to turn."
+        ),
+    ] = False,
 ) -> None:
     """Draw a height map: from above with contours, cut, in perspective, its normals, and over its frame."""
     from tactilevision.exports import export as write
@@ -66,21 +75,38 @@ def view(
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
     told = _terms(height, opened) if terms else {}
-    figures = _draw(height, rgb, None if minus is None else _other(minus, opened, mm_per_px))
+    other = None if minus is None else _other(minus, opened, mm_per_px)
+    figures = _draw(height, rgb, other)
     if told:
         from tactilevision.plots.depth_terms import draw_terms
 
         figures["terms"] = draw_terms(height, told)
+    stem = Path(height.name).stem
     for name, figure in figures.items():
-        path_out = out / f"{Path(height.name).stem}_{name}.png"
+        path_out = out / f"{stem}_{name}.png"
         style.save_figure(figure, path_out)
         console.say(f"wrote {path_out}")
+    if html:
+        from tactilevision.plots.surface_page import write_surface_page
+
+        flat = [out / f"{stem}_{name}.png" for name in figures if name != "surface"]
+        console.say(f"wrote {write_surface_page(out, height, flat)}")
     for form in export or []:
         console.say(f"wrote {write(height, out, form=form)}")
     if film is not None:
         _film(opened, film, filmed, out)
     if window:
-        style.show(list(figures.values()))
+        style.show([_window(height, opened, other).figure])
+
+
+def _window(height: HeightMap, opened: _Opened | None, other: HeightMap | None) -> Window:
+    """The window on all frames beside this one; on a depth TIFF alone there is one frame."""
+    from tactilevision.plots.window import Window
+
+    if opened is None:
+        return Window([height.name], lambda _: height, marked=other)
+    names = opened.recording.frame_names
+    return Window(names, lambda n: opened.named(names[n])[0], number=opened.number(height.name), marked=other)
 
 
 def _check_known(forms: list[str]) -> None:

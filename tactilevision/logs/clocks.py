@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tactilevision.errors import InputError
-from tactilevision.logs.messages import Stamp
 from tactilevision.records import Floats
+
+if TYPE_CHECKING:
+    from tactilevision.logs.messages import Stamp
 
 MAX_DELAY_S = 0.5  # s: pictures reach a log within some tenths of a second; another clock is off by far more
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tactilevision.errors import InputError
 from tactilevision.plots import style
-from tactilevision.records import Bytes, Floats, Footprint, HeightMap
+from tactilevision.records import Bools, Bytes, Floats, Footprint, HeightMap
 from tactilevision.records.flags import add
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def draw_height(height: HeightMap, *, title: str = "") -> Figure:
     above, cuts = axes
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
-    above.set_title(titled(height, title or height.name or "Depth of the gel's surface"))
+    above.set_title(titled(height, title or _named(height, "depth of the gel's surface")))
     row, column = deepest_place(height)
     cut_lines(cuts, height, row=row, column=column)
     _mark_cuts(above, height, row, column)
@@ -38,7 +38,7 @@ def draw_height_and_frame(rgb: Bytes, height: HeightMap, *, title: str = "") -> 
     """The rectified frame (H, W, 3) with the depth's contours, the depth in mm from above, and two cuts."""
     figure, (frame, above, cuts, corner) = style.new_figure(style.WIDTH_IN, 5.6, rows=2, columns=2)
     overlay(frame, rgb, height=height, footprint=None)
-    frame.set_title(titled(height, title or height.name))
+    frame.set_title(titled(height, title or _named(height, "frame")))
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.85)
     row, column = deepest_place(height)
@@ -69,12 +69,14 @@ def draw_normals(height: HeightMap, *, title: str = "") -> Figure:
     lit.imshow(_lit(down_x, down_y), cmap="gray", vmin=0, vmax=1, extent=extent_mm(height), interpolation="none")
     scale_bar(lit, height, colour="black")
     for axes, words in (
-        (tilt, titled(height, title or f"{height.name}: tilt, arrows point deeper")),
+        (tilt, titled(height, title or _named(height, "tilt, arrows point deeper"))),
         (lit, "Lit from above left"),
     ):
         axes.set_facecolor(style.INVALID)
         axes.grid(False)
         axes.set(xlabel="x (mm)", ylabel="y (mm)", title=words)
+    _unknown_entry(tilt, height.valid)
+    style.legend_below(figure)
     return figure
 
 
@@ -118,10 +120,8 @@ def draw_surface(height: HeightMap, *, title: str = "") -> Figure:
     axes.locator_params(axis="z", nbins=3)  # the box is low: more would overlap
     axes.invert_zaxis()
     axes.invert_yaxis()
-    exaggerated = 0.25 * float(np.ptp(x)) / span
-    axes.set_title(
-        f"{titled(height, title or height.name)}   vertical scale × {exaggerated:.0f}", loc="left", fontsize=10
-    )
+    words = titled(height, title or _named(height, "surface"))
+    axes.set_title(f"{words}   vertical scale × {0.25 * float(np.ptp(x)) / span:.0f}", loc="left", fontsize=10)
     axes.view_init(elev=48, azim=-62)
     return figure
 
@@ -131,7 +131,7 @@ def draw_overlay(rgb: Bytes, height: HeightMap, *, footprint: Footprint | None, 
     """The rectified frame (H, W, 3) with the contours of the depth, in mm, and the indenter's circle on it."""
     figure, (axes,) = style.new_figure(5.6, 4.2)
     overlay(axes, rgb, height=height, footprint=footprint)
-    axes.set_title(titled(height, title or height.name))
+    axes.set_title(titled(height, title or _named(height, "frame and its depth")))
     style.legend_below(figure)
     return figure
 
@@ -142,13 +142,7 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
 
     Raises InputError for maps of two sizes or two scales.
     """
-    if first.depth_mm.shape != second.depth_mm.shape or not np.allclose(first.mm_per_px, second.mm_per_px):
-        raise InputError(
-            "only maps of one size and scale have a difference",
-            where=f"{second.name}, {first.name}",
-            value=f"{_size_of(second)} and {_size_of(first)}",
-        )
-    change = np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
+    change = change_mm(first, second)
     limit = max(float(np.nanpercentile(np.abs(change), 99.5)), 1e-6) if np.isfinite(change).any() else 1e-6
     figure, (axes,) = style.new_figure(6.2, 4.2)
     axes.set_facecolor(style.INVALID)
@@ -159,7 +153,27 @@ def draw_difference(first: HeightMap, second: HeightMap, *, title: str = "second
     axes.set_title(titled(replace(second, flags=add(first.flags, second.flags)), title))
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    _unknown_entry(axes, first.valid & second.valid)
+    style.legend_below(figure)
     return figure
+
+
+def change_mm(first: HeightMap, second: HeightMap) -> Floats:
+    """Second depth minus first (H, W), in mm; NaN where either is not known.
+
+    Raises InputError for maps of two sizes or two scales.
+    """
+    if first.depth_mm.shape != second.depth_mm.shape or not np.allclose(first.mm_per_px, second.mm_per_px):
+        raise InputError(
+            "only maps of one size and scale have a difference",
+            where=f"{second.name}, {first.name}",
+            value=f"{_size_of(second)} and {_size_of(first)}",
+        )
+    return np.where(first.valid & second.valid, second.depth_mm - first.depth_mm, np.nan)
+
+
+def _named(height: HeightMap, what: str) -> str:
+    return f"{height.name}: {what}" if height.name else what[0].upper() + what[1:]
 
 
 def _size_of(height: HeightMap) -> str:
@@ -199,8 +213,7 @@ def depth_image(axes: Axes, height: HeightMap) -> AxesImage:
             origin="upper",
         )
         _contour_entry(axes)
-    if not height.valid.all():
-        axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
+    _unknown_entry(axes, height.valid)
     scale_bar(axes, height)
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
@@ -255,6 +268,12 @@ def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint |
         axes.plot(x, y, color=style.ORANGE, lw=1.8, label="punch face")
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
+
+
+def _unknown_entry(axes: Axes, known: Bools) -> None:
+    """What the legend says of grey pixels (H, W), where there are any."""
+    if not known.all():
+        axes.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
 
 
 def _contour_entry(axes: Axes) -> None:

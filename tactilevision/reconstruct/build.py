@@ -24,11 +24,13 @@ from tactilevision.photometric import (
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import far_from
 from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS
 from tactilevision.photometric.illumination.light_match import check_view, light_of
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
+from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
 from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.reconstruct.untouched_frames import free_frames, subtract_background, tare, untouched_of
 from tactilevision.records import Bytes, Sensor
@@ -161,7 +163,11 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
 
     sensor, bare = recording.sensor, is_bare(recording)
     path = find_model(_family(sensor.kind))
-    if path is None or not flats:
+    ready = _without_balls(sensor, path, flats) if path is not None and flats else None
+    own = _on_own_contacts(recording, flats, ready) if flats else None
+    if own is not None:
+        return own
+    if ready is None:
         missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
         named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
         raise InputError(
@@ -170,10 +176,25 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             value=f"sensor {sensor.kind}",
             remedy=f"Name what was calibrated before with {named}."
             + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
+            + (f" Or take in {MIN_CONTACTS} frames or more in which something touches the gel." if flats else "")
             + ("" if bare else " Or add them to the recording."),
         )
-    found = _without_balls(sensor, path, flats)
-    found.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    ready.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    return ready
+
+
+def _on_own_contacts(
+    recording: Recording, flats: Sequence[Bytes], ready: Reconstructor | None
+) -> Reconstructor | None:
+    """A reconstructor whose light is calibrated on contacts in the frames; None where they do not tell it."""
+    sensor = recording.sensor
+    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    method = calibrated_on_frames(recording, reference, prior=ready.referenced if ready is not None else None)
+    if method is None:
+        return None
+    found = Reconstructor(sensor, method)
+    found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
+    found.warnings += (scale_warning(method, kind=sensor.kind),)
     return found
 
 

@@ -63,7 +63,7 @@ def test_no_frames_make_no_film() -> None:
 def test_normals_overlay_and_difference_are_drawn_with_holes(tmp_path: Path) -> None:
     first, second = SHOTS[1], SHOTS[4]
     tilted = draw_normals(second.height)
-    assert "tilt" in tilted.axes[0].get_title(loc="left")
+    assert "Tilt" in tilted.axes[0].get_title(loc="left")
     assert len(tilted.axes[0].collections) == 1, "arrows"
     strip = draw_height_and_frame(second.rgb, second.height)
     assert len(strip.axes) == 5

@@ -18,7 +18,7 @@ def test_the_scale_is_told_within_the_picture() -> None:
     figure = draw_surface(HeightMap(depth, np.ones_like(depth, bool), (0.5, 0.5), name="a"))
     FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
     title = figure.axes[0].get_title(loc="left")
-    assert title.startswith("a ")
+    assert title.startswith("a: surface")
     assert "vertical scale" in title
     (words,) = [text for text in figure.findobj() if getattr(text, "get_text", lambda: "")() == title]
     box = words.get_window_extent()

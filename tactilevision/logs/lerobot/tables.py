@@ -40,7 +40,7 @@ def parts(path: Path, columns: Sequence[str] | None = None) -> Iterator[Any]:
         missing = [name for name in columns or () if name not in has]
         if missing:
             raise InputError("a column is missing", where=path, value=missing[0])
-        for batch in file.iter_batches(batch_size=ROWS, columns=columns):
+        for batch in file.iter_batches(batch_size=ROWS, columns=columns, use_threads=False):
             check(batch.nbytes / 1e6, "MAX_ARRAY_MB", what="a part of the table, in MB,", where=path)
             yield batch
 

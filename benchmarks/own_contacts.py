@@ -1,0 +1,122 @@
+"""Light calibrated on contacts of unknown shape, on real ball presses that are not said to be balls.
+
+    python -m benchmarks.own_contacts
+
+A third of the frames at a time is left out, and read by the law that the contacts of the others gave. Beside it
+stand the ready network and, of the frames of other objects, what their contacts give for the balls. The balls'
+radius is taken for 3.8 mm (GelSlim) and 4 mm (Mini): depth's scale rests on that, direction hardly does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.default_method import REAL, ROOT, SCALE, gain, real_balls
+from tactilevision.photometric import BallPicture, Reference, make_reference
+from tactilevision.photometric.ball.samples import Samples, ball_samples
+from tactilevision.photometric.calibrate import direction_error_deg, locate
+from tactilevision.photometric.contacts.moments import Contact, contact_of
+from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.protocols import ColourLaw
+from tactilevision.records import Bytes, Pair
+
+SETS = {
+    "A": "gelslim3_mcubelab/markerless",
+    "B": "gelslim3_mcubelab/markers",
+    "C": "gelslim_heightmap/dots1",
+    "D": "gelslim_heightmap/test_data",
+}
+OBJECTS = {
+    "A": ("gelslim3_mcubelab/markerless_objects", "*.jpg"),
+    "B": ("gelslim3_mcubelab/objects", "*.jpg"),
+    "D": ("gelslim_heightmap/test_data", "reconstruct*.jpg"),
+}
+MINI, MINI_SCALE, MINI_RADIUS_MM = "taxim_gelsight_mini", (0.0317, 0.0317), 4.0
+FOLDS = 3
+
+
+def main() -> None:
+    if not REAL.is_dir():
+        print("the real frames are not at hand")
+        return
+    network = Network((ROOT / "models" / "gelslim3.onnx").read_bytes(), 0.9).at
+    for name, folder in SETS.items():
+        reference, pictures = real_balls(REAL / folder)
+        contacts, samples = seen(reference, pictures, SCALE)
+        print(f"{name}: network {told([network(s.change, s.place) for s in samples], samples)}")
+        report(f"{name}: frames left out, scale of the network", contacts, samples, network)
+        report(f"{name}: frames left out, scale of a usual light", contacts, samples, None)
+        if name in OBJECTS:
+            objects = [contact for rgb in objects_of(name) if (contact := of(reference, rgb)) is not None]
+            law = calibrate_on_contacts(objects, network)
+            found = "none" if law is None else told([law.at(s.change, s.place) for s in samples], samples)
+            print(f"{name}: {len(objects)} objects alone: {found}")
+    reference, pictures = mini()
+    contacts, samples = seen(reference, pictures, MINI_SCALE)
+    report("E: frames left out, scale of a usual light", contacts, samples, None)
+
+
+def seen(
+    reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair
+) -> tuple[list[Contact | None], list[Samples]]:
+    """The contact of each picture, and samples under its ball."""
+    change, rng, contacts, samples = ColourChange(reference), np.random.default_rng(0), [], []
+    for number, picture in enumerate(pictures):
+        u, _, valid = change.measure(picture.rgb)
+        contacts.append(contact_of(u, valid, rng))
+        ball = locate(u, valid, picture=picture, mm_per_px=mm_per_px)
+        samples.append(ball_samples(u, ball, mm_per_px=mm_per_px, number=number, most=200, valid=valid, rng=rng))
+    return contacts, samples
+
+
+def of(reference: Reference, rgb: Bytes) -> Contact | None:
+    u, _, valid = ColourChange(reference).measure(rgb)
+    return contact_of(u, valid, np.random.default_rng(0))
+
+
+def report(name: str, contacts: Sequence[Contact | None], samples: Sequence[Samples], prior: Prior | None) -> None:
+    """Frames left out, read by the law of the others' contacts."""
+    laws: list[ColourLaw | None] = []
+    for fold in range(FOLDS):
+        others = [one for number, one in enumerate(contacts) if number % FOLDS != fold and one is not None]
+        laws.append(calibrate_on_contacts(others, prior))
+    if any(law is None for law in laws):
+        print(f"{name}: the contacts do not tell the light")
+        return
+    slopes = [law.at(s.change, s.place) for n, s in enumerate(samples) if (law := laws[n % FOLDS]) is not None]
+    print(f"{name}: {told(slopes, samples)}")
+
+
+def told(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> str:
+    off = np.concatenate([direction_error_deg(g, s.slopes) for g, s in zip(slopes, samples, strict=True)])
+    gains = [gain(g, s.slopes) for g, s in zip(slopes, samples, strict=True)]
+    return f"{np.median(off):.1f} degrees, scale {np.median(gains):.2f} +- {np.std(gains):.2f}"
+
+
+def objects_of(name: str) -> list[Bytes]:
+    folder, pattern = OBJECTS[name]
+    with np.load((REAL / folder).parent / "abe_corr.npz", allow_pickle=False) as table:
+        x, y = table["x"], table["y"]
+    return [np.ascontiguousarray(read(path)[x, y]) for path in sorted((REAL / folder).glob(pattern))]
+
+
+def mini() -> tuple[Reference, list[BallPicture]]:
+    names = sorted((REAL / MINI).glob("img_*.png"))
+    pictures = [BallPicture(read(path), MINI_RADIUS_MM, name=path.name) for path in names]
+    return make_reference([read(REAL / MINI / "f0.png")], may_have_marks=False), pictures
+
+
+def read(path: Path) -> Bytes:
+    raw = cv2.imread(str(path))
+    assert raw is not None, path
+    return np.ascontiguousarray(raw[..., ::-1])
+
+
+if __name__ == "__main__":
+    main()

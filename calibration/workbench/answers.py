@@ -1,0 +1,90 @@
+"""What the page can ask for, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+
+from calibration.workbench.bench import Bench
+from calibration.workbench.curve_view import curve_view, tried_view
+from calibration.workbench.frames import Frames, Seen
+from calibration.workbench.state_view import state_view
+from tactilevision.errors import InputError
+
+PATIENCE_S = 20.0  # s that a question for news waits for some: a browser gives up after a minute
+QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Bytes of a kind, with headers of their own."""
+
+    kind: str
+    content: bytes
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
+    """What stands, once it is other than the version that the page knows."""
+    bench.wait(int(asked.get("since", "0")), PATIENCE_S)
+    return state_view(bench)
+
+
+def _curves(bench: Bench, _asked: Mapping[str, str]) -> dict[str, Any]:
+    return curve_view(bench.shown)
+
+
+def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
+    return tried_view(bench.shown, asked["name"], float(asked["value"]))
+
+
+def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
+    """The frames of a press, and when each was taken, s after the first."""
+    frames = _frames_of(bench, asked)
+    if frames is None:
+        return {"frames": [], "times": []}
+    numbers = frames.of_press(asked["press"])
+    times = frames.recording.frame_times_s[numbers]
+    return {"frames": numbers, "times": (times - times[0]).tolist() if numbers else []}
+
+
+def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:
+    bgr = cv2.cvtColor(_seen(bench, asked).rgb, cv2.COLOR_RGB2BGR)
+    return Answer("image/jpeg", cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
+
+
+def _height(bench: Bench, asked: Mapping[str, str]) -> Answer:
+    """The height map row by row as 4-byte numbers, mm; NaN where nothing is known."""
+    height = _seen(bench, asked).height
+    depth = np.where(height.valid, height.depth_mm, np.nan).astype("<f4")
+    rows, columns = depth.shape
+    about = {"X-Rows": str(rows), "X-Columns": str(columns), "X-Mm-Per-Px": f"{height.mm_per_px[0]:.6g}"}
+    return Answer("application/octet-stream", depth.tobytes(), about)
+
+
+def _seen(bench: Bench, asked: Mapping[str, str]) -> Seen:
+    frames = _frames_of(bench, asked)
+    if frames is None:
+        raise InputError("this recording has no frames", where="workbench")
+    return frames.see(int(asked["number"]))
+
+
+def _frames_of(bench: Bench, asked: Mapping[str, str]) -> Frames | None:
+    number, every = int(asked["recording"]), bench.opened.frames
+    if not 0 <= number < len(bench.opened.measured):
+        raise InputError("there is no such recording", where="workbench", value=number)
+    return every[number] if number < len(every) else None
+
+
+ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, Any]]] = {
+    "state": _state,
+    "curves": _curves,
+    "tried": _tried,
+    "frames": _frames,
+    "picture": _picture,
+    "height": _height,
+}

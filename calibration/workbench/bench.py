@@ -1,0 +1,321 @@
+"""The state of one page: the model that stands, what speaks for each effect, the verdict; one change at a time.
+
+    a change -> the model is fitted -> the page is told -> what stands out -> the likeliest effects are fitted
+
+The verdict comes from a process of its own. Whoever looks gets one immutable `Shown`, with a number that grows.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration.session import History, steps_of_comparison
+from calibration.tasks.compare import suggest
+from calibration.tasks.history import HistoryRow, history
+from calibration.workbench.changes import Track, change, named_state
+from calibration.workbench.dropping import Dropping
+from calibration.workbench.evidence import Evidence, look, opened_card, with_pictures
+from calibration.workbench.models import Fitted, Models
+from calibration.workbench.opened import Opened, file_marks
+from calibration.workbench.verdict import Asked, Question, Verdict
+from tactilevision.errors import InputError
+
+BEFOREHAND = 2  # effects that stand out most are fitted before they are asked for: then adding one takes no time
+BACKGROUND, ACTION = "background", "action"
+SLOW_STARTS = 8  # starts of an effect that is not fitted beforehand: many starts take a minute
+Export = Callable[["Shown", Opened, Path], Path]
+
+
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """Two states held side by side."""
+
+    names: tuple[str, str]
+    fitted: tuple[Fitted, Fitted]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What the page shows, as one piece.
+
+    `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict`
+    is None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none;
+    `sides` two states that are held against each other; `weeks` each of several recordings by itself.
+    """
+
+    version: int
+    track: Track
+    now: Fitted | None = None
+    evidence: tuple[Evidence, ...] = ()
+    suggested: tuple[str, ...] = ()
+    verdict: Verdict | None = None
+    asking: str = ""
+    troubled: str = ""
+    busy: str = ""
+    since_s: float = 0.0
+    notice: str = ""
+    saved: str = ""
+    changed: bool = False
+    sides: Sides | None = None
+    weeks: tuple[HistoryRow, ...] = ()
+
+    @property
+    def history(self) -> History:
+        """The history that stands, its steps with the errors that they brought."""
+        return self.track.now
+
+
+class Bench:
+    """One analysis at work. `act` and `wait` may be called from any thread; `work` runs in one alone."""
+
+    def __init__(
+        self,
+        opened: Opened,
+        begin: History,
+        *,
+        export: Export,
+        keep: Callable[[History], None],
+        out: Path,
+        asks: bool = True,
+        beforehand: bool = True,
+    ) -> None:
+        self.opened = opened
+        self.models = Models(opened, begin.seed)
+        self._export, self._keep, self._out = export, keep, out
+        self._asks, self._beforehand = asks, beforehand
+        self._turn = threading.Condition()
+        self._todo: deque[tuple[str, str]] = deque([("open", "")])
+        self._ended = False
+        self._asked: Asked | None = None
+        self._verdicts: dict[tuple[object, ...], Verdict] = {}
+        self._looks: dict[tuple[object, ...], tuple[Evidence, ...]] = {}
+        self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
+        self._model_since = 1
+        self._dropping = Dropping()
+        self._shown = Shown(1, Track(begin), busy="fitting the plain law", since_s=time.monotonic())
+
+    @property
+    def shown(self) -> Shown:
+        """What the page shows now."""
+        with self._turn:
+            return self._shown
+
+    def act(self, action: str, value: str = "", *, version: int | None = None) -> None:
+        """Put an action in the queue; `version` of the state that the person saw.
+
+        Raises InputError where the model has changed since, as by another tab.
+        """
+        with self._turn:
+            if version is not None and action != "stop" and self._stale(version):
+                raise InputError(
+                    "the model has been changed since, in another tab", where="workbench", value=action,
+                    remedy="Look at what it is now, and do it again if it still holds.",
+                )  # fmt: skip
+            if action != "stop":
+                self._todo.append((action, value))
+            self._turn.notify_all()
+        self._dropping.drop(*((BACKGROUND, ACTION) if action == "stop" else (BACKGROUND,)))
+
+    def wait(self, version: int, seconds: float) -> Shown:
+        """What is shown as soon as it is another than `version`, or after so many seconds."""
+        with self._turn:
+            self._turn.wait_for(lambda: self._shown.version != version or self._ended, seconds)
+            return self._shown
+
+    def end(self) -> None:
+        """Stop working and waiting."""
+        with self._turn:
+            self._ended = True
+            self._turn.notify_all()
+        self._drop_question()
+
+    def work(self, *, until_idle: bool = False) -> None:
+        """Do what is asked, one after the other, until `end`, or until there is nothing left to do."""
+        with self._dropping.armed():
+            while self.work_once(until_idle=until_idle):
+                if not self._waiting:
+                    self._dropping.run(BACKGROUND, self._look_on)
+                    self._show(busy="")
+
+    def work_once(self, *, until_idle: bool = True) -> bool:
+        """Do the next action alone; False where there is none."""
+        one = self._next(until_idle=until_idle)
+        if one is not None and not self._dropping.run(ACTION, lambda: self._do(*one)):
+            self._show(busy="", notice=f"{_words(*one)} was stopped; nothing is changed")
+        return one is not None
+
+    def _next(self, *, until_idle: bool) -> tuple[str, str] | None:
+        """The next action, waited for; None where there is none any more."""
+        with self._turn:
+            self._turn.wait_for(lambda: self._ended or bool(self._todo) or until_idle)
+            return None if self._ended or not self._todo else self._todo.popleft()
+
+    @property
+    def _waiting(self) -> bool:
+        return bool(self._todo) or self._ended
+
+    @property
+    def stoppable(self) -> bool:
+        """Whether an action is at work that can be stopped."""
+        return self._dropping.what == ACTION
+
+    def _stale(self, version: int) -> bool:
+        """Whether the model is another than that of the version; evidence that came in since changes nothing."""
+        return version < self._model_since or any(
+            action not in ("card", "export", "sides") for action, _ in self._todo
+        )
+
+    def _show(self, **news: object) -> None:
+        with self._dropping.whole(), self._turn:
+            self._shown = replace(self._shown, version=self._shown.version + 1, **news)  # type: ignore[arg-type]
+            self._turn.notify_all()
+
+    def _do(self, action: str, value: str) -> None:
+        """One action; what goes wrong is said on the page, and the state stays."""
+        self._show(busy=_words(action, value), since_s=time.monotonic(), notice="")
+        try:
+            if action == "card":
+                self._open_card(value)
+            elif action == "sides":
+                self._show(sides=self._side_by_side(value))
+            elif action == "export":
+                self._show(saved=str(self._export(self._shown, self.opened, self._out)))
+            else:
+                self._change(action, value)
+        except Exception as fault:  # a private effect may raise anything; the page lives on
+            self._show(notice=str(fault) or type(fault).__name__)
+        self._show(busy="")
+
+    def _change(self, action: str, value: str) -> None:
+        track = self._shown.track if action == "open" else change(self._shown.track, action, value, self.opened)
+        now = track.now
+        fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
+        if fitted.refused:
+            key, why = fitted.refused[-1]
+            raise InputError(f"{key.replace('_', ' ')} cannot be added: {why}")
+        same = self._shown.now is fitted
+        steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
+        track = replace(track, now=replace(now, steps=steps))
+        self._dropping.keep()
+        if action != "open":
+            self._keep(track.now)
+        changed = bool(self.opened.marks) and file_marks(self.opened.paths) != self.opened.marks
+        if same:
+            self._show(track=track, changed=changed)
+            return
+        self._drop_question()
+        place = self._place(track.now)
+        self._model_since = self._shown.version + 1
+        self._show(
+            track=track,
+            now=fitted,
+            evidence=self._looks.get(place, ()),
+            suggested=self._suggested.get(place, ()),
+            verdict=self._verdicts.get(place),
+            asking="",
+            troubled="",
+            saved="",
+            changed=changed,
+            sides=None,
+        )
+
+    @staticmethod
+    def _place(at: History) -> tuple[object, ...]:
+        return at.left_out, tuple(step.key for step in at.steps)
+
+    def _look_on(self) -> None:
+        """What stands out of the model that stands, unless that is known; and the likeliest effects, fitted."""
+        shown = self._shown
+        if shown.now is None:
+            return
+        place = self._place(shown.history)
+        self._ask(shown, place)
+        try:
+            if place not in self._suggested:
+                self._show(busy="looking for what stands out", since_s=time.monotonic())
+                if place not in self._looks:
+                    self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
+                with_pictures(shown.now, self._looks[place], tell=lambda table: self._keep_look(place, table))
+                self._suggested[place] = suggest(shown.now.found)
+            self._show(suggested=self._suggested[place], busy="")
+            if len(self.opened.measured) > 1 and not shown.weeks:
+                self._show(busy="fitting each recording by itself", since_s=time.monotonic())
+                self._show(weeks=history(self.opened.measured), busy="")
+            self._fit_beforehand(shown)
+        except Exception as fault:  # as above
+            self._show(notice=str(fault) or type(fault).__name__)
+
+    def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
+        self._looks[place] = table
+        self._show(evidence=table)
+        return not self._waiting
+
+    def _fit_beforehand(self, shown: Shown) -> None:
+        if not self._beforehand or shown.now is None:
+            return
+        keys = tuple(step.key for step in shown.history.steps)
+        likely = [one for one in self._shown.evidence if one.stands_out][:BEFOREHAND]
+        for one in likely:
+            if self._waiting:
+                return
+            if len(one.effect.starts(shown.now.ready.data)) <= SLOW_STARTS:
+                self.models.fitted(shown.history.left_out, (*keys, one.effect.key))
+
+    def _open_card(self, key: str) -> None:
+        """Fit one effect of the list, to show what it would leave."""
+        shown = self._shown
+        if shown.now is None:
+            return
+        table = tuple(opened_card(shown.now, e) if e.effect.key == key else e for e in shown.evidence)
+        self._keep_look(self._place(shown.history), table)
+
+    def _side_by_side(self, value: str) -> Sides | None:
+        """Two states by their names, one a line; none for no names."""
+        names = value.splitlines()
+        if len(names) != 2:
+            return None
+        states = [named_state(self._shown.history, name) for name in names]
+        first, second = (self.models.fitted(s.left_out, [step.key for step in s.steps]) for s in states)
+        return Sides((names[0], names[1]), (first, second))
+
+    def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
+        if not self._asks or shown.now is None or place in self._verdicts or self._asked is not None:
+            return
+        keys = [step.key for step in shown.history.steps]
+
+        def hear(found: Verdict | str) -> None:
+            if isinstance(found, Verdict):
+                self._verdicts[place] = found
+            if self._place(self._shown.history) == place:
+                told = isinstance(found, Verdict)
+                self._show(verdict=found if told else None, asking="", troubled="" if told else str(found))
+
+        question = Question.of(self.opened, shown.now.ready.stated, keys, shown.history.seed)
+        self._show(asking="reading the measurements")
+        with self._dropping.whole():
+            self._asked = Asked(question, tell=lambda what: self._show(asking=what), answer=hear)
+
+    def _drop_question(self) -> None:
+        if self._asked is not None:
+            self._asked.drop()
+            self._asked = None
+
+
+def _words(action: str, value: str) -> str:
+    """What is at work, as a person says it."""
+    said = value.replace("_", " ")
+    return {
+        "open": "fitting the plain law",
+        "add": f"adding {said}",
+        "remove": f"removing {said}",
+        "card": f"fitting {said}",
+        "export": "writing the report",
+        "sides": "fitting both states",
+        "leave_out": f"fitting without {value}",
+        "put_back": f"fitting with {value}",
+    }.get(action, action)

@@ -1,0 +1,65 @@
+"""Models as `compare` fits them, each fitted once: going back to one costs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.inputs.left_out import leave_out
+from calibration.model.stages import Effect
+from calibration.tasks.compare import Comparison, Prepared, plain_law, prepare, with_effect
+from calibration.workbench.opened import Opened
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The plain law and each effect on top of those before; `ready` what they are fitted to.
+
+    `rng` is where the draws of these models ended: the next effect's go on from a copy, as in `compare`.
+    """
+
+    found: Comparison
+    ready: Prepared
+    rng: np.random.Generator
+
+    @property
+    def refused(self) -> tuple[tuple[str, str], ...]:
+        """Effects that could not be added, and why."""
+        return self.found.left_out
+
+
+class Models:
+    """The models of one analysis; each prefix of effects is fitted once."""
+
+    def __init__(self, opened: Opened, seed: int = 0) -> None:
+        self._opened, self._seed = opened, seed
+        self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
+
+    def has(self, left_out: Sequence[str], keys: Sequence[str]) -> bool:
+        """Whether this model is fitted already."""
+        return (tuple(left_out), tuple(keys)) in self._known
+
+    def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
+        """The plain law with these effects in this order. Raises InputError where the law cannot be fitted."""
+        place = (tuple(sorted(left_out)), tuple(keys))
+        if place not in self._known:
+            if keys:
+                before = self.fitted(place[0], keys[:-1])
+                self._known[place] = _with(before, self._opened.effect(keys[-1]))
+            else:
+                self._known[place] = self._plain(place[0])
+        return self._known[place]
+
+    def _plain(self, left_out: Sequence[str]) -> Fitted:
+        data = leave_out(self._opened.data, left_out)
+        ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
+        rng = np.random.default_rng(self._seed)
+        return Fitted(plain_law(ready, rng=rng), ready, rng)
+
+
+def _with(before: Fitted, effect: Effect) -> Fitted:
+    rng = deepcopy(before.rng)
+    return Fitted(with_effect(before.found, effect, before.ready, rng=rng), before.ready, rng)

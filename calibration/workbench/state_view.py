@@ -1,0 +1,325 @@
+"""What stands, as plain data for the page: every number and sentence from the functions of the reports."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.refit import Candidate
+from calibration.inputs.left_out import press_names
+from calibration.model.stages import EffectBase
+from calibration.report import wording
+from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, parameter
+from calibration.report.error_fall import error_fall_of_comparison, error_fall_of_picture
+from calibration.report.verdict import in_words
+from calibration.tasks.compare import Compared, Comparison
+from calibration.tasks.history import HistoryRow
+from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.evidence import Evidence
+from calibration.workbench.opened import Opened
+from tactilevision.plots.diagnosis import Overlay
+from tactilevision.plots.misfit import CERTAIN, model_colours
+from tactilevision.records.misfit import ErrorFall
+
+MN = 1e3  # mN of a N, and um of a mm
+
+
+def state_view(bench: Bench) -> dict[str, Any]:
+    """Everything but the curves, which are fetched where `model` has changed."""
+    shown, opened = bench.shown, bench.opened
+    kept, found = shown.history, None if shown.now is None else shown.now.found
+    return {
+        "version": shown.version,
+        "title": opened.title,
+        "busy": shown.busy,
+        "busy_s": round(time.monotonic() - shown.since_s, 1) if shown.busy else 0.0,
+        "stoppable": bench.stoppable,
+        "notice": shown.notice,
+        "saved": shown.saved,
+        "warnings": [*opened.warnings, *_changed(shown)],
+        "model": _model_number(shown),
+        "undo": bool(shown.track.past),
+        "redo": bool(shown.track.future),
+        "verdict": _verdict(shown),
+        "falls": [] if found is None else [_fall(fall) for fall in _falls(found)],
+        "components": [] if found is None else _components(found, opened),
+        "material": [] if found is None else _material(found),
+        "cards": [_card(one, shown, opened) for one in shown.evidence],
+        "presses": list(_presses(opened, shown)),
+        "labels": [
+            {"name": one.name, "effects": [in_words(s.key) for s in one.steps], "left_out": list(one.left_out)}
+            for one in kept.labels
+        ],
+        "weeks": [_week(row) for row in shown.weeks],
+        "sides": None if shown.sides is None else _sides(shown),
+    }
+
+
+def _changed(shown: Shown) -> list[str]:
+    if not shown.changed:
+        return []
+    return ["the recording's files have changed since they were read: start the workbench anew to see them"]
+
+
+def _model_number(shown: Shown) -> str:
+    """Another text where the curves are others."""
+    names = "" if shown.sides is None else "|".join(shown.sides.names)
+    keys = "+".join(step.key for step in shown.history.steps)
+    return "" if shown.now is None else f"{keys}-{','.join(shown.history.left_out)}-{names}"
+
+
+def _verdict(shown: Shown) -> dict[str, Any]:
+    found, kept = shown.verdict, [in_words(step.key) for step in shown.history.steps]
+    return {
+        "word": "" if found is None else found.word,
+        "sentence": "" if found is None else found.sentence,
+        "remarks": [] if found is None else list(found.remarks),
+        "with": kept,
+        "asking": shown.asking,
+        "troubled": shown.troubled,
+        "next": [] if found is None else [
+            {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
+            for action, minutes, sigma in found.measure_next
+        ],
+    }  # fmt: skip
+
+
+def _falls(found: Comparison) -> list[ErrorFall]:
+    both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
+    return sorted(both, key=lambda fall: len(fall.models) == 1)  # what changes first
+
+
+def _fall(fall: ErrorFall) -> dict[str, Any]:
+    force = fall.unit == "N"
+    return {
+        "of": "the force" if force else "the depth that the picture reads",
+        "unit": "mN" if force else "µm",
+        "models": list(fall.models),
+        "colours": list(model_colours(len(fall.models))),
+        "error": [MN * one for one in fall.error],
+        "repeatability": MN * fall.repeatability,
+        "band": None if fall.band is None else [MN * end for end in fall.band],
+        "held_out": fall.held_out,
+        "sentence": fall_sentence(fall),
+        "reached": fall.band is not None and fall.error[-1] <= fall.band[1],
+    }
+
+
+def _components(found: Comparison, opened: Opened) -> list[dict[str, Any]]:
+    """The law, then each effect in the order added, with its parameters as they are fitted now."""
+    last = found.models[-1]
+    law = {"key": "", "title": "contact law: flat punch", "parameters": _parameters(last, ""), "own": False}
+    added = [
+        {
+            "key": key,
+            "title": in_words(key),
+            "about": _about(opened.effect(key)),
+            "parameters": _parameters(model, key),
+            "own": opened.kind(key) == "your own",
+        }
+        for model in (last, *found.pictured[-1:])
+        for key in model.effects
+    ]
+    return [law, *added]
+
+
+def _about(effect: object) -> str:
+    return (effect.title if isinstance(effect, EffectBase) else "") or str(getattr(effect, "words", ""))
+
+
+def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
+    """Those of one effect, or for no key those of the law and the stated tolerances."""
+    fitted = model.fitted
+    rows = []
+    for p in fitted.parameters:
+        of, _, name = p.name.rpartition(".")
+        if (of if of in model.effects else "") != key or p.name in OF_MATERIAL:
+            continue
+        low, high = _range(
+            fitted.estimate(p.name).interval95, float(fitted.values[fitted.index(p.name)]), p.bounds
+        )
+        rows.append(
+            {
+                "name": p.name,
+                "words": (p.meaning or name) if key else parameter(p.name, p.meaning),
+                "text": "held" if p.fixed else wording.estimate(fitted.estimate(p.name)),
+                "value": float(fitted.values[fitted.index(p.name)]),
+                "fixed": p.fixed,
+                "low": low,
+                "high": high,
+                "unit": p.unit,
+            }
+        )
+    return rows
+
+
+def _range(interval: tuple[float, float] | None, value: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Where a slider goes: as far as three intervals on either side, or to twice the value, inside the bounds."""
+    reach = 3 * max(interval[1] - interval[0], 0.0) / 2 if interval is not None else 0.0
+    reach = max(reach, abs(value), 1e-9)
+    return max(bounds[0], value - reach), min(bounds[1], value + reach)
+
+
+def _material(found: Comparison) -> list[dict[str, str]]:
+    """A row a quantity: under the plain law, and now."""
+    first, last = found.models[0].material, found.models[-1].material
+    assert first is not None
+    assert last is not None
+    names = (
+        ("Young's modulus E", "youngs_modulus"),
+        ("Poisson's ratio ν", "poisson_ratio"),
+        ("stiffness c", "c"),
+        ("slope β", "beta"),
+    )
+    return [
+        {"name": title, "before": wording.estimate(getattr(first, n)), "now": wording.estimate(getattr(last, n))}
+        for title, n in names
+    ]
+
+
+def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
+    effect, verdict = one.effect, shown.verdict
+    about = effect if isinstance(effect, EffectBase) else None
+    named = verdict is not None and effect.key in verdict.named
+    return {
+        "key": effect.key,
+        "title": in_words(effect.key),
+        "about": _about(effect if about is not None else opened.effect(effect.key)),
+        "kind": opened.kind(effect.key),
+        "of": one.of,
+        "evidence": _evidence(one.p_adjusted) + _unconfirmed(one, shown),
+        "rms": None if one.fitted is None else _rms_left(one.fitted, shown),
+        "stands_out": one.stands_out,
+        "named": named,
+        "candidate": verdict is not None and effect.key in verdict.candidates and not named,
+        "suggested": effect.key in shown.suggested,
+        "why": one.why,
+        "values": [] if one.fitted is None else [
+            f"{p.meaning or p.name} {wording.number(float(v))}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+            for p, v in zip(effect.parameters, one.fitted.own_values, strict=True)
+        ],
+        "overlay": None if one.shown is None else _overlay(one.shown),
+        "seen_in": [wording.covariate(name) for name in about.seen_in] if about is not None else [],
+        "confused_with": [in_words(key) for key in about.confused_with] if about is not None else [],
+        "separated_by": list(about.separated_by) if about is not None else [],
+        "source": about.source if about is not None else "",
+    }  # fmt: skip
+
+
+def _unconfirmed(one: Evidence, shown: Shown) -> str:
+    """What stands out need not hold: a diagnosis asks presses left out, and rivals, too."""
+    if (
+        shown.verdict is None
+        or not one.stands_out
+        or one.effect.key in (*shown.verdict.named, *shown.verdict.candidates)
+    ):
+        return ""
+    return ", but the diagnosis does not name it"
+
+
+def _rms_left(fitted: Candidate, shown: Shown) -> list[float]:
+    """The rms error over the presses fitted, now and with the candidate, mN."""
+    assert shown.now is not None
+    base = shown.now.found.models[-1].fitted
+    left = base.data.normal_N - fitted.force_N
+    return [MN * base.rms_error_N, MN * replace(base, residual_N=left).rms_error_N]
+
+
+def _evidence(p: float) -> str:
+    """How sure it is that something of this form is there."""
+    if not np.isfinite(p):
+        return "not looked at"
+    if p < CERTAIN:
+        return "stands out for certain"
+    return f"stands out (p = {p:.2g})" if p < 0.05 else f"may be chance (p = {p:.2g})"
+
+
+def _overlay(shown: Overlay) -> dict[str, Any]:
+    return {
+        "words": shown.words,
+        "unit": "" if shown.levels else shown.unit,
+        "levels": list(shown.levels),
+        "values": shown.values,
+        "before": MN * shown.before,
+        "after": MN * shown.after,
+        "predicted": MN * shown.predicted,
+    }
+
+
+def _presses(opened: Opened, shown: Shown) -> Iterator[dict[str, Any]]:
+    """Every press in the order of pressing, those left out and those rejected too, with the reason."""
+    data, names = opened.data, press_names(opened.data)
+    rms = _rms(shown)
+    odd = () if shown.verdict is None else shown.verdict.odd
+    for k in np.argsort(data.presses.order, kind="stable"):
+        out = names[k] in shown.history.left_out
+        indenter = data.indenters[int(data.presses.indenter[k])]
+        yield {
+            "name": names[k],
+            "label": data.presses.label[k],
+            "recording": int(data.presses.recording[k]),
+            "indenter": f"{indenter.name}, a = {indenter.radius_mm:g} mm",
+            "radius": float(data.presses.radius_mm[k]),
+            "state": "left out" if out else "fitted",
+            "odd": data.presses.label[k] in odd,
+            "rms": [] if out else rms.get(names[k], []),
+        }
+    for number, measured in enumerate(opened.measured):
+        for point in measured.points:
+            if not point.accepted:
+                why = point.details.findings or (point.reason or "rejected").replace("_", " ")
+                row = {
+                    "name": point.press,
+                    "label": point.press,
+                    "recording": number,
+                    "indenter": point.indenter,
+                    "radius": None,
+                }
+                yield {**row, "state": f"rejected: {why}", "odd": False, "rms": []}
+
+
+def _rms(shown: Shown) -> dict[str, list[float]]:
+    """The rms error of each press under the plain law and now, mN."""
+    if shown.now is None:
+        return {}
+    models = shown.now.found.models
+    names, rows = press_names(models[-1].fitted.data), models[-1].as_json(models[0])["presses"]
+    return {
+        name: [MN * row["rms_before_N"], MN * row["rms_after_N"]] for name, row in zip(names, rows, strict=True)
+    }
+
+
+def _week(row: HistoryRow) -> dict[str, Any]:
+    """One recording by itself."""
+    low, high = (100 * end for end in row.change_interval95)
+    return {
+        "date": row.date or row.recording,
+        "recording": row.recording,
+        "modulus": row.youngs_modulus.as_json(),
+        "ratio": row.poisson_ratio.as_json(),
+        "words": [wording.estimate(row.youngs_modulus), wording.estimate(row.poisson_ratio)],
+        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)",
+        "moved": row.moved,
+    }
+
+
+def _sides(shown: Shown) -> dict[str, Any]:
+    """Two states: their effects, errors and material, a row a quantity."""
+    assert shown.sides is not None
+    lasts = [one.found.models[-1] for one in shown.sides.fitted]
+    rows = [
+        ("effects", *(", ".join(in_words(key) for key in one.effects) or "none" for one in lasts)),
+        ("presses fitted", *(str(one.fitted.data.count) for one in lasts)),
+        ("error", *(wording.fit_error(one.held_out_N, one.rms_N).removeprefix("error ") for one in lasts)),
+        (
+            "repeatability",
+            *(wording.repeatability(one.repeatability_N).removeprefix("repeatability ") for one in lasts),
+        ),
+    ]
+    for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
+        rows.append((title, *(wording.estimate(getattr(one.material, name)) for one in lasts)))
+    return {"names": list(shown.sides.names), "rows": [list(row) for row in rows]}

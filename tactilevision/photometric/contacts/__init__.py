@@ -1,0 +1,1 @@
+"""Light calibrated on contacts of unknown shape: `moments.py` what each asks, `self_calibration.py` the law."""

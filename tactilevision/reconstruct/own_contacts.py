@@ -1,0 +1,64 @@
+"""The light calibrated on what touches the gel in the frames themselves, where no ball was pressed."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric import CalibratedMethod, Reference
+from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.contacts.moments import contact_of
+from tactilevision.photometric.contacts.self_calibration import calibrate_on_contacts
+from tactilevision.photometric.illumination.colour_change import ColourChange
+from tactilevision.photometric.method import ReferencedMethod
+from tactilevision.quality.reference_match import some_frames
+
+if TYPE_CHECKING:
+    from tactilevision.recording import Recording
+
+MAX_FRAMES = 48  # frames that are looked at; half of them are enough for a law that varies over the picture
+RELATIVE_ERROR = 0.5  # of a slope, where no network tells one's scale
+SCALE_STD = 0.6  # of the depth's scale then: real sensors .74 to 1.58 of the usual one
+
+
+def calibrated_on_frames(
+    recording: Recording, reference: Reference, *, prior: ReferencedMethod | None
+) -> CalibratedMethod | None:
+    """A method from contacts in a recording's frames, or None where they are too few to tell the light.
+
+    Its scale is that of `prior`, or a usual one.
+    """
+    change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
+    for rgb in some_frames(recording, count=MAX_FRAMES):
+        with suppress(InputError):
+            changes, _, valid = change.measure(rgb)
+            contacts.append(contact_of(changes, valid, rng))
+    seen = [one for one in contacts if one is not None]
+    law = calibrate_on_contacts(seen, None if prior is None else prior.law.at)
+    if law is None:
+        return None
+    known = MethodCard(held_out_gain_std=SCALE_STD) if prior is None else prior.card
+    card = MethodCard(
+        method=law.name,
+        fitted_by="contacts",
+        sensor=recording.sensor.kind,
+        held_out_gain_std=known.held_out_gain_std,
+        steepest_slope=law.steepest,
+        other={"contacts": len(seen), "scale_of": "a usual light" if prior is None else prior.card.sensor},
+    )
+    error = RELATIVE_ERROR if prior is None else prior.relative_error
+    return CalibratedMethod(law, reference, error, None, card)
+
+
+def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
+    """What to expect of a method from contacts alone."""
+    doubt = (
+        "the scale may be off by a factor of two"
+        if method.card.held_out_gain_std == SCALE_STD
+        else f"the scale is that of a usual {kind}, at times 40 % off"
+    )
+    count = method.card.other["contacts"]
+    return f"no ball presses: the light is calibrated on {count} contacts in the frames; of their depth {doubt}"

@@ -1,0 +1,161 @@
+"""Light calibrated on contacts of unknown shape: planted lights are found, but for their scale; real ones too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactilevision.photometric import BallPicture, load_network, make_reference
+from tactilevision.photometric.ball.samples import ball_samples
+from tactilevision.photometric.calibrate import direction_error_deg, locate
+from tactilevision.photometric.contacts.moments import Contact, contact_of
+from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS, calibrate_on_contacts
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
+from tactilevision.photometric.methods.weights import find_model
+from tactilevision.reconstruct import build_reconstructor
+from tactilevision.recording import read_folder, read_recording
+from tactilevision.records import Floats
+from tactilevision.sensors import get_sensor, rectify
+
+SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+REAL = Path(__file__).parents[2] / ".." / "shared" / "real"
+SIZE = (160, 200)
+SCALE = (0.0634, 0.0634)
+LIGHT = np.array([[0.9, 0.3], [-0.7, 0.6], [0.1, -0.8]])  # change of three colours with the two slopes
+
+
+def bumps(rng: np.random.Generator, *, many: int) -> tuple[Floats, Floats]:
+    """Slopes (H, W) of a dent of several ellipses, of no shape in particular."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    depth = np.zeros(SIZE)
+    middle = rng.uniform((60, 50), (140, 110))
+    for _ in range(many):
+        cx, cy = middle + rng.uniform(-8, 8, 2)
+        wide, turn = rng.uniform(6, 14, 2), rng.uniform(0, np.pi)
+        a = (x - cx) * np.cos(turn) + (y - cy) * np.sin(turn)
+        b = (y - cy) * np.cos(turn) - (x - cx) * np.sin(turn)
+        depth += rng.uniform(1.5, 3.0) * np.exp(-0.5 * ((a / wide[0]) ** 2 + (b / wide[1]) ** 2))
+    q, p = np.gradient(depth)
+    return p, q
+
+
+def shown(p: Floats, q: Floats, rng: np.random.Generator, *, noise: float = 0.01) -> Planes:
+    """Relative change (3, H, W) of colour under LIGHT, which turns a little over the picture."""
+    x = np.linspace(-1, 1, SIZE[1])[None]
+    turned = np.stack([p - 0.1 * x * q, q + 0.1 * x * p])
+    change = np.einsum("ck,khw->chw", LIGHT, turned) - 0.3 * (p * p + q * q)
+    return np.asarray(change + noise * rng.standard_normal(change.shape), np.float32)
+
+
+def contacts(count: int, seed: int) -> list[Contact]:
+    rng = np.random.default_rng(seed)
+    found = [contact_of(shown(*bumps(rng, many=3), rng), np.ones(SIZE, bool), rng) for _ in range(count)]
+    assert all(one is not None for one in found)
+    return [one for one in found if one is not None]
+
+
+@pytest.mark.parametrize("count", [MIN_CONTACTS, 10, 30])
+def test_a_planted_light_is_found_but_for_its_scale(count: int) -> None:
+    law = calibrate_on_contacts(contacts(count, seed=count), None)
+    assert law is not None
+    rng = np.random.default_rng(99)
+    p, q = bumps(rng, many=3)
+    steep = np.hypot(p, q) > 0.1
+    change = shown(p, q, rng)[:, steep].T.astype(float)
+    y, x = np.nonzero(steep)
+    place = np.stack([2 * x / (SIZE[1] - 1) - 1, 2 * y / (SIZE[0] - 1) - 1], axis=1)
+    true = np.stack([p[steep], q[steep]], axis=1)
+    off = direction_error_deg(law.at(change, place), true)
+    assert np.median(off) < (5.0 if count < 24 else 3.0)  # a dent, not a bump: the sign is right, too
+
+
+def test_the_scale_is_that_of_the_prior() -> None:
+    given = contacts(10, seed=3)
+    turned = 3.0 * np.linalg.pinv(LIGHT)  # three times as steep as it is
+    law = calibrate_on_contacts(given, lambda change, place: change @ turned.T)
+    assert law is not None
+    change = np.concatenate([one.change for one in given])
+    place = np.concatenate([one.place for one in given])
+    slopes, wanted = law.at(change, place), change @ turned.T
+    assert np.sum(slopes * wanted) / np.sum(wanted**2) == pytest.approx(1.0, abs=0.02)
+
+
+def test_too_few_contacts_and_white_light_tell_nothing() -> None:
+    assert calibrate_on_contacts(contacts(MIN_CONTACTS - 1, seed=0), None) is None
+    rng = np.random.default_rng(5)
+    grey = []
+    for _ in range(8):
+        p, _ = bumps(rng, many=3)
+        white = np.broadcast_to(0.8 * p, (3, *SIZE)) + 0.01 * rng.standard_normal((3, *SIZE))
+        grey.append(contact_of(np.asarray(white, np.float32), np.ones(SIZE, bool), rng))
+    assert calibrate_on_contacts([one for one in grey if one is not None], None) is None
+
+
+def test_an_untouched_frame_has_no_contact() -> None:
+    rng = np.random.default_rng(1)
+    still = np.asarray(0.01 * rng.standard_normal((3, *SIZE)), np.float32)
+    assert contact_of(still, np.ones(SIZE, bool), rng) is None
+
+
+def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
+    """Ball pictures of the sample as frames of a sensor without a network; nobody says that they are balls."""
+    sample = read_recording(SAMPLE)
+    for ball in sample.balls:
+        picture = cv2.imread(str(ball.path))
+        assert picture is not None
+        cv2.imwrite(str(tmp_path / ball.path.name), rectify(sample.sensor, picture))
+    flat = cv2.imread(str(sample.flats[0]))
+    assert flat is not None
+    (tmp_path / "untouched").mkdir()
+    cv2.imwrite(str(tmp_path / "untouched" / "flat.png"), rectify(sample.sensor, flat))
+    sensor = get_sensor("custom", width_px=427, height_px=320, mm_per_px=0.0634)
+    folder = read_folder(tmp_path, sensor, reference=tmp_path / "untouched")
+    found = build_reconstructor(folder)
+    assert "16 contacts in the frames" in " ".join(found.warnings)
+    assert "factor of two" in " ".join(found.warnings)
+    law, off = found.method.law, []  # type: ignore[attr-defined]
+    change, rng = ColourChange(found.method.reference), np.random.default_rng(0)  # type: ignore[attr-defined]
+    for number, ball in enumerate(sample.balls[::4]):
+        raw = cv2.imread(str(tmp_path / ball.path.name))
+        assert raw is not None
+        picture = BallPicture(np.ascontiguousarray(raw[..., ::-1]), ball.ball_radius_mm)
+        u, _, valid = change.measure(picture.rgb)
+        place = locate(u, valid, picture=picture, mm_per_px=SCALE)
+        seen = ball_samples(u, place, mm_per_px=SCALE, number=number, most=300, valid=valid, rng=rng)
+        off.append(direction_error_deg(law.at(seen.change, seen.place), seen.slopes))
+    assert np.median(np.concatenate(off)) < 12.0
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")
+def test_real_frames_are_read_better_than_by_the_network() -> None:
+    """Ten presses of a GelSlim as contacts, each half read by the law of the other: 6 degrees, the network 10."""
+    where = REAL / "gelslim_heightmap" / "test_data"
+    with np.load(where.parent / "abe_corr.npz", allow_pickle=False) as table:
+        x, y = table["x"], table["y"]
+    flat = cv2.imread(str(where / "ref.jpg"))
+    assert flat is not None
+    reference = make_reference([np.ascontiguousarray(flat[x, y, ::-1])])
+    path = find_model("gelslim3")
+    assert path is not None
+    network = load_network(path, reference).law
+    change, rng = ColourChange(reference), np.random.default_rng(0)
+    seen, samples = [], []
+    for number, name in enumerate(sorted(where.glob("sample_*.jpg"))):
+        raw = cv2.imread(str(name))
+        assert raw is not None
+        picture = BallPicture(np.ascontiguousarray(raw[x, y, ::-1]), 3.8)
+        u, _, valid = change.measure(picture.rgb)
+        seen.append(contact_of(u, valid, rng))
+        ball = locate(u, valid, picture=picture, mm_per_px=SCALE)
+        samples.append(ball_samples(u, ball, mm_per_px=SCALE, number=number, most=200, valid=valid, rng=rng))
+    own, ready = [], []
+    for half in (0, 1):
+        law = calibrate_on_contacts([one for one in seen[1 - half :: 2] if one is not None], network.at)
+        assert law is not None
+        for one in samples[half::2]:
+            own.append(direction_error_deg(law.at(one.change, one.place), one.slopes))
+            ready.append(direction_error_deg(network.at(one.change, one.place), one.slopes))
+    assert np.median(np.concatenate(own)) < 0.9 * np.median(np.concatenate(ready))

@@ -1,0 +1,226 @@
+"""The state of a workbench, without a browser: what is added, removed, undone, named and held side by side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_bench import PRESSES, bench, do, presses
+
+from calibration.effects.support.private import load_effect, new_effect
+from calibration.inputs.left_out import leave_out, press_names
+from calibration.session import History, load_history
+from calibration.tasks.compare import compare
+from calibration.workbench.bench import Bench
+from calibration.workbench.changes import Track
+from calibration.workbench.curve_view import curve_view, tried_view
+from calibration.workbench.state_view import state_view
+from tactilevision.errors import InputError
+from tactilevision.files import as_json
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where its state is kept."""
+    return tmp_path_factory.mktemp("state")
+
+
+@pytest.fixture(scope="module")
+def made(folder: Path) -> Bench:
+    """One workbench for all tests here; each leaves it at the plain law."""
+    return bench(folder)
+
+
+@pytest.fixture(autouse=True)
+def _at_the_plain_law(made: Bench) -> Any:
+    yield
+    while made.shown.track.past:
+        do(made, "undo")
+
+
+def held_out(made: Bench) -> list[float]:
+    fall: list[float] = state_view(made)["falls"][0]["error"]
+    return fall
+
+
+def test_adding_what_is_missing_makes_the_error_fall_and_undoing_puts_it_back(made: Bench) -> None:
+    before = held_out(made)
+    shown = do(made, "add", "depth_zero")
+    first, last = held_out(made)
+    assert first == before[0]
+    assert last < 0.5 * first
+    assert [step.key for step in shown.history.steps] == ["depth_zero"]
+    assert shown.history.steps[0].held_out_after_N == pytest.approx(1e-3 * last)
+    back = do(made, "undo")
+    assert held_out(made) == before
+    assert [step.key for step in back.history.undone] == ["depth_zero"], "`steps --redo` puts it back"
+    do(made, "redo")
+    assert held_out(made) == [first, last]
+
+
+def test_a_state_has_the_numbers_of_the_command_line(made: Bench) -> None:
+    do(made, "add", "force_bias")
+    do(made, "add", "depth_zero")
+    shown = made.shown
+    assert shown.now is not None
+    effects = ["force_bias", "depth_zero"]
+    found = compare(made.opened.data, effects, rng=np.random.default_rng(0), bound=made.opened.bound)
+    assert as_json(found.as_json()) == as_json(shown.now.found.as_json())
+
+
+def test_what_stands_out_names_what_is_missing_and_what_it_would_leave(made: Bench) -> None:
+    cards = state_view(made)["cards"]
+    card = next(one for one in cards if one["key"] == "depth_zero")
+    assert card["stands_out"]
+    assert card["overlay"] is not None
+    assert card["rms"][1] < 0.5 * card["rms"][0]
+    added = do(made, "add", "depth_zero")
+    assert "depth_zero" not in [one.effect.key for one in added.evidence]
+    assert all(one.why or one.p_adjusted > 0 for one in added.evidence)
+    assert any(one.why for one in added.evidence), "what these data cannot show says why"
+
+
+def test_one_step_is_removed_from_between_others_and_can_be_put_back(made: Bench) -> None:
+    for key in ("force_bias", "depth_zero"):
+        do(made, "add", key)
+    shown = do(made, "remove", "force_bias")
+    assert [step.key for step in shown.history.steps] == ["depth_zero"]
+    shown = do(made, "undo")
+    assert [step.key for step in shown.history.steps] == ["force_bias", "depth_zero"]
+
+
+def test_a_press_is_left_out_and_put_back(made: Bench, tmp_path: Path) -> None:
+    shown = do(made, "leave_out", "p1")
+    view = state_view(made)
+    assert next(p for p in view["presses"] if p["name"] == "p1")["state"] == "left out"
+    assert len(curve_view(shown)["presses"]) == PRESSES - 1
+    assert "--leave-out p1" in shown.history.script(tmp_path)
+    assert shown.now is not None
+    assert shown.now.ready.data.count == leave_out(made.opened.data, ["p1"]).count
+    do(made, "put_back", "p1")
+    assert len(curve_view(made.shown)["presses"]) == PRESSES
+
+
+def test_presses_of_several_recordings_have_names_of_their_own() -> None:
+    data = presses()
+    half = np.arange(data.count) // (data.count // 2)
+    labels = tuple(f"p{k % (data.count // 2)}" for k in range(data.count))
+    both = replace(data, presses=replace(data.presses, recording=half, label=labels), recordings=("gel", "gel"))
+    assert press_names(both)[:2] == ("gel/p0", "gel/p1")
+    assert press_names(both)[-1] == f"gel 2/{labels[-1]}"
+    kept = leave_out(both, ["gel 2/p0"])
+    assert kept.count == data.count - 1
+    assert kept.presses.recording.sum() == data.count // 2 - 1
+    with pytest.raises(InputError, match="no press is left"):
+        leave_out(both, press_names(both))
+    with pytest.raises(InputError, match="--leave-out"):
+        leave_out(both, ["p0"])
+
+
+def test_states_have_names_and_stand_side_by_side(made: Bench) -> None:
+    do(made, "add", "depth_zero")
+    do(made, "label", "with zero")
+    do(made, "undo")
+    shown = do(made, "sides", "plain law\nwith zero")
+    view = state_view(made)["sides"]
+    assert view["names"] == ["plain law", "with zero"]
+    assert ["effects", "none", "depth zero"] in view["rows"]
+    assert curve_view(shown)["models"] == ["plain law", "with zero"]
+    assert do(made, "sides", "").sides is None
+    shown = do(made, "restore", "with zero")
+    assert [step.key for step in shown.history.steps] == ["depth_zero"]
+
+
+def test_a_slider_moves_the_force_with_all_else_held(made: Bench) -> None:
+    shown = do(made, "add", "depth_zero")
+    assert shown.now is not None
+    fitted = shown.now.found.models[-1].fitted
+    value = float(fitted.values[fitted.index("depth_zero.offset_mm")])
+    at_fit = tried_view(shown, "depth_zero.offset_mm", value)
+    assert at_fit["rms"] == pytest.approx(1e3 * fitted.rms_error_N)
+    assert tried_view(shown, "depth_zero.offset_mm", value + 0.02)["rms"] > 2 * at_fit["rms"]
+    for name, wrong in (("depth_zero.offset_mm", 1e6), ("magic", 0.0)):
+        with pytest.raises(InputError):
+            tried_view(shown, name, wrong)
+
+
+@pytest.mark.parametrize(
+    ("action", "value"),
+    [
+        ("add", "magic"),
+        ("add", "ageing"),  # needs several days
+        ("remove", "tilt"),
+        ("leave_out", "p99"),
+        ("put_back", "p1"),
+        ("label", "a\nb"),
+        ("restore", "nothing"),
+        ("sides", "plain law\nnothing"),
+        ("dance", ""),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_the_state_stays(made: Bench, action: str, value: str) -> None:
+    before = made.shown
+    after = do(made, action, value)
+    assert after.notice
+    assert after.track == before.track
+    assert after.now is before.now
+
+
+def test_nothing_is_undone_where_nothing_was_done() -> None:
+    for step in (Track.undo, Track.redo):
+        with pytest.raises(InputError, match="nothing to"):
+            step(Track(History(("made",))))
+
+
+def test_a_tab_that_has_not_seen_the_change_of_another_changes_nothing(made: Bench) -> None:
+    seen = made.shown.version
+    do(made, "add", "depth_zero")
+    with pytest.raises(InputError, match="another tab"):
+        made.act("remove", "depth_zero", version=seen)
+    made.act("remove", "depth_zero", version=made.shown.version)
+    made.work(until_idle=True)
+    assert not made.shown.history.steps
+
+
+def test_the_state_is_kept_and_goes_on_from_its_file(made: Bench, folder: Path, tmp_path: Path) -> None:
+    do(made, "add", "depth_zero")
+    do(made, "label", "cured")
+    do(made, "leave_out", "p2")
+    kept = load_history(folder / "history.json")
+    again = bench(tmp_path, history=kept)
+    assert as_json(state_view(again)["falls"]) == as_json(state_view(made)["falls"])
+    assert kept.left_out == ("p2",)
+    assert ("cured", ()) in [(one.name, one.left_out) for one in kept.labels]
+
+
+FAULTS = {
+    "raises": "raise RuntimeError('no <b>luck</b>')",
+    "returns": "return state.force_N",
+    "prints": "print('noise'); raise KeyError",
+    "loops": "while True: pass",
+}
+
+
+def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTILEVISION_MAX_EFFECT_SECONDS", "1")
+    files = {}
+    for key, fault in FAULTS.items():
+        file = tmp_path / f"{key}.py"
+        new_effect(file, key)
+        text = file.read_text()
+        body = text.index("\n", text.index(":\n", text.index("def apply"))) + 1
+        file.write_text(f"{text[:body]}        {fault}\n")
+        files[key] = str(file)
+    made = bench(tmp_path, private=tuple(load_effect(file) for file in files.values()), files=files)
+    for key in FAULTS:
+        card = next(one for one in state_view(made)["cards"] if one["key"] == key)
+        assert card["why"]
+        assert card["kind"] == "your own"
+        assert do(made, "add", key).notice
+    assert not made.shown.history.steps
+    assert not do(made, "add", "depth_zero").notice, "the page lives on"
