@@ -15,7 +15,6 @@ from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
 from calibration.effects.cast_shadow import CastShadow
 from calibration.effects.clock_offset import ClockOffset
-from calibration.effects.colour_saturation import ColourSaturation
 from calibration.effects.depth_zero import DepthZero
 from calibration.effects.edge_fillet import EdgeFillet
 from calibration.effects.force_bias import ForceBias
@@ -67,7 +66,6 @@ _BUILT: tuple[Effect, ...] = (
     SlopeSaturation(),
     CastShadow(),
     LampFading(),
-    ColourSaturation(),
 )
 EFFECTS: Mapping[str, Effect] = MappingProxyType(
     {effect.key: effect for effect in sorted(_BUILT, key=attrgetter("order"))}

@@ -50,12 +50,10 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
-POINTS_ALONE, WHY_POINTS = (
-    "curves_not_used",
-    (  # of presses that a camera saw
-        "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent from "
-        "depth to depth, so what follows rate, time and history is not looked for"
-    ),
+POINTS_ALONE = "curves_not_used"  # of presses that a camera saw
+WHY_POINTS = (
+    "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent "
+    "from depth to depth, so what follows rate, time and history is not looked for"
 )
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
