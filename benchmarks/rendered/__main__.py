@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.rendered.camera import build_camera
 from benchmarks.rendered.compare import keep, report
+from benchmarks.rendered.cut import cut
 from benchmarks.rendered.families import draw_rig
 from benchmarks.rendered.judge import report as judge
 from benchmarks.rendered.path_tracer import Transport
@@ -34,6 +35,9 @@ def main(arguments: Sequence[str] = ()) -> None:
         return
     if options.out is None:
         raise SystemExit("--out says where to write; --compare needs none")
+    if options.cut is not None:
+        cut(options.cut, options.out)
+        return
     transport: Transport = "unshadowed" if options.no_shadows else "path"
     camera = build_camera(
         draw_rig(options.family, options.seed), options.cache, transport=transport, samples=options.samples
@@ -71,6 +75,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
     parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
     parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
+    parser.add_argument("--cut", type=Path, help="rendered recording whose good presses become a sample")
     parser.add_argument("--keep", type=Path, help="npz for one rig and step of that comparison, for the tests")
     parser.add_argument("--balls", type=int, default=24, help="reference pictures of balls")
     parser.add_argument("--cache", type=Path, default=CACHE, help="keeps what was rendered")

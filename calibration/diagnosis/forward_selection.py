@@ -89,6 +89,11 @@ class Searched:
         return self.rounds[0].score_test
 
     @property
+    def to_be_cured(self) -> bool:
+        """Whether frames are to be read anew for what was named last."""
+        return bool(self.steps) and cured_anew(self.steps[-1])
+
+    @property
     def explained(self) -> float:
         """Of what the start leaves, the share that the steps explain."""
         return explained_share(self.start, self.current, left=self.last)
@@ -131,8 +136,15 @@ def forward_selection(
             break
         steps.append(step)
         current = step.fitted
+        if cured_anew(step):  # what else is left is looked for once the frames are read anew
+            break
     last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
     return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
+
+
+def cured_anew(step: Step) -> bool:
+    """Whether the effect of a step is cured by reading the frames anew."""
+    return bool(getattr(step.best.effect, "treatment", ""))
 
 
 def _roomier(current: Fit, turn: Round, level: float) -> tuple[Fit | None, tuple[Candidate, ...]]:

@@ -19,6 +19,7 @@ from calibration.inputs.deadline import Watch
 from calibration.repeats.outlying_presses import STANDS_OUT, WANDERS, OutlyingPresses, outlying_presses
 
 MOSTLY = 0.9  # of a misfit explained: an effect's form that is off by a third leaves a tenth of the squares
+CURED = 0.5  # the same where frames are then read anew: the form need only name the cause, and is looked at again
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,8 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         so_far = tuple(c.effect.key for c in searched.rounds[-1].candidates)
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
-    mostly = 0 < len(steps) < MOST and searched.explained > MOSTLY  # named; its form is not exact
+    enough = CURED if searched.to_be_cured else MOSTLY
+    mostly = 0 < len(steps) < MOST and searched.explained > enough  # named; its form is not exact
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):
         return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)

@@ -13,6 +13,7 @@ from calibration.effects.adhesion import Adhesion
 from calibration.effects.ageing import Ageing
 from calibration.effects.backing_compliance import BackingCompliance
 from calibration.effects.bevel_rise import BevelRise
+from calibration.effects.cast_shadow import CastShadow
 from calibration.effects.clock_offset import ClockOffset
 from calibration.effects.depth_zero import DepthZero
 from calibration.effects.edge_fillet import EdgeFillet
@@ -21,6 +22,7 @@ from calibration.effects.force_crosstalk import ForceCrosstalk
 from calibration.effects.force_gain import ForceGain
 from calibration.effects.friction import Friction
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
+from calibration.effects.lamp_fading import LampFading
 from calibration.effects.lateral_boundary import LateralBoundary
 from calibration.effects.mullins import Mullins
 from calibration.effects.photometric_drift import PhotometricDrift
@@ -62,6 +64,8 @@ _BUILT: tuple[Effect, ...] = (
     PhotometricGain(),
     PhotometricDrift(),
     SlopeSaturation(),
+    CastShadow(),
+    LampFading(),
 )
 EFFECTS: Mapping[str, Effect] = MappingProxyType(
     {effect.key: effect for effect in sorted(_BUILT, key=attrgetter("order"))}

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.inputs.copies import check_times, without_copies
 from calibration.inputs.denoised_depth import BRANCHES, branches, nominal_depth
 from calibration.inputs.observations import Observations
 from calibration.inputs.press_noise import TYPICAL_ZERO_MM
@@ -187,8 +188,9 @@ def usable(data: Observations, shape: str = "flat_cylinder") -> Observations:
     Phases that nobody recorded are read from the depth. What is left out and what these measurements lack is said
     in the warnings. Raises InputError where nothing is left to fit.
     """
-    kept = of_several_depths(of_shape(data, shape))
+    kept = of_several_depths(without_copies(of_shape(data, shape)))
     check(kept, shape=shape)
+    check_times(kept)
     phase = np.array(BRANCHES)[branches(kept)]
     return replace(kept, phase=phase, warnings=(*kept.warnings, *lacks(kept)))
 

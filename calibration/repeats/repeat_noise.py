@@ -27,6 +27,7 @@ from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Floats
 
 BEYOND_CHANCE = 0.01  # p below which repeats' own noise replaces the stated one
+FAR_LESS = 0.5  # of the stated noise, above which it may hold what samples of a press share
 ALIKE = (
     1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
 )
@@ -57,16 +58,21 @@ def repeat_noise(fitted: Fit) -> Noise:
 def beyond_stated(fitted: Fit) -> float | None:
     """How many times as much samples scatter as was stated of them; None where that may be chance.
 
-    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
+    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings. Less
+    is said only below half of it: what is stated may hold what all samples of a press share.
     """
     from scipy.stats import f
 
-    dof = fitted.data.size - int(np.count_nonzero(fitted.free))
-    if not fitted.noise.stated or dof < 1:
+    if not fitted.noise.stated:
+        return None
+    dof = fitted.data.size - _explained(at_denoised_depth(fitted)).shape[1]  # as the estimate counts
+    dof = dof if dof > 2 else fitted.data.size - int(np.count_nonzero(fitted.free))
+    if dof < 1:
         return None
     # the estimate was held to the stated one, which is taken out again
-    own = ((dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF) / dof
-    return float(np.sqrt(own)) if own > 0 and f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
+    own = max(((dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF) / dof, 0.0)
+    less = own < FAR_LESS**2 and f.cdf(own, dof, STATED_DOF) < BEYOND_CHANCE
+    return float(np.sqrt(own)) if less or f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
 
 
 def _explained(steady: Fit) -> Floats:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,7 @@ def compare(
     *,
     rng: np.random.Generator,
     bulge: Estimate | None = None,
+    treated: Mapping[str, Observations] = MappingProxyType({}),
     progress: Progress = SILENT,
     deadline: Deadline = NEVER,
     bound: Pair | None = SILICONE_NU,
@@ -119,10 +121,11 @@ def compare(
 
     An effect that these data cannot show, that fails or that finds no minimum is passed over, named in `left_out`,
     and the next one is added without it. One of the picture's depth is added there, where there is a certified
-    one. `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added
-    any more. Raises InputError for unusable data.
+    one; where its cure is to read the frames anew, `treated` holds by the treatment's name what they then give.
+    `bulge`: nu from the rise beside the punch, held within `bound`. After the `deadline` no effect is added any
+    more. Raises InputError for unusable data.
     """
-    ready = prepare(data, bulge=bulge, bound=bound)
+    ready = replace(prepare(data, bulge=bulge, bound=bound), treated=treated)
     progress(0, len(effects) + 1, "the plain law")
     found = plain_law(ready, rng=rng)
     for number, added in enumerate(effects, start=1):
@@ -134,10 +137,14 @@ def compare(
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu."""
+    """Measurements that models are fitted to: `stated` as they were recorded, `data` with what is known of nu.
+
+    `treated`: as they were recorded, from frames that were read anew, by the name of the treatment.
+    """
 
     stated: Observations
     data: Observations
+    treated: Mapping[str, Observations] = field(default_factory=dict)
 
 
 def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | None = SILICONE_NU) -> Prepared:
@@ -169,7 +176,7 @@ def with_effect(
             return replace(
                 found, models=(*found.models, replace(one, effects=(*last.effects, effect.key))), suggested=()
             )
-        if why or (pictured := _in_picture(found.pictured, effect, ready.stated)) is None:
+        if why or (pictured := _in_picture(found.pictured, effect, ready)) is None:
             return replace(found, left_out=(*found.left_out, (effect.key, unseen)))
         return replace(found, pictured=pictured, suggested=())
     except Exception as fault:  # a private effect may raise anything; the next one may still do
@@ -184,15 +191,31 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
     return tuple(one.effect.key for one in suggested(last.fitted))
 
 
-def _in_picture(pictured: tuple[Compared, ...], effect: Effect, data: Observations) -> tuple[Compared, ...] | None:
+def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
     """The models of the picture's depth with the effect added; None where no such depth shows it."""
-    seen = pictured[-1].fitted if pictured else fit_vision_depth(data)
+    seen = pictured[-1].fitted if pictured else fit_vision_depth(ready.stated)
     shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
     if seen is None or shown is None or shown.missing(seen.data):
         return None
-    fitted = adopt(seen, refit_with(seen, shown))
+    treatment = getattr(effect, "treatment", "")
+    fitted = _read_anew(seen, ready.treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
     before = pictured or (_as_read(seen, ()),)
     return (*before, _as_read(fitted, (*before[-1].effects, effect.key)))
+
+
+def _read_anew(seen: Fit, data: Observations | None) -> Fit:
+    """The law of the picture's depth, with the effects added so far, on frames that were read anew."""
+    if data is None:
+        raise InputError(
+            "its cure is to read the frames anew, and they show none of it or were not read anew",
+            remedy="`tactilevision compare` does, where reference pictures of balls tell the lamps.",
+        )
+    begin = fit_vision_depth(data)
+    assert begin is not None
+    shown = {one.key: one for one in in_picture(begin.data)}
+    for key in seen.model.keys:
+        begin = adopt(begin, refit_with(begin, shown[key])) if key in shown else begin
+    return begin
 
 
 def _as_read(fitted: Fit, keys: tuple[str, ...]) -> Compared:

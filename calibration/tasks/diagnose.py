@@ -50,6 +50,11 @@ from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
 
+POINTS_ALONE = "curves_not_used"  # of presses that a camera saw
+WHY_POINTS = (
+    "only certified points take part: along the ramp the depth is the picture's, whose walls err by percent "
+    "from depth to depth, so what follows rate, time and history is not looked for"
+)
 NOT_TRUSTED = "something unexplained is in these data: E may be off by more than its interval says"
 FEW = 0.1  # of the presses: what can be set aside as accidents
 
@@ -150,6 +155,8 @@ def _determine(
     suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
     after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
+    if sight is not None and not base.data.is_curves:
+        flags, after = [*flags, POINTS_ALONE], replace(after, warnings=(*after.warnings, WHY_POINTS))
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
@@ -186,12 +193,16 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
 
 
 def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
-    """The material of the last fit, with a word where samples scatter by more than was stated of them."""
+    """The material of the last fit, with a word where samples scatter far otherwise than was stated of them."""
     times = beyond_stated(fitted)
     if times is None:
         return result
     said = f"samples scatter {times:.1f} times as much as was stated of them; that is taken as their noise"
-    return replace(result, flags=(*result.flags, "stated_noise_too_small"), warnings=(*result.warnings, said))
+    flag = "stated_noise_too_small"
+    if times < 1:
+        said = "samples scatter less than half as much as was stated of them: small effects may stay unseen"
+        flag = "stated_noise_too_large"
+    return replace(result, flags=(*result.flags, flag), warnings=(*result.warnings, said))
 
 
 def _material(

@@ -28,7 +28,9 @@ from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.integration.poisson import weighted
+from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
+from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.photometric.illumination.cast_shadow import lit
 from tactilevision.photometric.illumination.lamps import Lamps
@@ -124,7 +126,8 @@ def _out_of_shadow(
         found = fit_nu(recording, reconstructor, views=views)
         if found is not None:
             wider = replace(found, poisson_ratio=_widened(found.poisson_ratio, LIT_NU_STD))
-            return wider, "nu is read from the places that all three lamps reach."
+            said = _without(plain, found, recording)
+            return wider, f"nu is read from the places that all three lamps reach.{said}"
     nu = plain.poisson_ratio
     if nu.value is not None and nu.std is not None and nu.interval95 is not None:
         low, high = nu.interval95
@@ -141,6 +144,18 @@ def _widened(nu: Estimate, std: float) -> Estimate:
     low, high = nu.interval95
     more = math.hypot(0.5 * (high - low), INTERVAL * std) - 0.5 * (high - low)
     return replace(nu, std=math.hypot(nu.std, std), interval95=(low - more, min(high + more, MOST_NU)))
+
+
+def _without(plain: SurfaceFit, lit_alone: SurfaceFit, recording: Recording) -> str:
+    """What nu and E would be from all of the gel, in words; at one force E goes as (1 - nu^2)/kappa(nu)."""
+    values, gel = (plain.poisson_ratio.value, lit_alone.poisson_ratio.value), recording.sensor.gel
+    if gel is None or values[0] is None or values[1] is None:
+        return ""
+    a_over_h = max(one.radius_mm for one in recording.indenters.values()) / gel.thickness_mm
+    if not a_over_h <= A_OVER_H_RANGE[1]:
+        return ""
+    of_all, of_lit = ((1 - nu**2) / float(fast_kappa(nu, a_over_h)) for nu in (values[0], values[1]))
+    return f" All of the gel would give {values[0]:.3f} for {values[1]:.3f}, and E {of_all / of_lit - 1:+.1%}."
 
 
 def with_pile_up(certificate: Certificate, recording: Recording, *, poisson_ratio: Estimate) -> Certificate:

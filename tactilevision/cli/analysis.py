@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactilevision.cli.measure import beside_the_punch
+from tactilevision.cli.measure import beside_the_punch, shadows_undone
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tactilevision.records import Estimate
 
 ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
+UNDO_SHADOWS = "undo_shadows"  # the treatment that an effect of the picture may ask for
 OWN = ".py"  # how the file of an effect of one's own ends
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
@@ -62,6 +63,17 @@ def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observatio
 
     sets = [one.measured for one in taken]
     return leave_out(observe_all(sets) if any(one.curves for one in sets) else observe(sets), left_out)
+
+
+def treated(
+    taken: Sequence[Taken], effects: Sequence[Effect], left_out: Sequence[str] = ()
+) -> dict[str, Observations]:
+    """The measurements read anew in each way that one of the effects asks for, where frames show its cause."""
+    wanted = {str(getattr(effect, "treatment", "")) for effect in effects}
+    again = [shadows_undone(one) for one in taken] if UNDO_SHADOWS in wanted else []
+    if not any(again):
+        return {}
+    return {UNDO_SHADOWS: observed([new or old for new, old in zip(again, taken, strict=True)], left_out)}
 
 
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:

@@ -19,6 +19,7 @@ from tactilevision.cli.analysis import (
     keep_history,
     named_effects,
     observed,
+    treated,
     with_nu,
 )
 from tactilevision.cli.measure import take
@@ -65,8 +66,9 @@ def compare(
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("fitting") as progress:
         data, rng, bound = observed(taken, aside), np.random.default_rng(seed), elastomer_bound(prior)
+        again = treated(taken, effects, aside)
         found = method.compare(
-            data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress, deadline=deadline
+            data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
     added = [step.key for step in steps_of_comparison(found, files)]
     commands = [

@@ -52,6 +52,21 @@ def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
     return [_certified(one, answered) if one.frame_names else Taken(one, None) for one in opened]
 
 
+def shadows_undone(taken: Taken) -> Taken | None:
+    """The recording certified from maps whose cast shadows are undone; None where its frames show none.
+
+    Its reconstructor undoes them from then on.
+    """
+    from tactilevision.certificate.certify import certify
+    from tactilevision.reconstruct.shadows_seen import with_shadows
+
+    reader = taken.reconstructor
+    if reader is None or with_shadows(taken.recording, reader).shadows is None:
+        return None
+    with console.progress_bar("undoing cast shadows") as progress:
+        return replace(taken, certificate=certify(taken.recording, reader, progress=progress))
+
+
 def beside_the_punch(taken: Taken) -> tuple[Taken, Estimate | None]:
     """Poisson's ratio from the rise beside the punch, and the depths corrected by it where no better is stated."""
     from tactilevision.certificate.poisson_from_rise import with_nu

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.analysis import ANSWERED, Private, again_in, named_effects, observed, with_nu, write_history
+from tactilevision.cli.analysis import (
+    ANSWERED,
+    Private,
+    again_in,
+    named_effects,
+    observed,
+    treated,
+    with_nu,
+    write_history,
+)
 from tactilevision.cli.measure import take
 
 if TYPE_CHECKING:
@@ -103,7 +112,8 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     rng = np.random.default_rng(history.seed)
     with console.progress_bar("fitting") as progress:
         data, bound = observed(taken, history.left_out), elastomer_bound(history.prior)
-        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, progress=progress)
+        again = treated(taken, effects, history.left_out)
+        result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."
     if (folder / "diagnosis.json").is_file() or (folder / FOUND / "diagnosis.json").is_file():

@@ -15,6 +15,7 @@ from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_pictur
 from calibration.inputs.conditions import covariates
 from calibration.inputs.observations import EdgeDrop, Observations
 from calibration.report.verdict import shown_size
+from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.tables.profile import profile_model
@@ -77,6 +78,74 @@ def test_what_is_wrong_with_slopes_is_named_with_its_size(key: str, fault: dict[
     low, high = found.current.estimate(f"{key}.{first}").interval95 or (0.0, 0.0)
     assert low < truth < high
     assert low > 0 or high < 0
+
+
+def shaded(seed: int) -> Observations:
+    """Gel that a lamp does not reach reads .2 w steeper, out to 2.6 w - .2 mm beside the face."""
+    sound = seen(seed)
+    deep = dict(zip(sound.presses.label, sound.depth_mm, strict=True))
+    falls = [
+        replace(f, fall_mm=f.fall_mm + 0.2 * deep[f.press] * _dark(deep[f.press], f) * (f.to_mm - f.from_mm))
+        for f in sound.falls
+    ]
+    return replace(sound, falls=tuple(falls))
+
+
+@pytest.mark.slow
+def test_shadows_beside_faces_are_named() -> None:
+    fitted = fit_vision_depth(shaded(7))
+    assert fitted is not None
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    assert [step.best.effect.key for step in found.steps] == ["cast_shadow"]
+    assert found.current.estimate("cast_shadow.reach").value == pytest.approx(2.6, rel=0.3)
+
+
+def test_shadows_are_cured_by_reading_frames_anew_or_left_out_with_the_reason() -> None:
+    force = 0.9 * DEPTHS * (1 + 0.8 * DEPTHS / 3) * (1 + 2e-3 * np.resize([1, -1, 0], DEPTHS.size))
+    dark, undone = (data.with_force(force) for data in (shaded(7), seen(7)))
+    cured = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0), treated={"undo_shadows": undone})
+    as_read, after = (model.held_out_N for model in cured.pictured)
+    assert after < 0.5 * as_read
+    assert cured.pictured[1].parameters == ()
+    left = compare(dark, ["cast_shadow"], rng=np.random.default_rng(0))
+    assert left.left_out[0][0] == "cast_shadow"
+    assert "balls" in left.left_out[0][1]
+
+
+def _dark(depth_mm: float, fall: EdgeDrop) -> float:
+    """Share of a ring in shadow, its places drawn one by one."""
+    places = np.linspace(fall.from_mm, fall.to_mm, FINE)
+    return float(np.mean(places < 2.6 * depth_mm - 0.2))
+
+
+@pytest.mark.slow
+def test_a_lamp_that_fades_is_named_by_its_side() -> None:
+    sound = seen(8)
+    order = {label: k / 11 for k, label in enumerate(sound.presses.label)}
+
+    def read(fall: EdgeDrop) -> float:
+        return float(fall.fall_mm * (1 - 0.3 * np.cos(np.deg2rad(fall.azimuth_deg)) * order[fall.press]))
+
+    fitted = fit_vision_depth(replace(sound, falls=tuple(replace(f, fall_mm=read(f)) for f in sound.falls)))
+    assert fitted is not None
+    found = forward_selection(fitted, in_picture(fitted.data), rng=np.random.default_rng(0), level=0.025)
+    assert [step.best.effect.key for step in found.steps] == ["lamp_fading"]
+
+
+def test_effects_beside_faces_leave_faces_alone_and_vanish_when_off() -> None:
+    fitted = fit_vision_depth(seen(4))
+    assert fitted is not None
+    data = fitted.data
+    assert data.slopes is not None
+    face = np.isnan(data.slopes.slope)
+    for key in ("cast_shadow", "lamp_fading"):
+        effect = {one.key: one for one in in_picture(data)}[key]
+        assert not effect.missing(data)
+        off = np.array([p.default for p in effect.parameters])
+        np.testing.assert_allclose(effect.inner.seen(data.depth_mm, off, data), data.depth_mm)
+        on = effect.inner.seen(data.depth_mm, effect.starts(data)[0] * 3, data)
+        np.testing.assert_array_equal(on[face], data.depth_mm[face])
+        assert (on[~face] != data.depth_mm[~face]).any()
 
 
 def test_sound_slopes_accuse_nobody_and_are_looked_at_by_slope_and_azimuth() -> None:

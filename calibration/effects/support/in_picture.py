@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+import numpy as np
+
 from calibration.model.parameters import Parameter
-from calibration.model.stages import Effect, ManualCheck, Stage, State
+from calibration.model.stages import Effect, EffectBase, ManualCheck, Stage, State
 from tactilevision.records import Floats
 
 if TYPE_CHECKING:
@@ -51,6 +53,11 @@ class InPicture:
         return self.inner.check
 
     @property
+    def treatment(self) -> str:
+        """The catalogue's."""
+        return str(getattr(self.inner, "treatment", ""))
+
+    @property
     def stage(self) -> Stage:
         """True depth becomes seen depth."""
         return Stage.DEPTH
@@ -79,3 +86,34 @@ class InPicture:
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
         return self.inner.starts(data)
+
+
+class OfPicture(EffectBase):
+    """An effect of the picture alone: no force and no certified depth knows of it."""
+
+    def missing(self, data: Observations) -> str:
+        """Forces never show it."""
+        return "needs frames: it shows in the gel beside faces, against certified depths"
+
+    def absent(self, data: Observations) -> bool:
+        """Where depths are certified it moves none, and where they are not it cannot be told."""
+        return True
+
+    def apply(self, state: State, values: Floats, data: Observations) -> State:
+        """The force's depth stays."""
+        return state
+
+
+@dataclass(frozen=True, slots=True)
+class BesideFaces(InPicture):
+    """An effect that shows in the slopes beside faces alone."""
+
+    needs_times: bool = False
+
+    def missing(self, data: Observations) -> str:
+        """What these depths would need."""
+        if data.slopes is None:
+            return "needs frames of six presses of a flat cylinder, and the gel beside its face in view"
+        if self.needs_times and not (np.isfinite(data.time_s).all() and np.ptp(data.time_s) > 0):
+            return "needs times of several presses"
+        return ""

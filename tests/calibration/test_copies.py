@@ -1,0 +1,77 @@
+"""Bad tables: presses that are copies, times in milliseconds, a noise stated far too large or too small."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_screen import MODEL, TRUTH, measured, presses, pure
+
+from calibration.inputs.checks import usable
+from calibration.inputs.observations import Observations
+from calibration.repeats.repeat_noise import beyond_stated
+from tactilevision.errors import InputError
+
+
+def made(count: int = 12) -> Observations:
+    data = presses(count)
+    return measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(5))
+
+
+def copied(data: Observations, press: int, *, onto: int, recording: int = 0) -> Observations:
+    """The samples of one press in the place of another one's, of a second recording where asked."""
+    depth, force = data.depth_mm.copy(), data.force_N.copy()
+    depth[data.press == onto], force[data.press == onto] = depth[data.press == press], force[data.press == press]
+    number = data.presses.recording.copy()
+    number[onto:] = recording
+    return replace(
+        data,
+        depth_mm=depth,
+        force_N=force,
+        presses=replace(data.presses, recording=number),
+        recordings=("monday", "friday")[: recording + 1],
+    )
+
+
+def test_a_copied_press_is_left_out_and_named() -> None:
+    data = made()
+    kept = usable(copied(data, 2, onto=8))
+    assert kept.count == data.count - 1
+    assert "press p8 has the samples of press p2: left out" in kept.warnings
+
+
+def test_a_press_copied_from_another_recording_is_named_with_it() -> None:
+    kept = usable(copied(made(), 2, onto=8, recording=1))
+    assert "press p8 of friday has the samples of press p2 of monday: left out" in kept.warnings
+
+
+def test_presses_of_one_law_that_repeat_each_other_are_no_copies() -> None:
+    data = made()
+    assert usable(data).count == data.count
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["speed stated", "speed not stated"])
+def test_times_in_milliseconds_are_refused(*, stated: bool) -> None:
+    data = made()
+    usual = float(np.median(data.presses.speed_mm_s)) / 0.25  # to a quarter of a millimetre a second
+    speed = data.presses.speed_mm_s / (usual if stated else 1000 * usual)
+    slow = replace(data, time_s=1000 * usual * data.time_s, presses=replace(data.presses, speed_mm_s=speed))
+    with pytest.raises(InputError, match="are these in ms"):
+        usable(slow)
+
+
+def test_slow_presses_are_not_refused() -> None:
+    data = made()
+    presses_slow = replace(data.presses, speed_mm_s=data.presses.speed_mm_s / 20)
+    slow = replace(data, time_s=20 * data.time_s, presses=presses_slow)
+    assert usable(slow).count == data.count
+
+
+@pytest.mark.parametrize(("wrong", "least", "most"), [(0.1, 8.0, 12.0), (10.0, 0.0, 0.5)])
+def test_a_noise_stated_ten_times_off_is_told(wrong: float, least: float, most: float) -> None:
+    data = made(20)
+    stated = replace(data, force_std_N=np.full(data.size, 0.004 * wrong), depth_std_mm=np.zeros(data.size))
+    found = beyond_stated(pure(stated))
+    assert found is not None
+    assert least <= found < most
