@@ -191,7 +191,7 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
 
 
 def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
-    """The material of the last fit, with a word on curves that take no part, and on a stated noise that is far off."""
+    """The material of the last fit, with a word on curves that take no part and on a stated noise far off."""
     if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
         flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)
         result = replace(result, flags=flags, warnings=warnings)
