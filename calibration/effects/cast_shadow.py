@@ -25,8 +25,10 @@ from calibration.model.parameters import Parameter, Prior
 from calibration.model.stages import ManualCheck, Stage
 from tactilevision.records import Floats
 
-REACH, REACH_STD = 2.7, 0.7  # cotangent of 20 degrees; 15 to 35 degrees lie within two std
-TOE_MM, TOE_STD_MM = 0.35, 0.15  # mm by which walls and the gel beside them shorten a shadow; rendered presses
+REACH = 2.7  # cotangent of a lamp's elevation: of 20 degrees
+REACH_STD = 0.7  # of it: 15 to 35 degrees lie within two
+TOE_MM = 0.35  # mm by which walls and the gel beside them shorten a shadow: rendered presses
+TOE_STD_MM = 0.15  # mm, std of it: by judgement
 SOFT_MM = 0.3  # mm over which a strip's shadow ends, and over which a ring's slope is taken
 
 

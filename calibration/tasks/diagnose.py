@@ -155,8 +155,6 @@ def _determine(
     suspects = instead_of_beta() if "beta_outside_theory" in flags else ()
     explained, instead = would_have_to_be(base, suspects), _refitted(base, suspects)
     after, unseen = _material(alone, (force, sight), catalogue, _moduli(force, explained, instead=instead))
-    if sight is not None and not base.data.is_curves:
-        flags, after = [*flags, POINTS_ALONE], replace(after, warnings=(*after.warnings, WHY_POINTS))
     flags += [f"{s.best.effect.key}_beyond_prior" for s in force.steps if _beyond_prior(fitted, s.best.effect.key)]
     keys = [*(c.effect.key for s in sets for c in s), *(effect.key for effect in (suspects if explained else ()))]
     candidates = tuple(dict.fromkeys(keys))
@@ -193,7 +191,10 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
 
 
 def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
-    """The material of the last fit, with a word where samples scatter far otherwise than was stated of them."""
+    """The material of the last fit, with a word on curves that take no part and on a stated noise far off."""
+    if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
+        flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)
+        result = replace(result, flags=flags, warnings=warnings)
     times = beyond_stated(fitted)
     if times is None:
         return result
