@@ -139,6 +139,7 @@ def worker_pid(machines: Machines) -> int:
         return int(next(iter(client.run(os.getpid).values())))
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing_and_doubles_nothing(machines: Machines, tmp_path: Path) -> None:
     source = recording(tmp_path / "in", 80)
     reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
@@ -154,6 +155,7 @@ def test_a_killed_worker_loses_nothing_and_doubles_nothing(machines: Machines, t
     assert told == list(range(81))
 
 
+@pytest.mark.slow
 def test_a_frame_that_kills_its_workers_is_named_and_the_others_are_read(
     machines: Machines, tmp_path: Path
 ) -> None:

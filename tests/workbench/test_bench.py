@@ -204,6 +204,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
