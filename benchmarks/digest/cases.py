@@ -171,7 +171,7 @@ CASES: Mapping[str, Case] = MappingProxyType({
     "calibrate hidden_rig": Case(_calibrate(RIG)),
     "depth of three frames": Case(_few_depths),
     "depth held to the faces": Case(_anchored_depths),
-    "force of one frame": Case(_one_force, quick=True),
+    "force of one frame": Case(_one_force),
     "force between sides": Case(_forces_between_sides),
     "points of before": Case(_calibrate(BEFORE / "calibrated")),
     "polynomial of before": Case(_saved_method("polynomial"), quick=True),

@@ -19,8 +19,7 @@ from tactilevision.door.opening import open_regular
 from tactilevision.errors import InputError
 
 DAMAGED = (ValueError, EOFError, OSError, KeyError, TypeError, AttributeError, SyntaxError, OverflowError,
-           MemoryError, RecursionError, NotImplementedError, zipfile.BadZipFile, zlib.error,
-           tokenize.TokenError)  # fmt: skip
+           MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error, tokenize.TokenError)  # fmt: skip
 
 
 class DamagedArrayError(InputError):

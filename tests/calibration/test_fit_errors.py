@@ -24,6 +24,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> None:
     assert main() == 0
 
 
+@pytest.mark.slow
 def test_every_command_states_the_same_two_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

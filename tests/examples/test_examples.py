@@ -61,6 +61,7 @@ def test_a_grid_of_dots_makes_a_sensor_that_a_recording_can_name(said: str, tmp_
     assert sensor.rectification[0].shape == (sensor.height_px, sensor.width_px)
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["live_loop"], indirect=True)
 def test_a_stream_says_when_the_gel_is_touched(said: str) -> None:
     lines = said.splitlines()
@@ -75,6 +76,7 @@ def test_the_published_route_and_what_the_points_leave_open(said: str) -> None:
     assert "nothing fixes poisson_ratio" in said
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["add_an_effect"], indirect=True)
 def test_the_error_falls_to_the_floor(said: str) -> None:
     held_out = [float(value) for value in re.findall(r": ([\d.]+) mN on presses left out", said)]

@@ -57,7 +57,7 @@ def test_friction_saturates() -> None:
         assert friction_share(friction_of_share(share)) == pytest.approx(share, abs=1e-12)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("friction", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_poisson_ratio_is_found_with_friction_unknown(friction: float) -> None:
     nu, rng = 0.477, np.random.default_rng(11)
     made = views(nu, rng, source=table_profile, friction=friction)

@@ -67,7 +67,7 @@ def calibrated(folder: str, marks: bool) -> Calibration:
 @pytest.mark.parametrize(
     ("folder", "marks", "least", "most"),
     [
-        ("gelslim3_mcubelab/markerless", True, 3.0, 3.75),
+        pytest.param("gelslim3_mcubelab/markerless", True, 3.0, 3.75, marks=pytest.mark.slow),
         pytest.param("gelslim3_mcubelab/markers", True, 3.5, 4.5, marks=pytest.mark.slow),
         pytest.param("gelslim_heightmap/dots1", True, 4.0, 5.6, marks=pytest.mark.slow),
     ],

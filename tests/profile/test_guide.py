@@ -215,6 +215,7 @@ def test_train_takes_the_circles_as_drawn_and_writes_a_profile(
     assert read_profile(tmp_path / "m.tvs").method.card.balls == 4
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no browser")
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_browser_draws_drags_checks_and_saves(page: Guide, recording: Path) -> None:

@@ -72,6 +72,7 @@ def test_a_lamp_that_was_moved_is_another_light() -> None:
         assert LIGHT in reader().rectified_map(picture(p, q, rng, at=elsewhere)).flags
 
 
+@pytest.mark.slow
 def test_maps_of_a_light_known_in_one_corner_alone_are_flagged() -> None:
     rng = np.random.default_rng(SEED + 9)
     corner = [

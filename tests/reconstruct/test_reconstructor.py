@@ -197,6 +197,7 @@ def test_real_gelslim_balls_held_out() -> None:
     assert np.hypot(column - 241.8, row - 145.1) < 6.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason="real frames are not at hand")
 def test_real_gelsight_mini_goes_the_same_way() -> None:
     folder = REAL / "taxim_gelsight_mini"
