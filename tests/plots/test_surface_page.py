@@ -47,6 +47,7 @@ def test_a_map_of_which_nothing_is_known_has_a_page() -> None:
     assert "0.0 % of the picture" in surface_page(nothing)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no browser is installed")
 def test_the_surface_turns_in_a_browser(tmp_path: Path) -> None:
     playwright = pytest.importorskip("playwright.sync_api")
