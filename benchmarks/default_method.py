@@ -18,8 +18,9 @@ import numpy as np
 
 from tactilevision.photometric import BallPicture, calibrate_from_balls, make_reference
 from tactilevision.photometric.ball.samples import Samples, ball_samples, join
-from tactilevision.photometric.calibrate import direction_error_deg, locate
+from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.card import provenance
+from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.methods.polynomial import fit_polynomial

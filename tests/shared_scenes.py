@@ -44,4 +44,4 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
 @shared
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
-    return build_reconstructor(read_recording(SAMPLE))
+    return build_reconstructor(read_recording(SAMPLE), "polynomial")

@@ -85,7 +85,7 @@ def _certified(recording: Recording, answered: str) -> Taken:
 
     require_all(recording)
     with console.progress_bar("calibrating the light"):
-        reconstructor = build_reconstructor(recording)
+        reconstructor = build_reconstructor(recording, "polynomial" if recording.balls else None)
     with console.progress_bar("certifying presses") as progress:
         certificate = certify(recording, reconstructor, progress=progress)
     warnings = [*reconstructor.warnings, *certificate.warnings]

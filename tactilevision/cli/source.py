@@ -129,8 +129,8 @@ class Choice:
     def light(self, recording: Recording) -> Reconstructor:
         """Calibrate the light from the recording's own references, or use the method or profile that was named.
 
-        Balls decide how the light is fitted, for the sake of the depth's scale. A certificate keeps to the
-        default: its scale is the bevel's, and on one sample it saw the touch 2 um earlier with the other fit.
+        Left out, balls decide how the light is fitted. A certificate keeps to the polynomial: its scale is the
+        bevel's, and on one sample it saw the touch 2 um earlier with another fit.
         With `shadows`, those that lamps cast are undone where the frames show them. Not `even_so`: raises
         InputError for a calibration that fails its own balls.
         """
@@ -146,7 +146,7 @@ class Choice:
         from tactilevision.reconstruct import build_reconstructor
         from tactilevision.reconstruct.shadows_seen import with_shadows
 
-        made = build_reconstructor(recording, self.method or ("auto" if recording.balls else None))
+        made = build_reconstructor(recording, self.method)
         return with_shadows(recording, made) if self.shadows else made
 
     def calibrated(self, recording: Recording) -> CalibratedSensor | None:

@@ -22,7 +22,7 @@ def train(
     recording: Annotated[
         Path, typer.Argument(help="A recording, or a folder of ball presses and flats, gs_sdk's too.")
     ],
-    method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "polynomial",
+    method: Annotated[str, typer.Option(help="polynomial, auto, lookup or network.")] = "auto",
     out: Annotated[
         Path, typer.Option("--out", help="The method's file; its card and figure lie beside it.")
     ] = Path("method.npz"),

@@ -6,7 +6,8 @@ PHOTOMETRIC lists the methods that come along; any `method.PhotometricMethod` wo
 from __future__ import annotations
 
 from tactilevision.photometric.ball.cross_validation import Fitter
-from tactilevision.photometric.calibrate import BallPicture, Calibration, calibrate_from_balls
+from tactilevision.photometric.calibrate import Calibration, calibrate_from_balls
+from tactilevision.photometric.found_balls import BallPicture
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.inverse_shading import AutoMethod
 from tactilevision.photometric.methods.lookup import fit_lookup

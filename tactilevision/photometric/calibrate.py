@@ -9,7 +9,6 @@ from typing import Protocol, runtime_checkable
 import cv2
 import numpy as np
 
-from tactilevision.errors import InputError
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.ball.consistency import (
     contradicting_radii,
@@ -30,33 +29,32 @@ from tactilevision.photometric.ball.cross_validation import (
     patch_error,
     scale_uncertainty,
 )
-from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.gamma import response_of
 from tactilevision.photometric.ball.observability import Observability, slope_observability
 from tactilevision.photometric.ball.samples import (
-    CONTACT,
-    RESTING,
     Samples,
-    ball_samples,
     far_from,
-    join,
-    resting_samples,
     told_alike,
     values_at,
-    with_noise,
 )
 from tactilevision.photometric.card import MethodCard
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
+from tactilevision.photometric.found_balls import (
+    MIN_BALLS,
+    BallPicture,
+    check_count,
+    collect_balls,
+    refine_balls,
+)
+from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.drift import solid
-from tactilevision.photometric.markers import marked
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.photometric.reference import Reference
-from tactilevision.records import Bools, Bytes, Floats, Pair
+from tactilevision.records import Bytes, Floats, Pair
 
-MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
 
@@ -68,17 +66,6 @@ class PictureFitter(Protocol):
     def prepared(
         self, change: ColourChange, pictures: Sequence[Bytes], balls: Sequence[Ball | None], mm_per_px: Pair
     ) -> Fitter: ...
-
-
-@dataclass(frozen=True, slots=True)
-class BallPicture:
-    """A rectified ball press (H, W, 3); the ball's radius; its centre and contact radius where they are known."""
-
-    rgb: Bytes
-    radius_mm: float
-    centre_px: Pair | None = None
-    contact_radius_px: float | None = None
-    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +101,9 @@ def calibrate_from_balls(
     """
     rng = rng or np.random.default_rng(0)
     change = ColourChange(reference)
-    balls, warnings, contact_parts, resting_parts = _collect(change, pictures, mm_per_px, rng)
-    _check_count(len(contact_parts), len(pictures), warnings)
-    every = [with_noise(join(parts), change.noise) for parts in (contact_parts, resting_parts)]
+    alone = collect_balls(change, pictures, mm_per_px, rng)
+    seen = refine_balls(alone, change, pictures, mm_per_px, rng)
+    balls, warnings, every = list(seen.balls), list(seen.warnings), seen.every
     pressed, resting = told_alike(*every, min_balls=MIN_BALLS)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
@@ -125,14 +112,14 @@ def calibrate_from_balls(
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
-    contact_px = shared_contact(balls) or _contact_in_reference(change, pictures, balls, mm_per_px)
+    contact_px = shared_contact(alone.balls) or _contact_in_reference(change, pictures, alone.balls, mm_per_px)
     warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
     warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
         _card(best, pressed, light),
-        balls=len(contact_parts),
-        balls_left_out=len(pictures) - len(contact_parts),
+        balls=seen.count,
+        balls_left_out=len(pictures) - seen.count,
         balls_cover=tuple(np.round(cover, 3).tolist()),
         response=response_of(pressed, values_at(pressed, change.level)).to_card(),
         contact_in_reference_px=contact_px,
@@ -172,7 +159,7 @@ def _best_fit(fit: Fitter, pressed: Samples, resting: Samples) -> _Fit:
 
     Raises InputError where too few balls are told by the same colours.
     """
-    _check_count(told := len(np.unique(pressed.press)), told, ["the others lie where two colours are overexposed"])
+    check_count(told := len(np.unique(pressed.press)), told, ["the others lie where two colours are overexposed"])
     ways = getattr(fit, "ways", None) or [(fit, ridge) for ridge in getattr(fit, "ridges", RIDGES)]
     scores = [held_out(fitter, pressed, untouched_samples=resting, ridge=ridge) for fitter, ridge in ways]
     patch_errors = [patch_error(slopes, pressed) for slopes, _ in scores]
@@ -225,58 +212,10 @@ def _odd_ball_warnings(
     return odd_balls(gains_of(best.held_out, pressed), balls, names=names, unsure=unsure)
 
 
-def _check_count(usable: int, of: int, why: Sequence[str]) -> None:
-    if usable < MIN_BALLS:
-        raise InputError(
-            f"too few ball presses that can be used; {MIN_BALLS} are the least",
-            where="reference/ball",
-            value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
-            remedy="Press the ball at more places, over the whole picture.",
-        )
-
-
 def direction_error_deg(slopes: Floats, true: Floats) -> Floats:
     """Angle (N,) between slopes found and true, both (N, 2)."""
     turn = (slopes[:, 0] + 1j * slopes[:, 1]) * (true[:, 0] - 1j * true[:, 1])
     return np.asarray(np.degrees(np.abs(np.angle(turn))))
-
-
-def _collect(
-    change: ColourChange, pictures: Sequence[BallPicture], mm_per_px: Pair, rng: np.random.Generator
-) -> tuple[list[Ball | None], list[str], list[Samples], list[Samples]]:
-    balls: list[Ball | None] = []
-    warnings: list[str] = []
-    contact: list[Samples] = []
-    untouched_samples: list[Samples] = []
-
-    marks = change.reference.marks
-
-    def share(samples: int) -> int:
-        return max(100, samples // max(1, len(pictures)))
-
-    for number, picture in enumerate(pictures):
-        name = picture.name or f"ball {number + 1}"
-        try:
-            changes, _, valid = change.measure_known(picture.rgb)
-            if marks is not None:
-                valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
-            ball = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
-        except InputError as fault:
-            warnings.append(f"{name} left out: {fault.what}")
-            balls.append(None)
-            continue
-        balls.append(ball)
-        contact.append(
-            ball_samples(
-                changes, ball, mm_per_px=mm_per_px, number=number, most=share(CONTACT), valid=valid, rng=rng
-            )
-        )
-        untouched_samples.append(
-            resting_samples(
-                changes, ball, mm_per_px=mm_per_px, number=number, most=share(RESTING), valid=valid, rng=rng
-            )
-        )
-    return balls, warnings, contact, untouched_samples
 
 
 def _measure_background(
@@ -294,19 +233,6 @@ def _measure_background(
             changes, _, valid = change.measure(picture.rgb)
             sums.add(*evaluate(changes), valid & far_from(ball, valid.shape, mm_per_px=mm_per_px))
     return sums.result(evaluate.noise(change.noise))
-
-
-def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
-    """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
-    image = np.ascontiguousarray(change.transpose(1, 2, 0))
-    return find_ball(
-        image,
-        mm_per_px,
-        radius_mm=picture.radius_mm,
-        centre_px=picture.centre_px,
-        contact_radius_px=picture.contact_radius_px,
-        usable=valid,
-    )
 
 
 def _contact_in_reference(

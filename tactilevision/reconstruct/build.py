@@ -16,6 +16,7 @@ from tactilevision.photometric import (
     PHOTOMETRIC,
     BallPicture,
     Calibration,
+    Reference,
     calibrate_from_balls,
     load_method,
     load_network,
@@ -43,7 +44,7 @@ from tactilevision.uncertainty.untouched_gel import untouched_std_mm
 if TYPE_CHECKING:
     from tactilevision.recording import Recording
 
-DEFAULT = "polynomial"
+DEFAULT = "auto"  # balls left out choose the fit: never one that they tell worse than the plain polynomial
 MAX_WAVES = 8  # pictures with balls that are looked at, at most
 
 
@@ -73,7 +74,7 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
     if method is not None and not isinstance(method, str):
         return with_flats(sensor, method, flats=flats) if flats else Reconstructor(sensor, method)
     fit = PHOTOMETRIC[method or DEFAULT]
-    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    reference, marked = _reference(sensor, flats)
     pictures = [
         BallPicture(
             rectify(sensor, read_image(ball.path, white_level=recording.white_level)),
@@ -85,7 +86,20 @@ def _built(recording: Recording, method: str | PhotometricMethod | None) -> Reco
         for ball in recording.balls
     ]
     calibration = calibrate_from_balls(reference, pictures, mm_per_px=sensor.mm_per_px, fit=fit)
-    return tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
+    found = tuned(sensor, calibration, pictures=pictures, free=free_frames(recording))
+    found.warnings += marked
+    return found
+
+
+def _reference(sensor: Sensor, flats: Sequence[Bytes]) -> tuple[Reference, tuple[str, ...]]:
+    """The reference of rectified flats; a warning where it shows marks that the sensor was said not to have."""
+    reference = make_reference(flats)
+    if reference.marks is None or may_have_marks(sensor):
+        return reference, ()
+    return reference, (
+        f"the untouched gel shows a regular pattern of dark marks, and a {sensor.kind} has none: they are filled "
+        "as markers are. Name a sensor with markers (gelslim3_markers, or a TOML file with has_markers = true)",
+    )
 
 
 def tuned(
@@ -199,10 +213,11 @@ def _on_own_contacts(
 
 
 def _without_balls(sensor: Sensor, path: Path, flats: Sequence[Bytes]) -> Reconstructor:
-    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    reference, marked = _reference(sensor, flats)
     method = load_network(path, reference)
     _check_kind(method.card, sensor)
     found = Reconstructor(sensor, method)
+    found.warnings += marked
     found.reference_match = ReferenceMatch(method, baseline=DEFAULT_BASELINE)
     if method.card.light is not None:  # else it was made for any light
         found.warnings += found.reference_match.check_light(method.card.light)
@@ -248,9 +263,10 @@ def with_flats(sensor: Sensor, method: PhotometricMethod, *, flats: Sequence[Byt
     calibrated = as_referenced(method)
     if calibrated is None:
         return Reconstructor(sensor, method)
-    reference = make_reference(flats, may_have_marks=may_have_marks(sensor))
+    reference, marked = _reference(sensor, flats)
     check_view(calibrated.reference.shape, reference.shape)
     found = Reconstructor(sensor, calibrated.with_reference(reference))
+    found.warnings += marked
     if found.reference_match is not None:
         found.warnings += found.reference_match.check_light(light_of(calibrated.reference))
     return found

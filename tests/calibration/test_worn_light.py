@@ -53,7 +53,7 @@ def test_what_the_light_lost_is_named_from_whole_frames(
     key: str, slope_response: SlopeResponse, amount: float, tmp_path: Path
 ) -> None:
     recording = read_recording(simulate(tmp_path / "worn", seed=11, options=options(slope_response)))
-    points = certify(recording, build_reconstructor(recording)).points
+    points = certify(recording, build_reconstructor(recording, "polynomial")).points
     found = diagnose(observe_points(Measured(recording, points)), np.random.default_rng(0))
     assert [effect.key for effect in found.effects] == [key] * bool(key)
     assert found.verdict == ("IDENTIFIED" if key else "ADEQUATE")

@@ -94,3 +94,14 @@ def ball_pictures(count: int, rng: np.random.Generator, *, gain: float | Floats 
     return [
         BallPicture(picture(*ball(at, contact, BALL_MM)[1:], rng, gain=gain), BALL_MM) for at, contact in shots
     ]
+
+
+def dots(shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
+    """Brightness (H, W) of a gel with dots of two pixels' radius, 14 px apart."""
+    y, x = np.indices(SHAPE, dtype=np.float64)
+    x, y = (x - shift_px[0]) % 14 - 7, (y - shift_px[1]) % 14 - 7
+    return 1.0 - 0.6 / (1.0 + np.exp((np.hypot(x, y) - 2.0) / 0.4))
+
+
+def with_dots(rgb: Bytes, shift_px: tuple[float, float] = (0.0, 0.0)) -> Bytes:
+    return np.rint(rgb * dots(shift_px)[..., None]).astype(np.uint8)

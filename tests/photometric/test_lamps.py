@@ -26,7 +26,7 @@ TRUTH: dict[str, Any] = tomllib.loads((SAMPLE / "truth.toml").read_text())
 
 @shared
 def rendered_reconstructor() -> Reconstructor:
-    return build_reconstructor(read_recording(SAMPLE))
+    return build_reconstructor(read_recording(SAMPLE), "polynomial")
 
 
 @lru_cache

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lamp_room import MM_PER_PX, SHAPE, ball, flat, picture, places, presses
+from lamp_room import MM_PER_PX, SHAPE, ball, dots, flat, picture, places, presses, with_dots
 
 from tactilevision.photometric import (
     PHOTOMETRIC,
@@ -19,21 +19,9 @@ from tactilevision.photometric import (
 )
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.markers import fill, find_marks, marked
-from tactilevision.records import Bytes, Floats
 from tactilevision.sensors import get_sensor, may_have_marks
 
 SCALE = (MM_PER_PX, MM_PER_PX)
-
-
-def dots(shift_px: tuple[float, float] = (0.0, 0.0)) -> Floats:
-    """Brightness (H, W) of a gel with dots of two pixels' radius, 14 px apart."""
-    y, x = np.indices(SHAPE, dtype=np.float64)
-    x, y = (x - shift_px[0]) % 14 - 7, (y - shift_px[1]) % 14 - 7
-    return 1.0 - 0.6 / (1.0 + np.exp((np.hypot(x, y) - 2.0) / 0.4))
-
-
-def with_dots(rgb: Bytes, shift_px: tuple[float, float] = (0.0, 0.0)) -> Bytes:
-    return np.rint(rgb * dots(shift_px)[..., None]).astype(np.uint8)
 
 
 def method(rng: np.random.Generator, *, may_have_marks: bool) -> CalibratedMethod:

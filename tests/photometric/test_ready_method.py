@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from lamp_room import flat
+from lamp_room import flat, with_dots
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, load_network, make_reference
@@ -22,8 +22,9 @@ from tactilevision.recording import Recording
 from tactilevision.sensors import get_sensor
 
 
-def recording(folder: Path, kind: str, *, flats: int = 1) -> Recording:
+def recording(folder: Path, kind: str, *, flats: int = 1, marks: bool = False) -> Recording:
     frame = flat(np.random.default_rng(0))
+    frame = with_dots(frame) if marks else frame
     names = [folder / f"flat{k}.png" for k in range(flats)]
     for name in names:
         cv2.imwrite(str(name), frame[..., ::-1])
@@ -54,6 +55,16 @@ def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
     found = build_reconstructor(recording(tmp_path, "gelslim3_markers"))
     assert "no ball presses" in found.warnings[0]
     assert found.method.name == "network"
+
+
+def test_marks_that_the_sensor_should_not_have_are_named_and_filled(tmp_path: Path) -> None:
+    said = [
+        build_reconstructor(recording(tmp_path, kind, marks=marks))
+        for kind, marks in (("gelslim3", True), ("gelslim3_markers", True), ("gelslim3", False))
+    ]
+    assert ["regular pattern of dark marks" in " ".join(one.warnings) for one in said] == [True, False, False]
+    assert said[0].referenced is not None
+    assert said[0].referenced.reference.marks is not None
 
 
 def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: Path) -> None:

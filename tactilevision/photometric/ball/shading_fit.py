@@ -41,6 +41,7 @@ def terms_of(place_order: Mapping[int, int]) -> npt.NDArray[np.int64]:
 
 
 TERMS = terms_of(PLACE_ORDER)
+SLOPE_POWERS = tuple(dict.fromkeys((int(i), int(j)) for i, j in TERMS[:, :2]))  # powers of p and q, each once
 
 
 def fit_light(
@@ -64,6 +65,21 @@ def colours_of(law: Floats, slopes: Floats, *, place: Floats) -> Floats:
     """The changes of colour (N, 3) that `slopes` (N, 2) at `place` (N, 2) give in the light of `law`."""
     square = np.sum(slopes**2, axis=1)
     return np.asarray((1.0 + _design(slopes, place, TERMS) @ law) / np.sqrt(1.0 + square)[:, None] - 1.0)
+
+
+def answers_at(law: Floats, place: Floats) -> Floats:
+    """The answers (N, 14, 3) of the colours at places (N, 2) to the products of slopes in SLOPE_POWERS."""
+    orders = [tuple(one) for one in TERMS[:, :2].tolist()]
+    parts = _design(np.ones_like(place), place, TERMS)[:, :, None] * law
+    return np.stack([parts[:, [n == at for n in orders]].sum(axis=1) for at in SLOPE_POWERS], axis=1)
+
+
+def colours_by(answers: Floats, slopes: Floats) -> Floats:
+    """The changes of colour (N, 3) that `slopes` (N, 2) give by `answers` (N, 14, 3), sooner than `colours_of`."""
+    p, q = slopes.T
+    products = np.stack([p**i * q**j for i, j in SLOPE_POWERS], axis=1)
+    light = 1.0 + np.einsum("nt,ntc->nc", products, answers)
+    return np.asarray(light / np.sqrt(1.0 + p * p + q * q)[:, None] - 1.0)
 
 
 def _design(slopes: Floats, place: Floats, terms: npt.NDArray[np.int64]) -> Floats:

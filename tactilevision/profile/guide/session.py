@@ -11,7 +11,7 @@ import numpy as np
 from tactilevision.door.numbers import number
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, calibrate_from_balls, make_reference
-from tactilevision.photometric.calibrate import locate
+from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.profile.guide.labels import MIN_RADIUS_PX, Circle, Label, labels_of, table_of, write_labels
 from tactilevision.profile.guide.outcome import Outcome, judge

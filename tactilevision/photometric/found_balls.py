@@ -1,0 +1,196 @@
+"""The balls of all pictures: found one by one, then again by the light that the others tell.
+
+Samples are drawn under each ball, and of the untouched gel beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tactilevision.errors import InputError
+from tactilevision.photometric.ball.cross_validation import groups_of, held_out, patch_error
+from tactilevision.photometric.ball.detection import Ball, find_ball
+from tactilevision.photometric.ball.refinement import HELD_SHARE, MAX_MOVE, RADIUS_SHARE, refined_circle
+from tactilevision.photometric.ball.samples import (
+    CONTACT,
+    RESTING,
+    Samples,
+    ball_samples,
+    join,
+    resting_samples,
+    told_alike,
+    with_noise,
+)
+from tactilevision.photometric.ball.shading_fit import PLACE_PENALTIES, fit_light
+from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
+from tactilevision.photometric.markers import marked
+from tactilevision.photometric.methods.inverse_shading import DRAWN_RIDGE, SHARES, InverseShading
+from tactilevision.records import Bools, Bytes, Pair
+
+MIN_BALLS = 3  # presses; a third of them is held out at a time, and no third may be empty
+MIN_REFINED = 6  # balls from which the light tells circles: a law of two or three follows their errors
+AT_BOUND = 0.015  # of the contact radius: a median that near to its bound would go further
+REFINEMENTS = 2  # rounds at most; rendered centres are .69 px off before, then .44, .28 and .22
+THINNED = 3  # every third sample tells whether circles are better
+
+
+@dataclass(frozen=True, slots=True)
+class BallPicture:
+    """A rectified ball press (H, W, 3); the ball's radius; its centre and contact radius where they are known."""
+
+    rgb: Bytes
+    radius_mm: float
+    centre_px: Pair | None = None
+    contact_radius_px: float | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBalls:
+    """The balls of all pictures, None where one was left out, and samples under them and of untouched gel."""
+
+    balls: tuple[Ball | None, ...]
+    warnings: tuple[str, ...]
+    every: tuple[Samples, Samples]
+
+    @property
+    def count(self) -> int:
+        return sum(ball is not None for ball in self.balls)
+
+
+Finder = Callable[[int, Planes, Bools], Ball | None]  # by a picture's number, its changes and where they are valid
+
+
+def collect_balls(
+    change: ColourChange,
+    pictures: Sequence[BallPicture],
+    mm_per_px: Pair,
+    rng: np.random.Generator,
+    *,
+    find: Finder | None = None,
+) -> FoundBalls:
+    """The balls that `find` finds, or `locate`. Raises InputError for too few, naming what was wrong."""
+    balls: list[Ball | None] = []
+    warnings: list[str] = []
+    contact: list[Samples] = []
+    resting: list[Samples] = []
+    marks = change.reference.marks
+
+    def share(samples: int) -> int:
+        return max(100, samples // max(1, len(pictures)))
+
+    for number, picture in enumerate(pictures):
+        try:
+            changes, _, valid = change.measure_known(picture.rgb)
+            if marks is not None:
+                valid = valid & (marked(picture.rgb, marks) == 0)  # filled, which is no colour of a slope
+            if find is None:
+                ball: Ball | None = locate(changes, valid, picture=picture, mm_per_px=mm_per_px)
+            else:
+                ball = find(number, changes, valid)
+        except InputError as fault:
+            warnings.append(f"{picture.name or f'ball {number + 1}'} left out: {fault.what}")
+            ball = None
+        balls.append(ball)
+        if ball is None:
+            continue
+        for parts, draw, most in ((contact, ball_samples, CONTACT), (resting, resting_samples, RESTING)):
+            parts.append(
+                draw(changes, ball, mm_per_px=mm_per_px, number=number, most=share(most), valid=valid, rng=rng)
+            )
+    check_count(len(contact), len(pictures), warnings)
+    every = with_noise(join(contact), change.noise), with_noise(join(resting), change.noise)
+    return FoundBalls(tuple(balls), tuple(warnings), every)
+
+
+def refine_balls(
+    alone: FoundBalls,
+    change: ColourChange,
+    pictures: Sequence[BallPicture],
+    mm_per_px: Pair,
+    rng: np.random.Generator,
+) -> FoundBalls:
+    """The same with circles by the light of the other balls, as long as balls left out are told better by them.
+
+    Where most contacts would come out far smaller or larger than each was found `alone`, radii are held.
+    """
+    if alone.count < MIN_REFINED:
+        return alone
+    for shares in (RADIUS_SHARE, HELD_SHARE):
+        seen, error = alone, _left_out_error(alone)
+        for _ in range(REFINEMENTS):
+            find = _by_light(seen, alone.balls, shares, mm_per_px)
+            finer = collect_balls(change, pictures, mm_per_px, rng, find=find)
+            if (now := _left_out_error(finer)) >= error:
+                break
+            error, seen = now, replace(finer, warnings=alone.warnings)
+        if shares[0] + AT_BOUND < _radius_change(seen.balls, alone.balls) < shares[1] - AT_BOUND:
+            break
+    return seen
+
+
+def _radius_change(balls: Sequence[Ball | None], alone: Sequence[Ball | None]) -> float:
+    """Contact radius over that of the ball found alone, the median."""
+    pairs = [
+        (one, other) for one, other in zip(balls, alone, strict=True) if one is not None and other is not None
+    ]
+    return float(np.median([one.contact_radius_px / other.contact_radius_px for one, other in pairs]))
+
+
+def _by_light(seen: FoundBalls, alone: Sequence[Ball | None], shares: Pair, mm_per_px: Pair) -> Finder:
+    pressed = told_alike(*seen.every, min_balls=MIN_BALLS)[0]
+    lights = {
+        int(number): light
+        for group in groups_of(pressed)
+        for light in [fit_light(pressed.where(~np.isin(pressed.press, group)), PLACE_PENALTIES[1])]
+        for number in group
+    }
+
+    def find(number: int, changes: Planes, valid: Bools) -> Ball | None:
+        ball, first = seen.balls[number], alone[number]
+        if ball is None or first is None or number not in lights:
+            return ball
+        radius_px = shares[0] * first.contact_radius_px, shares[1] * first.contact_radius_px
+        light = lights[number]
+        found = refined_circle(changes, valid, ball, light=light, mm_per_px=mm_per_px, radius_px=radius_px)
+        moved_px = np.hypot(*np.subtract(found.centre_px, first.centre_px))
+        return found if moved_px < MAX_MOVE * first.contact_radius_px else first
+
+    return find
+
+
+def _left_out_error(seen: FoundBalls) -> float:
+    pressed, resting = (
+        samples.where(np.arange(len(samples.press)) % THINNED == 0)
+        for samples in told_alike(*seen.every, min_balls=MIN_BALLS)
+    )
+    slopes, _ = held_out(
+        InverseShading(PLACE_PENALTIES[1], SHARES[0]), pressed, untouched_samples=resting, ridge=DRAWN_RIDGE
+    )
+    return patch_error(slopes, pressed)
+
+
+def check_count(usable: int, of: int, why: Sequence[str]) -> None:
+    if usable < MIN_BALLS:
+        raise InputError(
+            f"too few ball presses that can be used; {MIN_BALLS} are the least",
+            where="reference/ball",
+            value=": ".join([f"{usable} of {of}", *(["; ".join(why)] if why else [])]),
+            remedy="Press the ball at more places, over the whole picture.",
+        )
+
+
+def locate(change: Planes, valid: Bools, *, picture: BallPicture, mm_per_px: Pair) -> Ball:
+    """The ball of one picture by its relative change of colour (3, H, W), where it is `valid`, a mask (H, W)."""
+    image = np.ascontiguousarray(change.transpose(1, 2, 0))
+    return find_ball(
+        image,
+        mm_per_px,
+        radius_mm=picture.radius_mm,
+        centre_px=picture.centre_px,
+        contact_radius_px=picture.contact_radius_px,
+        usable=valid,
+    )
