@@ -18,9 +18,10 @@ import numpy as np
 from benchmarks.default_method import REAL, ROOT, SCALE, gain, real_balls
 from tactilevision.photometric import BallPicture, Reference, make_reference
 from tactilevision.photometric.ball.samples import Samples, ball_samples
-from tactilevision.photometric.calibrate import direction_error_deg, locate
+from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts
+from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.protocols import ColourLaw

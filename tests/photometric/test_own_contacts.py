@@ -10,9 +10,10 @@ import pytest
 
 from tactilevision.photometric import BallPicture, load_network, make_reference
 from tactilevision.photometric.ball.samples import ball_samples
-from tactilevision.photometric.calibrate import direction_error_deg, locate
+from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
 from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS, calibrate_on_contacts
+from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
 from tactilevision.photometric.methods.weights import find_model
 from tactilevision.reconstruct import build_reconstructor
