@@ -1,5 +1,5 @@
 """Recordings by formulas of others: python -m benchmarks.others_curves [--kind K] [--count N] [--seed S] [--rich]
-[--screen] [--jobs J] [--log FILE] [--all].
+[--presses M] [--screen] [--jobs J] [--log FILE] [--all].
 
 Each recording is made from its seed, diagnosed (or, with --screen, screened alone), and kept as a line of JSON in
 the log: a run that was cut goes on from it. `--all` runs what is quoted: 300 clean, 300 with one effect, 100
@@ -21,17 +21,17 @@ from benchmarks.others_curves.recording import KINDS
 JUDGED = 500000  # the first seed of recordings that nothing was tuned on
 FULL = (("clean", 300, False), ("single", 300, False), ("pair", 100, False), ("outside", 100, False))
 
-Task = tuple[str, int, bool, bool]
+Task = tuple[str, int, bool, bool, int]
 
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Run what is left, and print the figures of all."""
     options = _options().parse_args(list(arguments))
     seeds = range(options.seed, options.seed + options.count)
-    tasks = [(options.kind, seed, options.rich, options.screen) for seed in seeds]
+    tasks = [(options.kind, seed, options.rich, options.screen, options.presses) for seed in seeds]
     if options.all:
-        tasks = [(k, JUDGED + n, n % 2 == 0, screen) for k, count, screen in FULL for n in range(count)]
-        tasks += [("clean", JUDGED + 10000 + n, n % 2 == 0, True) for n in range(2000)]
+        tasks = [(k, JUDGED + n, n % 2 == 0, screen, 0) for k, count, screen in FULL for n in range(count)]
+        tasks += [("clean", JUDGED + 10000 + n, n % 2 == 0, True, 0) for n in range(2000)]
     kept = _kept(options.log)
     left = [task for task in tasks if task not in kept]
     for row in _rows(left, options.jobs):
@@ -52,12 +52,12 @@ def _rows(tasks: Sequence[Task], jobs: int) -> Iterator[Row]:
 
 
 def _look(task: Task) -> Row:
-    kind, seed, rich, screen = task
-    return look(kind, seed, rich=rich, screen=screen)
+    kind, seed, rich, screen, count = task
+    return look(kind, seed, rich=rich, screen=screen, count=count)
 
 
 def _task(row: Row) -> Task:
-    return row["kind"], row["seed"], row["rich"], row["screen"]
+    return row["kind"], row["seed"], row["rich"], row["screen"], row.get("count", 0)
 
 
 def _kept(log: Path | None) -> dict[Task, Row]:
@@ -84,6 +84,7 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--count", type=int, default=10, help="recordings")
     parser.add_argument("--seed", type=int, default=1, help="the first recording's seed")
     parser.add_argument("--rich", action="store_true", help="three radii, rates, places, days")
+    parser.add_argument("--presses", type=int, default=0, help="of each recording; 0: drawn")
     parser.add_argument("--screen", action="store_true", help="the test of the base model alone")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--log", type=Path, help="keeps results as they come; a run that was cut goes on from it")

@@ -66,7 +66,8 @@ class Gel:
 def forces_N(gel: Gel, protocol: Protocol) -> list[Array]:
     """Normal force of each press (n,), its history included."""
     deepest: dict[tuple[float, tuple[float, float]], float] = {}
-    state, last, found = 0.0, 0.0, []
+    healing: dict[tuple[float, float], tuple[float, float]] = {}  # of each place: what is lost there, and when
+    found = []
     for press in protocol.presses:
         force = _elastic(gel, protocol, press)
         past = deepest.get((press.radius_mm, press.place_mm), 0.0)
@@ -74,10 +75,10 @@ def forces_N(gel: Gel, protocol: Protocol) -> list[Array]:
         deepest[press.radius_mm, press.place_mm] = max(past, float(press.depth_mm.max()))
         force = force * _relaxed_share(gel, press, force)
         if gel.size("recovery"):
+            state, last = healing.get(press.place_mm, (0.0, 0.0))
             state *= float(np.exp(-(press.time_s[0] - last) / 60.0))
             force = force * (1 - state)
-            state += gel.size("recovery") * (1 - state / max(2 * gel.size("recovery"), 1e-9))
-            last = float(press.time_s[-1])
+            healing[press.place_mm] = gel.size("recovery") + state / 2, float(press.time_s[-1])
         found.append(force + _pull(gel, protocol, press))
     return found
 

@@ -23,13 +23,13 @@ SEEN = 8.0  # std above which a hidden effect is to be found
 Row = dict[str, Any]
 
 
-def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False) -> Row:
+def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False, count: int = 0) -> Row:
     """Make one recording, look at it, and only then open the truth.
 
     A screen tests the straight law alone, so it is given one; a curve that theory allows is the search's business.
     """
     with tempfile.TemporaryDirectory() as folder:
-        made = make(Path(folder), kind, seed, rich=rich, straight=screen)
+        made = make(Path(folder), kind, seed, rich=rich, straight=screen, count=count)
         recording = read_recording(Path(folder))
         data = observe_curves(Measured(recording, curves=recording.curves))
     begin = time.process_time()
@@ -38,7 +38,7 @@ def look(kind: str, seed: int, *, rich: bool = False, screen: bool = False) -> R
     except Exception as fault:  # whatever is raised is a finding, and the rest goes on
         said = {"verdict": "RAISED", "failed": f"{type(fault).__name__}: {fault}"}
     return (
-        {"seed": seed, "rich": rich, "screen": screen}
+        {"seed": seed, "rich": rich, "screen": screen, "count": count}
         | asdict(made)
         | said
         | {"cpu_s": time.process_time() - begin}

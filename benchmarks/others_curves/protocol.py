@@ -10,6 +10,7 @@ from benchmarks.others_curves.law import Array
 
 FREE, LOAD, HOLD, UNLOAD = ("free", "load", "hold", "unload")
 LEAD_MM = 0.02  # mm of air before the touch
+SPOTS = 6  # places that are pressed again and again: what a gel remembers, it remembers there
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +37,12 @@ class Protocol:
     thickness_mm: float
 
 
-def draw(rng: np.random.Generator, *, rich: bool) -> Protocol:
-    """A protocol; `rich` ones have what every effect needs, the others leave things out."""
+def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
+    """A protocol; `rich` ones have what every effect needs, the others leave things out; `count` presses, or drawn."""
     thickness = float(rng.choice([2.0, 2.5, 3.0, 4.0]))
     radii = [round(share * thickness, 2) for share in ((0.5, 0.8, 1.1) if rich else (0.8,))]
-    count = int(rng.choice([36, 51])) if rich else int(rng.choice([8, 12, 24]))
+    drawn = int(rng.choice([36, 51] if rich else [8, 12, 24]))
+    count = count or drawn
     speeds = (0.05, 0.5, 5.0) if rich else tuple(rng.choice([(0.5,), (0.1, 1.0)][int(rng.integers(2))], 1))
     holds = (0.0, 1.0, 8.0) if rich else (float(rng.choice([0.0, 1.0])),)
     back = rich or bool(rng.random() < 0.7)
@@ -48,12 +50,14 @@ def draw(rng: np.random.Generator, *, rich: bool) -> Protocol:
     uneven = bool(rng.random() < 0.5)
     depths = thickness * np.array([0.08, 0.11, 0.14] if rich or rng.random() < 0.5 else [0.12])
     days = np.sort(rng.integers(0, 30, count)) if rich else np.zeros(count, dtype=int)
+    spots = np.round(rng.uniform(-6, 6, (SPOTS, 2)), 2) if rich else np.zeros((1, 2))
     clock, presses = 0.0, []
     for k in range(count):
         rest = float(np.exp(rng.uniform(np.log(3.0), np.log(300.0)))) if rich else 20.0
-        clock += rest + (86400.0 * float(days[k] - days[k - 1]) if k else 0.0)
+        rest += 86400.0 * float(days[k] - days[k - 1]) if k else 0.0
+        clock += rest
         speed, hold = float(rng.choice(speeds)), float(rng.choice(holds))
-        place = tuple(np.round(rng.uniform(-6, 6, 2), 2)) if rich else (0.0, 0.0)
+        place = tuple(spots[int(rng.integers(len(spots))) if rich else 0])
         path = _path(
             rng, float(rng.choice(depths)), speed=speed, hold=hold, back=back, samples=samples, uneven=uneven
         )

@@ -28,10 +28,10 @@ class Made:
     samples: int
 
 
-def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False) -> Made:
-    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out."""
+def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False, count: int = 0) -> Made:
+    """Write the recording of this seed into `folder`; `straight` leaves the law's curve out, `count` presses."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
-    plan, reader = protocol.draw(rng, rich=rich or kind != "clean"), noise.draw(rng)
+    plan, reader = protocol.draw(rng, rich=rich or kind != "clean", count=count), noise.draw(rng)
     table = hidden.OUTSIDE if kind == "outside" else hidden.SINGLE
     keys = rng.choice(list(table), {"clean": 0, "pair": 2}.get(kind, 1), replace=False)
     gel = hidden.Gel(

@@ -71,7 +71,7 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
     enough = CURED if searched.to_be_cured else MOSTLY
-    mostly = 0 < len(steps) < MOST and searched.explained > enough  # named; its form is not exact
+    mostly = 0 < len(steps) < MOST and searched.explained > enough and not odd.wanders  # its form is not exact
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):
         return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)

@@ -18,13 +18,16 @@ from calibration.effects.support.hereditary import Grid
 from calibration.inputs.observations import Observations
 from tactilevision.records import Floats
 
+STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
+
 
 @dataclass(frozen=True, slots=True)
 class Noise:
     """`scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press, `correlation` of neighbours in
     all of a sample's noise but the share `white` of its variance.
 
-    `dof`: how many degrees of freedom stand behind it; `stated`: True where the samples' noise came with the data.
+    `dof`: how many degrees of freedom stand behind it; `stated`: True where the samples' noise came with the data; `belied`:
+    that repeats show less than half of it beyond chance, so that it is trusted no more.
     """
 
     scale: float
@@ -34,6 +37,12 @@ class Noise:
     white: float = 0.0
     dof: float = np.inf
     stated: bool = True
+    belied: bool = False
+
+    @property
+    def trust(self) -> float:
+        """Readings that what was stated is worth."""
+        return STATED_DOF if self.stated and not self.belied else 0.0
 
     def parts(self, base_N: Floats) -> dict[str, float]:
         """For a report: mN a sample, per cent and um a press."""

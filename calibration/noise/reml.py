@@ -20,12 +20,13 @@ import numpy as np
 from calibration.inputs.observations import Observations
 from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.noise.inner_products import Product, Weighing
-from calibration.noise.model import Linear, Noise
+from calibration.noise.model import STATED_DOF, Linear, Noise
 from tactilevision.records import Floats
 
 SPREAD = 1.0  # of the logarithm of gain and zero: a factor 2.7 either way
 UNKNOWN_SHARE = 0.02  # of the largest force: a noise to assume where nothing was stated or left over
-STATED_DOF = 20.0  # a stated noise is trusted like one measured on so many readings
+FAR_LESS = 0.5  # of the stated noise, above which it may hold what samples of a press share
+BEYOND_CHANCE = 0.01  # p below which repeats' own noise replaces the stated one
 STEP = 0.05  # in the logarithm of a size, over which slope and curvature are taken
 CLOSE = 1e-3  # of the last step in ln size: a size is never known to a thousandth
 MAX_STEPS = 40  # of Newton's method, where a size lies flat
@@ -47,22 +48,56 @@ def estimate_noise(data: Observations, about: Linear, *, residual_N: Floats, jac
     if dof < 1 and not stated:  # nothing is left over to estimate it from
         return replace(first, scale=UNKNOWN_SHARE * float(np.max(np.abs(about.force_N))), dof=1.0)
     columns = np.column_stack([residual_N, jacobian])
-    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest)
+    best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
+    if stated and far_less(best, dof):
+        first = replace(best, correlation=0.0, white=0.0, belied=True)
+        best = _likeliest(data, about, columns, precision, first=first, shared=shared, finest_N=finest)
+    freedom = dof + best.trust
+    if data.is_curves:
+        freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
+    return replace(best, dof=max(freedom, 1e-9))
+
+
+def _likeliest(
+    data: Observations,
+    about: Linear,
+    columns: Floats,
+    precision: Floats,
+    *,
+    first: Noise,
+    shared: bool,
+    finest_N: float,
+) -> Noise:
+    """Of sizes and of how much neighbours are alike."""
+    best, lowest = _best(_likelihood(data, about, columns, precision, first), first, shared, finest_N)
     for white in WHITE if data.is_curves else ():
         row = np.inf
         for rho in (rho for rho in CORRELATIONS if rho >= best.correlation):  # the rest of it remembers longer
             tried = replace(best, correlation=rho, white=white)
-            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest)
+            found, cost = _best(_likelihood(data, about, columns, precision, tried), tried, shared, finest_N)
             cost += float(np.log(data.size)) * (1 + (white > 0))  # what each number has to bring: Schwarz (1978)
             if cost < lowest:
                 best, lowest = found, cost
             row = min(row, cost)
             if cost > row + 20:  # past the best correlation the cost only grows
                 break
-    freedom = dof + STATED_DOF if stated else dof
-    if data.is_curves:
-        freedom = max(data.count - 1.0, 1.0) + STATED_DOF / 2
-    return replace(best, dof=max(freedom, 1e-9))
+    return best
+
+
+def own_scale(noise: Noise, dof: float) -> float:
+    """Samples' std over the stated one: the estimate was held to the stated one, which is taken out again."""
+    return float(np.sqrt(max(((dof + noise.trust) * noise.scale**2 - noise.trust) / dof, 0.0)))
+
+
+def far_less(noise: Noise, dof: float) -> bool:
+    """Whether samples scatter less than half as much as was stated, beyond chance: F of the two variances.
+
+    Above half, what is stated may hold what all samples of a press share.
+    """
+    from scipy.special import fdtr
+
+    own = own_scale(noise, dof) if dof >= 1 else 1.0
+    return own < FAR_LESS and float(fdtr(dof, STATED_DOF, own**2)) < BEYOND_CHANCE
 
 
 def _likelihood(
@@ -91,14 +126,14 @@ def minus_two_log_likelihood(noise: Noise, weighing: Weighing, *, product: Produ
     return float(weighing.log_volume(noise) + volume + total[0, 0] - explained)
 
 
-def prior_cost(logs: Floats, *, stated: bool) -> float:
+def prior_cost(logs: Floats, *, trust: float) -> float:
     """-2 ln of the prior of logs (1,) or (3,) = ln scale, ln gain, ln zero in mm.
 
-    Presses have a usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared).
+    Presses have a usual gain and zero; a stated noise has a scale of 1 (scaled inverse chi-squared, `trust` dof).
     """
     usual = np.log([TYPICAL_GAIN, TYPICAL_ZERO_MM])[: logs.size - 1]
     cost = float(np.sum(((logs[1:] - usual) / SPREAD) ** 2))
-    return cost + STATED_DOF * float(2 * logs[0] + np.exp(-2 * logs[0])) if stated else cost
+    return cost + trust * float(2 * logs[0] + np.exp(-2 * logs[0])) if trust else cost
 
 
 def sized(noise: Noise, logs: Floats) -> Noise:
@@ -137,7 +172,7 @@ def _best(
     low = np.log([FINEST if first.stated else finest_N, FINEST, FINEST])[: here.size]
 
     def cost(logs: Floats) -> float:
-        return likelihood(sized(first, logs)) + prior_cost(logs, stated=first.stated)
+        return likelihood(sized(first, logs)) + prior_cost(logs, trust=first.trust)
 
     for _ in range(MAX_STEPS):
         costs = np.array([cost(here + offset) for offset in offsets])

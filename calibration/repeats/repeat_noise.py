@@ -14,11 +14,13 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.conditions import group_basis
 from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.noise.inner_products import Weighing
-from calibration.noise.model import Noise
+from calibration.noise.model import STATED_DOF, Noise
 from calibration.noise.reml import (
-    STATED_DOF,
+    BEYOND_CHANCE,
     estimate_noise,
+    far_less,
     newton_move,
+    own_scale,
     prior_cost,
     sized,
     stencil,
@@ -26,8 +28,6 @@ from calibration.noise.reml import (
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from tactilevision.records import Floats
 
-BEYOND_CHANCE = 0.01  # p below which repeats' own noise replaces the stated one
-FAR_LESS = 0.5  # of the stated noise, above which it may hold what samples of a press share
 ALIKE = (
     1e-3  # columns that differ by less are one: depths of one indenter differ by such shares without meaning it
 )
@@ -58,10 +58,9 @@ def repeat_noise(fitted: Fit) -> Noise:
 def beyond_stated(fitted: Fit) -> float | None:
     """How many times as much samples scatter as was stated of them; None where that may be chance.
 
-    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings. Less
-    is said only below half of it: what is stated may hold what all samples of a press share.
+    F of their own variance over the stated one, which is trusted like one measured on STATED_DOF readings.
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     if not fitted.noise.stated:
         return None
@@ -69,10 +68,9 @@ def beyond_stated(fitted: Fit) -> float | None:
     dof = dof if dof > 2 else fitted.data.size - int(np.count_nonzero(fitted.free))
     if dof < 1:
         return None
-    # the estimate was held to the stated one, which is taken out again
-    own = max(((dof + STATED_DOF) * fitted.noise.scale**2 - STATED_DOF) / dof, 0.0)
-    less = own < FAR_LESS**2 and f.cdf(own, dof, STATED_DOF) < BEYOND_CHANCE
-    return float(np.sqrt(own)) if less or f.sf(own, dof, STATED_DOF) < BEYOND_CHANCE else None
+    own = own_scale(fitted.noise, dof)
+    more = fdtrc(dof, STATED_DOF, own**2) < BEYOND_CHANCE
+    return own if more or far_less(fitted.noise, dof) else None
 
 
 def _explained(steady: Fit) -> Floats:
@@ -99,7 +97,7 @@ def renewed_noise(fitted: Fit, errors_N: Floats) -> list[Noise]:
     centre = np.log([fitted.noise.scale, max(fitted.noise.gain, 1e-6), max(fitted.noise.zero_mm, 1e-7)])
     places, cost = centre + stencil(centre.size), _costs(fitted, errors_N)
     costs = np.array(
-        [cost(sized(fitted.noise, logs)) + prior_cost(logs, stated=fitted.noise.stated) for logs in places]
+        [cost(sized(fitted.noise, logs)) + prior_cost(logs, trust=fitted.noise.trust) for logs in places]
     )
     return [sized(fitted.noise, centre + newton_move(column, centre.size)) for column in costs.T]
 
@@ -129,5 +127,5 @@ def _point_scales(fitted: Fit, errors_N: Floats) -> Floats:
     dof = fitted.data.size - q.shape[1]
     if dof < 3:
         return np.ones(errors_N.shape[1])
-    trust = STATED_DOF if fitted.noise.stated else 0.0
+    trust = fitted.noise.trust
     return np.asarray(np.sqrt((squares + trust) / (dof + trust)))

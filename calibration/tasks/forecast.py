@@ -21,8 +21,7 @@ from calibration.inputs.checks import check
 from calibration.inputs.observations import Observations, Presses, Shared
 from calibration.inputs.press_noise import TYPICAL_FORCE_N, TYPICAL_GAIN, TYPICAL_ZERO_MM
 from calibration.model.composition import Model
-from calibration.noise.model import Noise
-from calibration.noise.reml import STATED_DOF
+from calibration.noise.model import STATED_DOF, Noise
 from calibration.result.edge_allowance import allow_for_edge
 from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model
