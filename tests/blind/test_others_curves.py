@@ -47,10 +47,10 @@ def test_the_interval_of_a_share_is_exact() -> None:
 def test_what_is_in_the_log_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[int] = []
 
-    def look(kind: str, seed: int, *, rich: bool, screen: bool) -> dict[str, object]:
+    def look(kind: str, seed: int, *, rich: bool, screen: bool, count: int) -> dict[str, object]:
         looked.append(seed)
         told = {"noise": "white", "stated": True, "presses": 9, "sizes": {}, "strength": 0.0, "cpu_s": 1.0}
-        return {"kind": kind, "seed": seed, "rich": rich, "screen": screen, "verdict": "ADEQUATE", **told}
+        return {"kind": kind, "seed": seed, "rich": rich, "screen": screen, "count": count, "verdict": "ADEQUATE", **told}
 
     monkeypatch.setattr(command, "look", look)
     log = tmp_path / "log.jsonl"

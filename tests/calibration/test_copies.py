@@ -68,10 +68,12 @@ def test_slow_presses_are_not_refused() -> None:
     assert usable(slow).count == data.count
 
 
-@pytest.mark.parametrize(("wrong", "least", "most"), [(0.1, 8.0, 12.0), (10.0, 0.0, 0.5)])
+@pytest.mark.parametrize(("wrong", "least", "most"), [(0.1, 8.0, 12.0), (10.0, 0.08, 0.12)])
 def test_a_noise_stated_ten_times_off_is_told(wrong: float, least: float, most: float) -> None:
     data = made(20)
     stated = replace(data, force_std_N=np.full(data.size, 0.004 * wrong), depth_std_mm=np.zeros(data.size))
-    found = beyond_stated(pure(stated))
+    fitted = pure(stated)
+    found = beyond_stated(fitted)
     assert found is not None
+    assert fitted.noise.scale * wrong == pytest.approx(1.0, abs=0.2)
     assert least <= found < most

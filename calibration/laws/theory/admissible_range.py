@@ -1,7 +1,7 @@
 """What slope and bend P/w against w/h can have, by finite elements, for a sharp punch on a gel of known h.
 
 The slope beta: the largest is a Hencky solid's that sticks, by independent finite elements at a/h = .833, h = 3,
-depths .15 to .6 mm; the smallest a neo-Hookean one's that slides freely, by the tables of mechanics at a/h .5,
+depths .15 to .6 mm, and grows with a/h as the tables of mechanics have it; the smallest a neo-Hookean one's that slides freely, by the tables of mechanics at a/h .5,
 where it is smallest, w/h .05 to .2. A free beta outside of this is fitting something else: a depth zero, another
 thickness, a rounded edge, a gel that stiffens. A punch that rubs at all has more than RUBBING.
 
@@ -24,6 +24,8 @@ from tactilevision.records import Estimate, Floats, Material, Pair
 
 NU = (0.30, 0.40, 0.45, 0.48, 0.495)  # at which HIGHEST and LOWEST were computed
 HIGHEST = (1.34, 1.23, 1.20, 1.13, 1.08)  # beta of a Hencky solid that sticks
+WIDER = (0.5, 0.65, 0.83, 1.0, 1.1, 1.2)  # a/h at which the largest beta was read from the tables
+GROWN = (0.66, 0.87, 1.00, 1.12, 1.30, 1.45)  # times that at .833: the most of nu .45, .48, .49, carried on to 1.2
 LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # beta of a neo-Hookean solid without friction
 RUBBING = 0.10  # least beta of a punch that rubs at all
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
@@ -37,7 +39,8 @@ def beta_range(poisson_ratio: Pair, a_over_h: float) -> Pair | None:
         return None
     low, high = np.clip(poisson_ratio, NU[0], NU[-1])
     places = [low, *(nu for nu in NU if low < nu < high), high]  # the largest may lie between the ends
-    return float(np.min(np.interp(places, NU, LOWEST))), float(np.max(np.interp(places, NU, HIGHEST)))
+    grown = float(np.interp(a_over_h, WIDER, GROWN))
+    return float(np.min(np.interp(places, NU, LOWEST))), grown * float(np.max(np.interp(places, NU, HIGHEST)))
 
 
 def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, *, a_over_h: float) -> str:
