@@ -38,7 +38,7 @@ class Protocol:
 
 
 def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
-    """A protocol; `rich` ones have what every effect needs, the others leave things out; `count` presses, or drawn."""
+    """A protocol; `rich` ones have what every effect needs, the others leave things out; `count` presses."""
     thickness = float(rng.choice([2.0, 2.5, 3.0, 4.0]))
     radii = [round(share * thickness, 2) for share in ((0.5, 0.8, 1.1) if rich else (0.8,))]
     drawn = int(rng.choice([36, 51] if rich else [8, 12, 24]))

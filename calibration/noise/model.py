@@ -26,8 +26,8 @@ class Noise:
     """`scale` on the stated noise (or in N), `gain` (1) and `zero_mm` of a press, `correlation` of neighbours in
     all of a sample's noise but the share `white` of its variance.
 
-    `dof`: how many degrees of freedom stand behind it; `stated`: True where the samples' noise came with the data; `belied`:
-    that repeats show less than half of it beyond chance, so that it is trusted no more.
+    `dof`: how many degrees of freedom stand behind it; `stated`: True where the samples' noise came with the data;
+    `belied`: repeats show less than half of it beyond chance, so that it is trusted no more.
     """
 
     scale: float

@@ -50,7 +50,15 @@ def test_what_is_in_the_log_is_not_run_again(tmp_path: Path, monkeypatch: pytest
     def look(kind: str, seed: int, *, rich: bool, screen: bool, count: int) -> dict[str, object]:
         looked.append(seed)
         told = {"noise": "white", "stated": True, "presses": 9, "sizes": {}, "strength": 0.0, "cpu_s": 1.0}
-        return {"kind": kind, "seed": seed, "rich": rich, "screen": screen, "count": count, "verdict": "ADEQUATE", **told}
+        return {
+            "kind": kind,
+            "seed": seed,
+            "rich": rich,
+            "screen": screen,
+            "count": count,
+            "verdict": "ADEQUATE",
+            **told,
+        }
 
     monkeypatch.setattr(command, "look", look)
     log = tmp_path / "log.jsonl"
