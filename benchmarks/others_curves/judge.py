@@ -153,7 +153,7 @@ def report(rows: Sequence[Row]) -> str:
 
 def _holds(row: Row, name: str) -> bool:
     interval = row.get(name)
-    return bool(interval) and interval[0] <= row["modulus_MPa"] <= interval[1]
+    return interval is not None and interval[0] <= row["modulus_MPa"] <= interval[1]
 
 
 def _of_screen(rows: Sequence[Row]) -> str:

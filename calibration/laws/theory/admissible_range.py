@@ -3,7 +3,8 @@
 The slope beta: the largest is a Hencky solid's that sticks, by independent finite elements at a/h = .833, h = 3,
 depths .15 to .6 mm, and grows with a/h as the tables of mechanics have it; the smallest a neo-Hookean one's that
 slides freely, by the tables at a/h .5, where it is smallest, w/h .05 to .2. A free beta outside of this is fitting
-something else: a depth zero, another thickness, a rounded edge, a gel that stiffens. A punch that rubs at all has more than RUBBING.
+something else: a depth zero, another thickness, a rounded edge, a gel that stiffens. A punch that
+rubs at all has more than RUBBING.
 
 The bend gamma, of P/w = c (1 + beta w/h + gamma (w/h)^2), from the tables of mechanics: neo-Hooke and Hencky, from
 no friction to no slip, at this nu, a/h and edge, widened by what an error of the table as stated on its card can
