@@ -95,9 +95,9 @@ class DepthJob:
         except InputError as fault:
             return FrameResult(frame.name, f"rejected: {fault.what}").as_row()
         contact = find_contact(height, self.reconstructor.error)
-        peak_mm, area_mm2 = _measured(height, contact)
+        peak_mm, area_mm2 = peak_and_area(height, contact)
         flags = add(height.flags, [BORDER] if at_border(contact) else [])
-        self._keep(replace(height, flags=flags), frame.name, number)
+        self.keep(replace(height, flags=flags), frame.name, number)
         std_mm = std_at(height, peak_mm)
         return FrameResult(frame.name, "ok", peak_mm, area_mm2, spent, std_mm, flags).as_row()
 
@@ -110,7 +110,8 @@ class DepthJob:
             return self.scratch.exists()
         return all(self._path(row[0], folder).exists() for folder in (MAPS, *((STDS,) if self.with_std else ())))
 
-    def _keep(self, height: HeightMap, name: str, number: int) -> None:
+    def keep(self, height: HeightMap, name: str, number: int) -> None:
+        """Write the map of the frame `name`, the `number`th."""
         std_mm = np.full(height.depth_mm.shape, np.nan) if height.std_mm is None else height.std_mm
         fields = {MAPS: height} | ({STDS: replace(height, depth_mm=std_mm)} if self.with_std else {})
         if self.scratch is not None:
@@ -215,10 +216,11 @@ def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, 
 
     The peak is the 99.9th percentile of the valid depths, which one bad pixel cannot set.
     """
-    return _measured(height, find_contact(height, error))
+    return peak_and_area(height, find_contact(height, error))
 
 
-def _measured(height: HeightMap, contact: Bools) -> tuple[float, float]:
+def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
+    """As `measure`, of a map whose contact (H, W) is known."""
     depth = height.depth_mm.ravel() if height.valid.all() else height.depth_mm[height.valid]
     if depth.size == 0:
         return float("nan"), float("nan")
