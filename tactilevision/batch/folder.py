@@ -220,7 +220,7 @@ def measure(height: HeightMap, error: DepthError | None = None) -> tuple[float, 
 
 
 def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
-    """As `measure`, of a map whose contact (H, W) is known."""
+    """Peak depth (mm) and area in contact (mm²) as `measure` has them, of a map whose contact (H, W) is known."""
     depth = height.depth_mm.ravel() if height.valid.all() else height.depth_mm[height.valid]
     if depth.size == 0:
         return float("nan"), float("nan")

@@ -259,7 +259,8 @@ def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: s
     """Frames whose task ended its workers are tried once more, each alone; one that does it again is named."""
     if not left:
         return
-    recording = replace(recording, path=recording.path.absolute(), frames_path=_absolute(recording.frames_path))
+    frames_path = recording.frames_path and recording.frames_path.absolute()
+    recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
     with cluster_pool(cluster, _start_on_cluster, recording, job) as pool:
         flight = _Flight()
         for numbers, future in _shipments(pool, recording, left, flight=flight):
@@ -319,10 +320,6 @@ def _shipments(
 def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
     start = time.perf_counter()
     return do(*given), time.perf_counter() - start
-
-
-def _absolute(path: Path | None) -> Path | None:
-    return None if path is None else path.absolute()
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:

@@ -158,8 +158,9 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
 def _greatest_slope(depth_mm: Array, mm_per_px: Pair) -> float:
     """What no slope of a map (h, w) without its noise is above: that from one pixel to the next."""
     depth = np.asarray(depth_mm, np.float32)
-    steps = (depth[:, 1:], depth[:, :-1]), (depth[1:], depth[:-1])
-    return float(np.hypot(*(cv2.norm(*two, cv2.NORM_INF) / mm for two, mm in zip(steps, mm_per_px, strict=True))))
+    across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]
+    down = cv2.norm(depth[1:], depth[:-1], cv2.NORM_INF) / mm_per_px[1]
+    return float(np.hypot(across, down))
 
 
 def _surely_mm(

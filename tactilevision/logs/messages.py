@@ -93,7 +93,10 @@ def decode_wrench(message: Message, where: Path) -> WrenchReading:
 
 
 def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Floats]]:
-    """Of each transform: the frame, its parent, and its quaternion x, y, z, w in it. Raises as `decode_wrench`."""
+    """Of each transform: the frame, its parent, and its unit quaternion (4,) x, y, z, w in it, dimensionless.
+
+    Raises as `decode_wrench`.
+    """
     return [
         (
             one.child_frame_id.lstrip("/"),

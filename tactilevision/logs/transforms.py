@@ -44,7 +44,7 @@ class _Tree:
 
 
 def fixed_rotation(log: Log, of: str, into: str) -> Floats | None:
-    """R (3, 3) with v_into = R v_of; None where no fixed way leads from the one frame to the other.
+    """R (3, 3), dimensionless, with v_into = R v_of; None where no fixed way leads from one frame to the other.
 
     Raises InputError where a quaternion is none.
     """
