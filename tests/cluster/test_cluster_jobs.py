@@ -245,9 +245,9 @@ def test_recordings_calibrated_on_the_cluster_give_the_same_files(
         assert main() == 0
     names = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*"))
     assert names == sorted(path.relative_to(tmp_path / "many") for path in (tmp_path / "many").rglob("*"))
-    for name in names:
-        if (tmp_path / "one" / name).is_file():
-            assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes(), name
+    for path in names:
+        if (tmp_path / "one" / path).is_file():
+            assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "many" / path).read_bytes(), path
 
 
 def test_a_task_that_raises_says_so_here(machines: Machines) -> None:
