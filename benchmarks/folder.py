@@ -6,28 +6,35 @@ Prints ratios, which hold on any machine that does nothing else meanwhile; OPENB
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from benchmarks.stream import DEPTHS_MM, resident_kB
-from benchmarks.vision import calibrated
-from tactilevision.batch.folder import DepthJob, reconstruct_folder
+from benchmarks.vision import QUALITY, calibrated
+from tactilevision.batch.folder import DepthJob, Form, peak_and_area, reconstruct_folder, std_at
+from tactilevision.contact.region import at_border, find_contact
+from tactilevision.exports.zarr_store import begin_frames
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.recording import Recording, iter_frames
+from tactilevision.recording import Recording
+from tactilevision.recording.images import read_image
 from tactilevision.records import Frame
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.profile import punch_profile
 from tactilevision.synthetic.punch import PunchPress
 
 WIDTH_PX, HEIGHT_PX = 427, 320
-QUALITY = 95  # of the JPEGs, as cameras write them
 FRAMES = 400  # timed: some seconds
+TURNS = 3  # of parts and whole, by turns: what else the machine does then hits both
+FORMS: tuple[Form, ...] = ("tiff", "zarr")
+Spent = tuple[float, float]  # seconds by the clock, seconds of processors
 MANY = 4000  # for the memory: several times what any buffer holds
 
 
@@ -37,18 +44,19 @@ def main(arguments: Sequence[str] = ()) -> None:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         recording, reconstructor = _folder_of_jpegs(place, count)
-        parts = _parts(recording, reconstructor, place / "parts")
-        print("ms a frame: " + ", ".join(f"{name} {1e3 * spent / count:.2f}" for name, spent in parts.items()))
+        for form in FORMS:
+            _against_parts(recording, reconstructor, place, form=form)
+        busy = f"{os.getloadavg()[0]:.1f} processes on {os.cpu_count()} cores"
         one = _timed(lambda: reconstruct_folder(recording, reconstructor, place / "one", workers=1))
-        print(f"one process: {1e3 * one / count:.2f} ms a frame, {one / sum(parts.values()):.3f} of its parts")
         two = _timed(lambda: reconstruct_folder(recording, reconstructor, place / "two", workers=2))
-        print(f"two processes, with their start: {one / two:.2f} times one")
-        print(f"two workers of a cluster: {one / _on_cluster(recording, reconstructor, place):.2f} times one")
+        _compare("two processes, with their start", one, two)
+        _compare("two workers of a cluster", one, _on_cluster(recording, reconstructor, place))
+        print(f"machine before these: {busy}, after them {os.getloadavg()[0]:.1f}")
         _memory(recording, reconstructor, place / "many", many)
 
 
 def _folder_of_jpegs(folder: Path, count: int) -> tuple[Recording, Reconstructor]:
-    camera, reconstructor = calibrated((WIDTH_PX, HEIGHT_PX), 2, "polynomial")
+    camera, reconstructor = calibrated((WIDTH_PX, HEIGHT_PX), 2, "polynomial", jpeg=True)
     profile = punch_profile(0.48, 2.5, 3.0)
     (folder / "frames").mkdir()
     names = tuple(f"{number:06d}.jpg" for number in range(count))
@@ -69,30 +77,69 @@ def _folder_of_jpegs(folder: Path, count: int) -> tuple[Recording, Reconstructor
     return recording, reconstructor
 
 
-def _parts(recording: Recording, reconstructor: Reconstructor, out: Path) -> dict[str, float]:
-    """Seconds that decoding takes, and then the map, its figures and its file."""
-    (out / "depth").mkdir(parents=True)
-    start = time.perf_counter()
-    for _ in iter_frames(recording):
-        pass
-    decode = time.perf_counter() - start
-    frames = [frame for frame in iter_frames(recording) if isinstance(frame, Frame)]
-    start = time.perf_counter()
-    job = DepthJob(reconstructor, out)
-    for number, frame in enumerate(frames):
-        job(frame, number)
-    return {"decode": decode, "map and write": time.perf_counter() - start}
+def _against_parts(recording: Recording, reconstructor: Reconstructor, place: Path, *, form: Form) -> None:
+    """The command's loop against decoding, maps and files of the same frames: processor time, on one core."""
+    spent = dict.fromkeys(("decode", "map", "figures", "write", "all in all"), 0.0)
+    with _on_one_core():
+        for turn in range(TURNS):
+            out = place / f"{form}{turn}"
+            _parts(recording, reconstructor, out / "parts", form=form, spent=spent)
+            start = time.process_time()
+            reconstruct_folder(recording, reconstructor, out / "whole", workers=1, form=form)
+            spent["all in all"] += time.process_time() - start
+    frames = TURNS * len(recording.frame_names)
+    parts = spent["decode"] + spent["map"] + spent["write"]
+    print(f"{form}, ms a frame: " + ", ".join(f"{name} {1e3 * ms / frames:.2f}" for name, ms in spent.items()))
+    print(f"  all in all {spent['all in all'] / parts:.3f} of decode, map and write, "
+          f"{spent['all in all'] / (parts + spent['figures']):.3f} with the figures of depth.csv")  # fmt: skip
 
 
-def _on_cluster(recording: Recording, reconstructor: Reconstructor, place: Path) -> float:
-    from distributed import LocalCluster
+def _parts(
+    recording: Recording, reconstructor: Reconstructor, out: Path, *, form: Form, spent: dict[str, float]
+) -> None:
+    """Add the processor seconds of each part; `figures` are contact, peak and deviation of depth.csv."""
+    scratch = out / "scratch.zarr" if form == "zarr" else None
+    job = DepthJob(reconstructor, out, scratch)
+    if scratch is not None:
+        shape = (HEIGHT_PX, WIDTH_PX)
+        begin_frames(scratch, recording.frame_names, fields={"depth_mm": "mm"}, shape=shape, about={})
+    assert recording.frames_path is not None
+    for number, name in enumerate(recording.frame_names):
+        times = [time.process_time()]
+        frame = Frame(read_image(recording.frames_path / name), name=name)
+        times.append(time.process_time())
+        height = reconstructor.height_map(frame)
+        times.append(time.process_time())
+        contact = find_contact(height, reconstructor.error)
+        peak_mm, _ = peak_and_area(height, contact)
+        std_at(height, peak_mm)
+        at_border(contact)
+        times.append(time.process_time())
+        job.keep(height, name, number)
+        times.append(time.process_time())
+        for part, seconds in zip(spent, np.diff(times), strict=False):
+            spent[part] += seconds
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
-        warm = place / "warm"
-        reconstruct_folder(recording, reconstructor, warm, cluster=local.scheduler_address)
-        return _timed(
-            lambda: reconstruct_folder(recording, reconstructor, place / "cl", cluster=local.scheduler_address)
-        )
+
+@contextmanager
+def _on_one_core() -> Iterator[None]:
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def _on_cluster(recording: Recording, reconstructor: Reconstructor, place: Path) -> Spent:
+    from distributed import Client, LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local, Client(local) as client:
+        at = local.scheduler_address
+        reconstruct_folder(recording, reconstructor, place / "warm", cluster=at)
+        before = sum(client.run(time.process_time).values())
+        seconds, here = _timed(lambda: reconstruct_folder(recording, reconstructor, place / "cl", cluster=at))
+        return seconds, here + sum(client.run(time.process_time).values()) - before
 
 
 def _memory(recording: Recording, reconstructor: Reconstructor, out: Path, many: int) -> None:
@@ -121,10 +168,20 @@ def _memory(recording: Recording, reconstructor: Reconstructor, out: Path, many:
     print(f"memory after frames {grown}; {1024 * (last - first) / (many * 9 / 10):.0f} bytes a frame")
 
 
-def _timed(act: Callable[[], object]) -> float:
-    start = time.perf_counter()
+def _compare(name: str, one: Spent, other: Spent) -> None:
+    """Times one process, by the clock; beside it the processor time of all, which a busy machine spoils less."""
+    (one_s, one_cpu_s), (other_s, other_cpu_s) = one, other
+    print(
+        f"{name}: {one_s / other_s:.2f} times one ({other_s:.1f} s, one {one_s:.1f} s); "
+        f"processor time {other_cpu_s:.1f} s, one {one_cpu_s:.1f} s"
+    )
+
+
+def _timed(act: Callable[[], object]) -> Spent:
+    start, before = time.perf_counter(), os.times()
     act()
-    return time.perf_counter() - start
+    after = os.times()
+    return time.perf_counter() - start, sum(after[:4]) - sum(before[:4])
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
@@ -30,9 +31,22 @@ from tactilevision.synthetic.reference import picture_still, plan_balls
 
 SIZES = ((320, 240), (427, 320), (640, 480))
 WIDTH_MM = 27.1
+QUALITY = 95  # of JPEGs, as cameras write them
 
 
-def calibrated(size: tuple[int, int], light: int | None, method: str) -> tuple[Camera, Reconstructor]:
+class JpegCamera(Camera):
+    """A camera whose every frame comes as a JPEG of QUALITY, those of the untouched gel, too."""
+
+    def expose(self, light: Any, rng: np.random.Generator | None, *, averaged: int = 1) -> Bytes:
+        """A frame (H, W, 3) of the given light, packed and unpacked again."""
+        rgb = super().expose(light, rng, averaged=averaged)
+        data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+        return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1])
+
+
+def calibrated(
+    size: tuple[int, int], light: int | None, method: str, *, jpeg: bool = False
+) -> tuple[Camera, Reconstructor]:
     """A camera of that size and light, and the reconstructor that 14 of its balls give."""
     scale = WIDTH_MM / size[0]
     options = CameraOptions(
@@ -40,6 +54,8 @@ def calibrated(size: tuple[int, int], light: int | None, method: str) -> tuple[C
     )
     rng = np.random.default_rng(0)
     camera = build_camera(options, rng)
+    if jpeg:
+        camera = JpegCamera(**{one.name: getattr(camera, one.name) for one in dataclasses.fields(camera)})
     reference = make_reference([picture_still(camera, Flat(), rng=rng) for _ in range(3)])
     half = (size[0] * scale / 2, size[1] * scale / 2)
     presses = plan_balls(14, (4.0,), half_mm=half, gel=GelOptions(), rng=rng)

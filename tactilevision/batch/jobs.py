@@ -12,13 +12,14 @@ import hashlib
 import io
 import json
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,10 +32,14 @@ from tactilevision.records import Frame, HeightMap
 from tactilevision.runs import join_lock, worker_pool
 
 Row = tuple[str, ...]
+Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
-CHUNK = 4  # frames that a worker reads for itself, one ahead of the other
-SHIPMENT = 16  # frames of a task for a cluster: its hand-over costs some milliseconds
+CHUNK = 16  # frames that a worker reads for itself, one ahead of the other
+SHIPMENT = 4  # frames of the first tasks for a cluster, until it is known how long one takes
+TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten milliseconds
+MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
 AHEAD = 3  # tasks that wait for each worker, so that none is idle
+KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
 FEW = 12  # frames that are done before a second process has started
 
 
@@ -194,9 +199,11 @@ def _start_on_cluster(recording: Recording, job: Job) -> None:
 
 
 def _on_one_thread() -> None:
+    """Also keeps the memory of one frame for the next: glibc gives back what is smaller than the largest freed."""
     import cv2
 
     cv2.setNumThreads(1)
+    np.empty(KEPT_BYTES, np.uint8)
 
 
 def _read_and_do(numbers: list[int]) -> list[Row]:
@@ -252,20 +259,20 @@ def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: s
     """Frames whose task ended its workers are tried once more, each alone; one that does it again is named."""
     if not left:
         return
-    recording = replace(recording, path=recording.path.absolute(), frames_path=_absolute(recording.frames_path))
+    frames_path = recording.frames_path and recording.frames_path.absolute()
+    recording = replace(recording, path=recording.path.absolute(), frames_path=frames_path)
     with cluster_pool(cluster, _start_on_cluster, recording, job) as pool:
-        suspects: list[int] = []
-        pending: dict[Future[list[Row]], list[int]] = {}
-        for numbers, future in _shipments(pool, recording, left):
-            pending[future] = numbers
-            while len(pending) >= AHEAD * pool.width:
-                yield from _landed(pending, suspects)
-        while pending:
-            yield from _landed(pending, suspects)
-        for number in sorted(suspects):
-            ((_, alone),) = _shipments(pool, recording, [number])
+        flight = _Flight()
+        for numbers, future in _shipments(pool, recording, left, flight=flight):
+            flight.pending[future] = numbers
+            while len(flight.pending) >= AHEAD * pool.width:
+                yield from flight.landed()
+        while flight.pending:
+            yield from flight.landed()
+        for number in sorted(flight.suspects):
+            ((_, alone),) = _shipments(pool, recording, [number], flight=flight)
             try:
-                yield from alone.result()
+                yield from alone.result()[0]
             except EndsWorkers:
                 why = "it ended every process that worked on it"
                 yield job(
@@ -273,32 +280,46 @@ def _rows_of_cluster(recording: Recording, left: list[int], job: Job, cluster: s
                 )
 
 
-def _landed(pending: dict[Future[list[Row]], list[int]], suspects: list[int]) -> Iterator[Row]:
-    ready, _ = wait(pending, return_when=FIRST_COMPLETED)
-    for future in ready:
-        numbers = pending.pop(future)
-        try:
-            yield from future.result()
-        except EndsWorkers:
-            suspects.extend(numbers)
+@dataclass
+class _Flight:
+    """Tasks on their way, frames whose task ended its workers, and how many frames make a task of TASK_S."""
+
+    pending: dict[Future[Timed], list[int]] = field(default_factory=dict)
+    suspects: list[int] = field(default_factory=list)
+    size: int = SHIPMENT
+
+    def landed(self) -> Iterator[Row]:
+        """Rows of the tasks that are done, one at least."""
+        ready, _ = wait(self.pending, return_when=FIRST_COMPLETED)
+        for future in ready:
+            numbers = self.pending.pop(future)
+            try:
+                rows, seconds = future.result()
+            except EndsWorkers:
+                self.suspects.extend(numbers)
+            else:
+                self.size = min(max(1, int(TASK_S * len(rows) / seconds)), 2 * self.size, MAX_SHIPMENT)
+                yield from rows
 
 
 def _shipments(
-    pool: ClusterPool, recording: Recording, left: list[int]
-) -> Iterator[tuple[list[int], Future[list[Row]]]]:
+    pool: ClusterPool, recording: Recording, left: list[int], *, flight: _Flight
+) -> Iterator[tuple[list[int], Future[Timed]]]:
     """Pictures are read by the workers themselves; of a video each frame is sent."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
-        for start in range(0, len(left), SHIPMENT):
-            numbers = left[start : start + SHIPMENT]
-            yield numbers, pool.submit(_read_and_do, numbers)
+        rest = deque(left)
+        while rest:
+            numbers = [rest.popleft() for _ in range(min(flight.size, len(rest)))]
+            yield numbers, pool.submit(_timed, _read_and_do, numbers)
         return
     for number, frame in zip(left, _frames(recording, left), strict=True):
-        yield [number], pool.submit(_do_all, number, frame)
+        yield [number], pool.submit(_timed, _do_all, number, frame)
 
 
-def _absolute(path: Path | None) -> Path | None:
-    return None if path is None else path.absolute()
+def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
+    start = time.perf_counter()
+    return do(*given), time.perf_counter() - start
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tactilevision.cli import console
-from tactilevision.cli.measure import Taken, beside_the_punch, take
+from tactilevision.cli.measure import Taken, beside_the_punch, oldest_first, take
 
 if TYPE_CHECKING:
     from calibration.result.result import CalibrationResult
@@ -37,13 +39,16 @@ class Outcome:
 
 
 def calibrate(
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor, or folders of them.")
+    ],
     out: console.OutOption = Path("calibration_out"),
     law: Annotated[
         LawName,
         typer.Option(help="default: kappa from first principles at the true a/h; paper: the published route."),
     ] = LawName.DEFAULT,
     prior: console.PriorOption = True,
+    cluster: console.ClusterOption = None,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
 ) -> None:
@@ -55,7 +60,7 @@ def calibrate(
     from tactilevision.cli import pictures
     from tactilevision.files import plain_name, staged
 
-    outcomes = [calibrate_one(taken, law.value, prior=prior) for taken in take(recordings)]
+    outcomes = _outcomes(_below(recordings), law.value, prior=prior, cluster=cluster)
     with staged(out) as stage:
         _write(outcomes[-1], stage, form)
         if not _holds_a_recording(out):
@@ -75,6 +80,54 @@ def calibrate(
     console.hand_over(latest.content, json)
     if latest.fault is not None:
         raise latest.fault
+
+
+def _below(paths: Sequence[Path]) -> list[Path]:
+    """The recordings in each folder that is none itself, in its place."""
+    from tactilevision.batch.tree import find_sources
+    from tactilevision.recording import layout
+
+    def inside(path: Path) -> list[Path]:
+        if not path.is_dir() or (path / layout.SETTINGS).exists():
+            return []
+        return [one for one in find_sources(path) if (one / layout.SETTINGS).exists()]
+
+    return [one for path in paths for one in inside(path) or [path]]
+
+
+def _outcomes(paths: Sequence[Path], law: str, *, prior: bool, cluster: str | None) -> list[Outcome]:
+    """Of each recording, the oldest first; on a cluster each is a task of its own, which writes nothing."""
+    if cluster is None:
+        return [calibrate_one(taken, law, prior=prior) for taken in take(paths)]
+    from tactilevision.cluster.pool import cluster_pool
+
+    given = oldest_first(paths)
+    with cluster_pool(cluster) as pool, console.progress_bar("calibrating recordings") as progress:
+        tasks = [pool.submit(_on_worker, one.path.absolute(), law, prior) for one in given]
+        outcomes = []
+        for recording, task in zip(given, tasks, strict=True):
+            outcome, warnings = task.result()
+            console.warn(warnings)
+            if not isinstance(outcome, Outcome):
+                raise outcome
+            outcomes.append(replace(outcome, taken=replace(outcome.taken, recording=recording)))
+            progress(len(outcomes), len(given))
+    return outcomes
+
+
+def _on_worker(path: Path, law: str, prior: bool) -> tuple[Outcome | TactilevisionError, list[str]]:
+    """What became of a recording, or why nothing did, and the warnings; what made maps stays here: it is large."""
+    from tactilevision.errors import TactilevisionError
+
+    outcome: Outcome | TactilevisionError
+    with redirect_stderr(io.StringIO()) as said:
+        try:
+            outcome = calibrate_one(take([path])[0], law, prior=prior)
+            outcome = replace(outcome, taken=replace(outcome.taken, reconstructor=None))
+        except TactilevisionError as fault:
+            outcome = fault
+    mark = "warning: "
+    return outcome, [line.removeprefix(mark) for line in said.getvalue().splitlines() if line.startswith(mark)]
 
 
 def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:

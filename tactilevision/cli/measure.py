@@ -39,14 +39,19 @@ class Taken:
         return Measured(self.recording, self.points, curves)
 
 
+def oldest_first(paths: Sequence[Path]) -> list[Recording]:
+    """The recordings by their dates."""
+    from tactilevision.recording import read_recording
+
+    return sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
+
+
 def take(paths: Sequence[Path], *, answered: str = "") -> list[Taken]:
     """Read recordings, the oldest first, and certify those that have frames.
 
     `answered`: words of a warning that is not said, since the command answers what it asks.
     """
-    from tactilevision.recording import read_recording
-
-    opened = sorted((read_recording(path) for path in paths), key=lambda one: str(one.date or ""))
+    opened = oldest_first(paths)
     for recording in opened:
         console.warn(recording.warnings)
     return [_certified(one, answered) if one.frame_names else Taken(one, None) for one in opened]

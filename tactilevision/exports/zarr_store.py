@@ -72,9 +72,9 @@ def begin_frames(
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
     """One frame's fields; (rows, columns) each."""
     with told_as_output(scratch):
-        group = _opened(str(scratch))
         for name, values in fields.items():
-            group[name][number] = values
+            made = (scratch / name / ".zarray").stat()  # a cluster's worker sees many runs into one place
+            _opened(str(scratch), name, (made.st_ino, made.st_mtime_ns))[number] = values
 
 
 def end_frames(scratch: Path, path: Path) -> None:
@@ -86,9 +86,9 @@ def end_frames(scratch: Path, path: Path) -> None:
         _move(scratch, path)
 
 
-@lru_cache(maxsize=4)
-def _opened(path: str) -> Any:
-    return _zarr().open_group(path, mode="r+")
+@lru_cache(maxsize=16)
+def _opened(path: str, field: str, made: tuple[int, int]) -> Any:
+    return _zarr().open_group(path, mode="r+")[field]
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:

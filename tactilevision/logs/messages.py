@@ -21,6 +21,7 @@ from tactilevision.records import Floats
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _COLOURS = {"rgb8": (3, False), "bgr8": (3, True), "rgba8": (4, False), "bgra8": (4, True), "8UC3": (3, True)}
 
 
@@ -55,7 +56,10 @@ class WrenchReading:
 def typestore(encoding: str) -> Any:
     """The messages of ROS, as its packages define them."""
     stores = library("rosbags.typesys")
-    return stores.get_typestore(stores.Stores.ROS1_NOETIC if encoding == "ros1" else stores.Stores.ROS2_HUMBLE)
+    store = stores.get_typestore(stores.Stores.ROS1_NOETIC if encoding == "ros1" else stores.Stores.ROS2_HUMBLE)
+    if TRANSFORMS not in store.types:  # ROS 1 has it in a package of its own
+        store.register(stores.get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS))
+    return store
 
 
 def decode_picture(message: Message, where: Path) -> Picture:
@@ -86,6 +90,21 @@ def decode_wrench(message: Message, where: Path) -> WrenchReading:
     for values in (force, torque):
         check_numbers(values, what="a component of the wrench", where=f"{where}, {message.topic}")
     return WrenchReading(_stamp(found, message), force, torque)
+
+
+def decode_transforms(message: Message, where: Path) -> list[tuple[str, str, Floats]]:
+    """Of each transform: the frame, its parent, and its unit quaternion (4,) x, y, z, w in it, dimensionless.
+
+    Raises as `decode_wrench`.
+    """
+    return [
+        (
+            one.child_frame_id.lstrip("/"),
+            one.header.frame_id.lstrip("/"),
+            np.array([getattr(one.transform.rotation, axis) for axis in "xyzw"], float),
+        )
+        for one in _decoded(message, (TRANSFORMS,), where).transforms
+    ]
 
 
 def _decoded(message: Message, kinds: tuple[str, ...], where: Path) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from tactilevision.logs.clocks import Clock, check_clock, check_same_clock, firs
 from tactilevision.logs.log import Log
 from tactilevision.logs.messages import Stamp, WrenchReading, decode_picture, decode_wrench
 from tactilevision.logs.sensor_table import SensorTable
+from tactilevision.logs.transforms import fixed_rotation
 from tactilevision.recording import layout
 from tactilevision.recording.write_tables import write_forces, write_frame_table
 from tactilevision.records import Floats, ForceSeries
@@ -30,7 +31,8 @@ class ImportSettings:
     """What is taken from a log: topics, the clock, the sensor's name and scale, and how the wrench is turned.
 
     `sensor` is a kind's name or a sensor profile (.tvs), whose scale is taken where none is stated.
-    `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes.
+    `rotation` (3, 3): its rows are the frame's x, y and z (into the gel) in the wrench's axes; None: as the log's
+    fixed transforms have it, where frames and wrench are in two frames of reference.
     """
 
     frames: str
@@ -63,6 +65,7 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
     with staged(out) as folder:
         names, stamps, readings = _messages(log, folder, settings)
+        settings = _with_axes(stamps, [one.stamp for one in readings], log, settings)
         origin_ns = _check_clocks(stamps, [one.stamp for one in readings], log, settings)
         frame_s = times_s(stamps, settings.clock, origin_ns=origin_ns)
         order = np.argsort(frame_s, kind="stable")
@@ -114,24 +117,29 @@ def _check_clocks(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: 
         if wrench:
             wrench_s = check_clock(wrench, f"{log.path}, {settings.wrench}")
             check_same_clock(frames_s, wrench_s, where=log.path)
-    if wrench:
-        _check_axes(frames, wrench, log, settings)
     return first_ns([*frames, *wrench], settings.clock)
 
 
-def _check_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> None:
-    where = f"{log.path}, {settings.wrench}"
+def _with_axes(frames: list[Stamp], wrench: list[Stamp], log: Log, settings: ImportSettings) -> ImportSettings:
+    """With the rotation that the log's fixed transforms tell, where one is needed and none is stated."""
     ids = sorted({one.frame_id for one in wrench})
+    where = f"{log.path}, {settings.wrench}"
     if len(ids) > 1:
         raise InputError("the wrench changes its frame of reference", where=where, value=", ".join(ids)[:120])
-    if settings.rotation is None and ids[0] != frames[0].frame_id:
+    if settings.rotation is not None or not ids or ids[0] == frames[0].frame_id:
+        return settings
+    rotation = fixed_rotation(log, ids[0], frames[0].frame_id)
+    if rotation is None:
         raise InputError(
-            f"the wrench is in another frame of reference than the pictures ({frames[0].frame_id!r})",
+            f"the wrench is in another frame of reference than the pictures ({frames[0].frame_id!r}), and the log "
+            "has no fixed transform between them",
             where=where,
             value=ids[0],
             remedy="State --rotation: nine numbers, rows x, y, z (into the gel) of the picture in its axes; "
             "1,0,0,0,1,0,0,0,1 where they agree.",
         )
+    x, y, z = (tuple(float(one) for one in row) for row in rotation)
+    return replace(settings, rotation=(x, y, z))  # type: ignore[arg-type]
 
 
 def _write_forces(folder: Path, readings: list[WrenchReading], settings: ImportSettings, origin_ns: int) -> None:

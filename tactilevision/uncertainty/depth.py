@@ -85,6 +85,7 @@ class DepthError:
         size = (self.free_mm2.shape[1], self.free_mm2.shape[0])
         gain = np.asarray(place_gain_std(card, method.relative_error) ** 2, np.float32)
         self.gain_square: Picture = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR))
+        self._in_pixels: dict[tuple[int, ...], list[Picture]] = {}
 
     def std_mm(self, depth_mm: Array, evidence: MapEvidence) -> Picture:
         """Standard deviation (H, W) mm of `depth_mm` (H, W), by the `evidence` of the same map."""
@@ -102,6 +103,13 @@ class DepthError:
         add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
         cv2.sqrt(total, dst=total)
         return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    def in_pixels(self, shape: tuple[int, ...]) -> list[Picture]:
+        """`gain_square` and `free_mm2`, (H, W) each, for a map of `shape`: made once, to be left so."""
+        if shape not in self._in_pixels:
+            grids = (self.gain_square, self.free_mm2)
+            self._in_pixels[shape] = [np.asarray(cv2.resize(grid, shape[::-1])) for grid in grids]
+        return self._in_pixels[shape]
 
     def terms_mm(self, depth_mm: Array, evidence: MapEvidence) -> dict[str, Picture]:
         """Deviation (h, w) mm that each of TERMS adds to `depth_mm` (H, W); their squares sum to std_mm's.

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -26,18 +25,32 @@ Array = npt.NDArray[np.floating[Any]]
 SAMPLED = 4000  # pixels, about, that tell how rough a map is
 
 
-def untouched_std(height: HeightMap, error: DepthError | None, *, every: int = 1) -> Array | None:
+def untouched_std(
+    height: HeightMap,
+    error: DepthError | None,
+    *,
+    every: int = 1,
+    places: npt.NDArray[np.intp] | None = None,
+    noise_mm: float | None = None,
+) -> Array | None:
     """Standard deviation (h, w) in mm of depth where nothing touches, of every `every`th pixel each way.
 
-    `error` is that of the method which made the map; None: the map's own deviation, which may itself be None.
+    Of the pixels at `places` (n,) of the flattened (h, w) alone where they are given, (n,). `error` is that of
+    the method which made the map; None: the map's own deviation, which may itself be None. `noise_mm` of the map
+    where it is known.
     """
+
+    def wanted(grid: Array) -> Array:
+        return grid if places is None else grid.take(places)
+
     if height.std_mm is None or error is None:
-        return None if height.std_mm is None else height.std_mm[::every, ::every]
+        return None if height.std_mm is None else wanted(height.std_mm[::every, ::every])
     depth, std = (np.asarray(many[::every, ::every], np.float32) for many in (height.depth_mm, height.std_mm))
-    size = (depth.shape[1], depth.shape[0])
-    gain_square, least = (cv2.resize(many, size) for many in (error.gain_square, error.free_mm2))
-    square = cv2.max(std * std - gain_square * depth * depth, least)
-    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(map_noise_mm(height) ** 2)))
+    gain_square, least = map(wanted, error.in_pixels(depth.shape))
+    depth, std = wanted(depth), wanted(std)
+    noise_mm = map_noise_mm(height) if noise_mm is None else noise_mm
+    square = np.maximum(std * std - gain_square * depth * depth, least)
+    return np.asarray((1.0 + np.sqrt(gain_square)) * np.sqrt(square + np.float32(noise_mm**2)))
 
 
 def map_noise_mm(height: HeightMap) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -28,6 +29,7 @@ from tactilevision.records import Bytes, Sensor, SlopeMap
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("default")  # the cluster's own farewells
 
+SAMPLES = Path(__file__).parents[2] / "sample_frames"
 SENSOR = Sensor("custom", 64, 48, (0.1, 0.2))
 POISON = 255  # a pixel in a corner that ends the process that reads it
 PAUSE_S = 0.02  # s a frame, so that there is time to kill something
@@ -224,6 +226,28 @@ def test_a_tree_on_the_cluster_equals_one_process(machines: Machines, tmp_path: 
     run(tmp_path / "one", None)
     run(tmp_path / "many", machines.address)
     alike(tmp_path / "one", tmp_path / "many")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sample", ["paper_points", "gelslim3"])
+def test_recordings_calibrated_on_the_cluster_give_the_same_files(
+    machines: Machines, sample: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tree of two, the newer one of which is named for its date."""
+    for name, date in (("b", "2025-01-02"), ("a", "2025-01-01")):
+        shutil.copytree(SAMPLES / sample, tmp_path / "in" / name)
+        settings = tmp_path / "in" / name / "recording.toml"
+        lines = [line for line in settings.read_text().splitlines() if not line.startswith("date")]
+        settings.write_text("\n".join([f"date = {date}", *lines]))
+    for out, more in (("one", ()), ("many", ("--cluster", machines.address))):
+        command = ["tactilevision", "calibrate", str(tmp_path / "in"), "--out", str(tmp_path / out), *more]
+        monkeypatch.setattr(sys, "argv", command)
+        assert main() == 0
+    names = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*"))
+    assert names == sorted(path.relative_to(tmp_path / "many") for path in (tmp_path / "many").rglob("*"))
+    for path in names:
+        if (tmp_path / "one" / path).is_file():
+            assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "many" / path).read_bytes(), path
 
 
 def test_a_task_that_raises_says_so_here(machines: Machines) -> None:

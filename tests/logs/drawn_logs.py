@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from tactilevision.logs.messages import IMAGE, typestore
+from tactilevision.logs.messages import IMAGE, TRANSFORMS, typestore
 from tactilevision.logs.write import _header, open_writer, wrench_message
 from tactilevision.records import Bytes
 
 START_NS = 1_790_000_000 * 10**9 + 123_456_789  # a time of day in 2026
+Turns = tuple[tuple[str, str, str, tuple[float, float, float, float]], ...]  # topic, frame, parent, x y z w
 Draw = Callable[..., Path]
 KINDS = ("log.mcap", "log.bag", "log")
 
@@ -28,6 +29,7 @@ class Drawn:
     picture_shift_s: float = 0.0
     wrench_shift_s: float = 0.0
     encoding: str = "bgr8"
+    turns: Turns = ()
 
 
 def pictures(count: int) -> Bytes:
@@ -48,8 +50,19 @@ def image(rgb: Bytes, *, at_ns: int, drawn: Drawn, kind: str) -> Any:
     return typestore(kind).types[IMAGE](header=header, encoding=drawn.encoding, is_bigendian=0, data=data, **size)
 
 
+def transform(child: str, parent: str, quaternion: tuple[float, ...], *, kind: str) -> Any:
+    types = typestore(kind).types
+    part = {name: types[f"geometry_msgs/msg/{name}"] for name in ("TransformStamped", "Transform", "Vector3")}
+    turn = types["geometry_msgs/msg/Quaternion"](*quaternion)
+    move = part["Transform"](translation=part["Vector3"](0.1, 0.2, 0.3), rotation=turn)
+    header = _header(START_NS, parent, kind)
+    return types[TRANSFORMS](transforms=[part["TransformStamped"](header, child, move)])
+
+
 def write(path: Path, drawn: Drawn) -> Path:
     with open_writer(path) as (put, kind):
+        for topic, child, parent, quaternion in drawn.turns:
+            put(topic, transform(child, parent, quaternion, kind=kind), START_NS)
         for number, rgb in enumerate(pictures(drawn.frames)):
             at_ns = time_ns(number)
             picture = image(rgb, at_ns=time_ns(number, drawn.picture_shift_s), drawn=drawn, kind=kind)

@@ -78,6 +78,31 @@ def test_a_wrench_in_other_axes_is_turned_when_it_is_said_how(draw: Draw, tmp_pa
     np.testing.assert_allclose(forces.force_N[3], [2.0, 1.0, -3.0])
 
 
+ABOUT_X, ABOUT_Z = (HALF := 0.5**0.5, 0.0, 0.0, HALF), (0.0, 0.0, HALF, HALF)  # a quarter each
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_wrench_is_turned_by_the_logs_fixed_transforms(draw: Draw, tmp_path: Path, name: str) -> None:
+    """v_flange = Rz v_wrist, v_flange = Rx v_tool, so v_tool = Rx^-1 Rz v_wrist; the flange itself moves."""
+    moved = tuple(("/tf", "flange", "base", turn) for turn in (ABOUT_X, ABOUT_Z))
+    fixed = ("/tf_static", "wrist", "flange", ABOUT_Z), ("/tf", "/tool", "/flange", ABOUT_X)
+    import_log(draw(name, sensor="wrist", turns=(*moved, *fixed)), tmp_path / "rec", BOTH)
+    forces = read_recording(tmp_path / "rec").forces
+    assert forces is not None
+    np.testing.assert_allclose(forces.force_N[3], [-2.0, 3.0, -1.0], atol=1e-12)  # (1, 2, 3), turned
+
+
+def test_transforms_that_move_or_are_none_turn_no_wrench(draw: Draw, tmp_path: Path) -> None:
+    moved = tuple(("/tf", "wrist", "tool", turn) for turn in (ABOUT_X, ABOUT_Z))
+    circle = ("/tf", "wrist", "arm", ABOUT_X), ("/tf", "arm", "wrist", ABOUT_X)
+    for number, turns in enumerate((moved, circle, (("/tf", "wrist", "arm", ABOUT_X),))):
+        with pytest.raises(InputError, match=r"another frame.*no fixed transform between them.*State --rotation"):
+            import_log(draw(f"{number}.mcap", sensor="wrist", turns=turns), tmp_path / "rec", BOTH)
+    log = draw("none.mcap", sensor="wrist", turns=(("/tf", "wrist", "tool", (0.0, 0.0, 0.0, 0.0)),))
+    with pytest.raises(InputError, match="the transform of 'wrist' is no rotation"):
+        import_log(log, tmp_path / "rec", BOTH)
+
+
 def test_a_topic_of_another_type_and_grey_pictures_are_refused(draw: Draw, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"of another type.*WrenchStamped.*Needed"):
         import_log(draw(), tmp_path / "rec", ImportSettings("/ft"))
