@@ -100,6 +100,11 @@ class ColourChange:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
 
+    @property
+    def measured(self) -> Planes:
+        """The changes (3, H, W) of the frame that `measure` was last called with."""
+        return self._whole
+
     def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
         changes, drift, valid = self.measure(rgb)
