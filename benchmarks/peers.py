@@ -77,9 +77,7 @@ def main(names: Sequence[str] = ()) -> None:
         compare(peer, name, reference, pictures, MINI_SCALE if name == "E" else SCALE)
 
 
-def compare(
-    peer: Any, name: str, reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair
-) -> None:
+def compare(peer: Any, name: str, reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair) -> None:
     """Print what both libraries make of balls that they never saw."""
     balls = calibrated(reference, pictures, mm_per_px).balls
     kept = [(picture, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]

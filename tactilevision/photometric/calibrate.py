@@ -111,7 +111,6 @@ def calibrate_from_balls(
     best = _best_fit(fit, pressed, resting)
     two_colours = _two_colours(best, *every)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
-    light_law = fit_light_law(pressed, best.held_out, others=best.others)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(alone.balls) or _contact_in_reference(change, pictures, alone.balls, mm_per_px)
@@ -128,7 +127,15 @@ def calibrate_from_balls(
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
     return Calibration(
-        CalibratedMethod(best.law, reference, relative, background, card, two_colours, light_law),
+        CalibratedMethod(
+            best.law,
+            reference,
+            relative,
+            background,
+            card,
+            two_colours,
+            fit_light_law(pressed, best.held_out, others=best.others),
+        ),
         tuple(balls),
         best.direction_error_deg,
         best.slope_error,

@@ -3,8 +3,8 @@
     share^2 = sum over patches of balls left out of <u - u_law(p, q)>^2 / sum of <u>^2
 
 u is the change of colour, u_law the shading law (ball/shading_fit.py) of the other balls, p and q the slopes that
-their colour law reads; < > is the mean over a patch, summed as often as the patch has samples. What a frame's colours have beyond that, the light that
-the balls saw does not explain (`tactilevision/quality/inconsistent_light.py`).
+their colour law reads; < > is the mean over a patch, which counts as often as it has samples. What a frame's
+colours have beyond that, the light that the balls saw does not explain (quality/inconsistent_light.py).
 """
 
 from __future__ import annotations

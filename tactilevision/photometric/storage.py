@@ -21,9 +21,9 @@ from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
 from tactilevision.files import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
+from tactilevision.photometric.ball.shading_fit import TERMS
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import light_of
-from tactilevision.photometric.ball.shading_fit import TERMS
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod

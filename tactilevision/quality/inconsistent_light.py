@@ -41,7 +41,9 @@ from tactilevision.records import Bools, Bytes, Pair, SlopeMap
 
 CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
-LEAST = 3.0  # deviations from which a place is inconsistent, at least: on four real sets .3 % of good pictures' cells
+LEAST = (
+    3.0  # deviations from which a place is inconsistent, at least: on four real sets .3 % of good pictures' cells
+)
 NEARBY = 2.0  # contact radii: as far as a ball's own picture tells what is usual
 REACHED = 99  # per cent of cells near a ball that it is usual for
 PICTURES = 75  # per cent of ball pictures that stay below the limit: some hold false hollows themselves
@@ -51,21 +53,25 @@ STEEP_SHARE = 0.6  # of the steepest slope calibrated: beside steeper ones, blur
 RAMP = 0.4  # of the limit, from which on a slope counts in part as unexplained
 GREY = 0.3  # grey levels that rounding and compression leave on means of places
 TINY = np.float32(1e-9)  # keeps ratios of nothing to nothing at 0
-MIN_CELLS = 5  # of inconsistent ones that make a map doubtful: .7 mm^2, more than a speck
-MIN_DEPTH_MM = 0.06  # mm of depth that rest on inconsistent places: less makes no map doubtful
+MIN_AREA_MM2 = 3.0  # mm^2 of inconsistent places that make a map doubtful: a dark corner of the picture has two
+MIN_DEPTH_MM = 0.05  # mm of depth that rest on inconsistent places: less makes no map doubtful
 
 
 @dataclass(frozen=True, slots=True)
 class Inconsistency:
-    """In cells (h, w): which are `inconsistent`; depth in mm that rests on slopes which are not explained."""
+    """In cells (h, w): which are `inconsistent`; depth in mm that rests on slopes which are not explained.
+
+    `area_mm2` of the inconsistent ones together.
+    """
 
     inconsistent: Bools
     depth_mm: Picture
+    area_mm2: float
 
     @property
     def flagged(self) -> bool:
         """Whether it makes the map doubtful."""
-        return bool(self.inconsistent.sum() >= MIN_CELLS and np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
+        return self.area_mm2 > MIN_AREA_MM2 and bool(np.abs(self.depth_mm).max() > MIN_DEPTH_MM)
 
 
 class LightCheck:
@@ -85,9 +91,9 @@ class LightCheck:
             for at, n in ((full.x, width), (full.y, height))
         )
         self.maps = ChangeMaps(self._cells(full.mean), x, y)
-        self.evaluate = method.law.averaged(np.median(method.change.noise, axis=(1, 2)).astype(np.float64)).evaluator(
-            (height, width)
-        )
+        self.evaluate = method.law.averaged(
+            np.median(method.change.noise, axis=(1, 2)).astype(np.float64)
+        ).evaluator((height, width))
         self.kept_share = self._cells(method.kept_share[None])[0]
         self.bias = self._cells(method.bias) - self._cells(np.stack(method.noise_bias)) * self.kept_share
         self.usable = self._cells(method.readable[None].astype(np.float32))[0] > 0.99
@@ -115,7 +121,8 @@ class LightCheck:
             np.minimum(share, 1.0, out=share)
             depth = np.asarray(integrate(SlopeMap(slopes[0] * share, slopes[1] * share), self.cell_mm), np.float32)
             depth -= np.median(depth)
-        return Inconsistency(score > 1.0, depth)
+        inconsistent = score > 1.0
+        return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
 
     def read(self, drift: Drift) -> tuple[Planes, Planes]:
         """Changes (3, h, w) of the cells of the last picture, and the slopes (2, h, w) that are read from them."""
@@ -155,8 +162,10 @@ class LightCheck:
         return self._mean(_length(values))
 
     def residual(self, change: Planes, slopes: Planes) -> Planes:
-        """What the changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
-        p, q = (np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes)
+        """What changes (3, h, w) of cells are off the law of light at slopes (2, h, w), means over REACH_MM."""
+        p, q = (
+            np.stack(list(accumulate([slope] * 4, np.multiply, initial=np.ones_like(slope)))) for slope in slopes
+        )
         light: Planes = np.ones_like(change)
         for (i, j), answer in zip(SLOPE_POWERS, self.answers, strict=True):
             light += answer * (p[i] * q[j])
@@ -195,9 +204,9 @@ def measured_light(
     free: Sequence[Bytes],
     mm_per_px: Pair,
 ) -> LightLaw | None:
-    """The method's light law with its noise and limit, out of ball pictures and rectified frames of the `free` gel.
+    """The method's light law with its noise and limit, out of ball pictures and rectified frames of `free` gel.
 
-    None where it has no law.
+    A picture is (H, W, 3). None where the method has no law.
     """
     if method.light_law is None:
         return None
@@ -208,8 +217,10 @@ def measured_light(
     for rgb, ball in shown:
         cells.append(check.read(method.read(rgb).drift))
         off.append(check.residual(*cells[-1]))
-        apart = np.full(method.reference.shape, np.inf) if ball is None else radii_from(
-            ball, method.reference.shape, mm_per_px=mm_per_px
+        apart = (
+            np.full(method.reference.shape, np.inf)
+            if ball is None
+            else radii_from(ball, method.reference.shape, mm_per_px=mm_per_px)
         )
         radii.append(check._cells(apart[None].astype(np.float32))[0])
     noise = _usual_length(np.stack(off), np.stack(radii)[:, None] > OUTSIDE)

@@ -23,8 +23,8 @@ MEANING = {
     "elsewhere is extrapolated",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
-    INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a light "
-    "that the method does not know; depth that rests on them is uncertain",
+    INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "
+    "light that the method does not know; depth that rests on them is uncertain",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 
