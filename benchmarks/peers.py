@@ -5,12 +5,14 @@
 The library is gs_sdk (github.com/joehjhuang/gs_sdk, GPL 3): its own network, features, reconstruction and
 integration, imported from where it is installed. A third of a set's balls at a time is left out of both
 calibrations and read by both. gs_sdk takes circles that people click; it is given those that our calibration found
-with all balls, and these are the truth for both. Its network is trained as its `train_model` trains (loss,
-optimiser, schedule, share of background), from one tensor instead of file by file.
+with all balls, and these are the truth for both; of set E also those that its makers clicked. Its network is
+trained as its `train_model` trains (loss, optimiser, schedule, share of background), from one tensor instead of
+file by file.
 """
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import importlib
 import sys
@@ -25,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.default_method import REAL, ROOT, SCALE, real_balls
-from benchmarks.own_contacts import FOLDS, MINI_SCALE, OBJECTS, SETS, mini, objects_of
+from benchmarks.own_contacts import FOLDS, MINI, MINI_SCALE, OBJECTS, SETS, mini, objects_of
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, Reference, calibrate_from_balls
@@ -43,6 +45,7 @@ ABSENT = (
 )
 EPOCHS, BATCH, RATE, HALVED_EVERY = 200, 1024, 0.002, 10  # as gs_sdk's train_model has them
 LESS_PX = 4.0  # px off a labelled radius, as gs_sdk's prepare_data takes them
+CLICKED = "E_clicked"  # set E by the circles of its makers
 FREE_OBJECTS = (0, 3)  # of the pictures of objects in B: nothing touches the gel there
 FRAMES = {"free gel": 0.0, "gentle press": 0.05, "deep press": 9.0}  # of the sample, nearest to this depth in mm
 TIMES = 60  # runs of a frame that is timed, of each library in turns
@@ -72,14 +75,39 @@ def main(names: Sequence[str] = ()) -> None:
     if not REAL.is_dir():
         print("the real frames are not at hand")
         return
-    for name in names or [*SETS, "E"]:
-        reference, pictures = mini() if name == "E" else real_balls(REAL / SETS[name])
-        compare(peer, name, reference, pictures, MINI_SCALE if name == "E" else SCALE)
+    for name in names or [*SETS, "E", CLICKED]:
+        reference, pictures = real_balls(REAL / SETS[name]) if name in SETS else mini()
+        scale = SCALE if name in SETS else MINI_SCALE
+        if name == CLICKED:
+            pictures, balls = clicked(pictures)
+        else:
+            balls = calibrated(reference, pictures, scale).balls
+        compare(peer, name, reference, pictures, scale, balls)
 
 
-def compare(peer: Any, name: str, reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair) -> None:
-    """Print what both libraries make of balls that they never saw."""
-    balls = calibrated(reference, pictures, mm_per_px).balls
+def clicked(pictures: Sequence[BallPicture]) -> tuple[list[BallPicture], tuple[Ball | None, ...]]:
+    """The pictures of set E with the circles that its makers clicked, and these circles."""
+    with (REAL / MINI / "labels.csv").open(encoding="utf-8") as table:
+        rows = {
+            row["img"]: [float(row[key]) for key in ("cx", "cy", "radius_px")] for row in csv.DictReader(table)
+        }
+    labelled, balls = [], list[Ball | None]()
+    for one in pictures:
+        x, y, radius_px = rows[one.name]
+        labelled.append(dataclasses.replace(one, centre_px=(x, y), contact_radius_px=radius_px))
+        balls.append(Ball((x, y), radius_px, one.radius_mm))
+    return labelled, tuple(balls)
+
+
+def compare(
+    peer: Any,
+    name: str,
+    reference: Reference,
+    pictures: Sequence[BallPicture],
+    mm_per_px: Pair,
+    balls: Sequence[Ball | None],
+) -> None:
+    """Print what both libraries make of balls that they never saw, held against the circles of `balls`."""
     kept = [(picture, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
     objects = objects_of(name) if name in OBJECTS else []
     free = [objects[number] for number in FREE_OBJECTS] if name == "B" else []

@@ -39,8 +39,13 @@ class LightLaw:
         return {"terms": self.terms, "noise": self.noise, "limits": np.array([self.share, self.limit])}
 
 
-def fit_light_law(contact: Samples, held_out: Floats, *, others: Sequence[ColourLaw]) -> LightLaw:
-    """The light's law of samples of balls; `held_out` slopes (N, 2) by `others`, each of which lacks a group."""
+def fit_light_law(contact: Samples, held_out: Floats, *, others: Sequence[ColourLaw]) -> LightLaw | None:
+    """The light's law of samples of balls; `held_out` slopes (N, 2) by `others`, each of which lacks a group.
+
+    None where only two colours tell the balls: they leave no residual.
+    """
+    if not contact.change.any(axis=0).all():
+        return None
     patch, count = patches_of(contact)
     off = np.empty_like(contact.change)
     for group, _ in zip(groups_of(contact), others, strict=True):

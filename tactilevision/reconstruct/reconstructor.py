@@ -228,12 +228,18 @@ class Reconstructor:
         return self.error.std_mm(depth, self.evidence)
 
     def _check_light(self, depth: Planes, drift: Drift | None) -> Inconsistency | None:
-        """What of the frame read last the light does not explain; None of a map too flat to look."""
+        """What of the frame read last the light does not explain; None of a map too flat to look.
+
+        None, too, of a method whose balls did not tell the light's law: one of before, or by two colours alone.
+        """
         low, high, *_ = cv2.minMaxLoc(depth)
-        if self.referenced is None or drift is None or max(-low, high) < MIN_CHECKED_MM:
+        method = self.referenced
+        if method is None or drift is None or max(-low, high) < MIN_CHECKED_MM:
+            return None
+        if method.light_law is None and method.card.balls:
             return None
         if self.light_check is None:
-            self.light_check = LightCheck(self.referenced, self.sensor.mm_per_px)
+            self.light_check = LightCheck(method, self.sensor.mm_per_px)
         return self.light_check(drift)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
