@@ -14,7 +14,13 @@ import numpy.typing as npt
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground, damping, darkness, noise_bias
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.camera_response import response_from_card
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
+from tactilevision.photometric.illumination.colour_change import (
+    ColourChange,
+    Planes,
+    Window,
+    missing_count,
+    strips,
+)
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
@@ -200,7 +206,7 @@ class CalibratedMethod:
     def _blind(self, window: Window) -> Bools:
         assert self.change.missing is not None
         assert self.change.partly is not None
-        return np.asarray(self.change.missing[:, *window].any(axis=0) & ~self.change.partly[window])
+        return np.asarray((missing_count(self.change.missing[:, *window]) > 0) & ~self.change.partly[window])
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""

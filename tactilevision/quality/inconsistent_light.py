@@ -32,7 +32,7 @@ from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import OUTSIDE, radii_from
 from tactilevision.photometric.ball.shading_fit import SLOPE_POWERS, answers_at
-from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, missing_count
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.method import ReferencedMethod
@@ -114,7 +114,8 @@ class LightCheck:
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
         if self.method.change.missing is not None:
-            score[self._cells(self.method.change.missing.astype(np.float32)).any(axis=0)] = 0.0
+            lost = cv2.compare(missing_count(self.method.change.missing), 0, cv2.CMP_GT)
+            score[self._cells(lost[None])[0] > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
@@ -184,7 +185,7 @@ class LightCheck:
         reach = REACH_MM / self.cell_mm[0], REACH_MM / self.cell_mm[1]
         return np.asarray(cv2.GaussianBlur(plane, (0, 0), reach[0], sigmaY=reach[1]))
 
-    def _cells(self, planes: Planes, px: int = 1) -> Planes:
+    def _cells(self, planes: Planes | Bytes, px: int = 1) -> Planes:
         """Means (n, h, w) over the cells of planes (n, H // px, W // px), which are means over `px` pixels."""
         columns, rows = (n * (self.px // px) for n in self.size)
         return np.stack(
