@@ -41,9 +41,9 @@ from tactilevision.records import Bools, Bytes, Pair, SlopeMap
 
 CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
-LEAST = (
-    3.0  # deviations from which a place is inconsistent, at least: on four real sets .3 % of good pictures' cells
-)
+# deviations from which a place is inconsistent, at least; 3 flags one clean real press of 82, but half the hollows
+LEAST = 2.5
+BORDER = 2  # cells along the picture's border that do not count: gel and light change there first
 NEARBY = 2.0  # contact radii: as far as a ball's own picture tells what is usual
 REACHED = 99  # per cent of cells near a ball that it is usual for
 PICTURES = 75  # per cent of ball pictures that stay below the limit: some hold false hollows themselves
@@ -97,6 +97,7 @@ class LightCheck:
         self.kept_share = self._cells(method.kept_share[None])[0]
         self.bias = self._cells(method.bias) - self._cells(np.stack(method.noise_bias)) * self.kept_share
         self.usable = self._cells(method.readable[None].astype(np.float32))[0] > 0.99
+        self.usable &= np.pad(np.ones((height - 2 * BORDER, width - 2 * BORDER), np.bool_), BORDER)
         self.steep = STEEP_SHARE * (method.card.steepest_slope or 0.0)
         light = self.light = method.light_law
         if light is not None:
