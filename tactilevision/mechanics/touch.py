@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,6 +38,7 @@ class Touch:
     rise_over_depth_std: float
 
 
+@lru_cache(maxsize=256)  # presses of one indenter ask for the same
 def touch_depth(
     indenter: Indenter,
     *,

@@ -134,6 +134,7 @@ def test_c_within_one_and_a_half_and_E_within_two_per_cent() -> None:
         assert result.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_sticking_gel_lies_inside_E_unless_friction_is_known() -> None:
     rng = np.random.default_rng(3)
     truth = replace(WELL, sticking=sticking_surplus(0.48, 2.5 / 3), extra={}, poisson_std=0.0005)

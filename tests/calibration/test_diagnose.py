@@ -101,10 +101,10 @@ def test_what_one_radius_cannot_tell_apart_stays_a_set_with_the_way_out() -> Non
 @pytest.mark.parametrize(
     ("fails", "fault"),
     [
-        ("refit_with", ConvergenceError("no minimum")),
+        pytest.param("refit_with", ConvergenceError("no minimum"), marks=pytest.mark.slow),
         pytest.param("refit_with", RuntimeError("broken"), marks=pytest.mark.slow),
         pytest.param("adopt", ConvergenceError("no minimum"), marks=pytest.mark.slow),
-        pytest.param("skill", ZeroDivisionError(), marks=pytest.mark.slow),
+        ("skill", ZeroDivisionError()),
         pytest.param("separation", ConvergenceError("no minimum"), marks=pytest.mark.slow),
     ],
 )
@@ -279,6 +279,7 @@ def test_one_press_is_analysed_and_its_want_is_said() -> None:
     assert found.not_testable["ageing"]
 
 
+@pytest.mark.slow
 def test_presses_without_repeats_are_analysed_and_their_want_is_said() -> None:
     assert "no press repeats another" in analysed(presses(2))[1]
 
@@ -295,6 +296,7 @@ def test_a_radius_pressed_to_one_depth_is_left_out_by_name() -> None:
         )
 
 
+@pytest.mark.slow
 def test_curves_of_one_sample_and_presses_that_overlap_in_time_are_taken_and_said() -> None:
     data = presses(12)
     single = data.samples(np.isin(np.arange(data.size) % 17, (3,)) | (data.press > 2))

@@ -154,7 +154,7 @@ def test_poor_data_are_told_what_they_lack_or_the_effect_needs_nothing(effect: E
     assert bool(effect.missing(poor)) == (effect.key not in needs_nothing) or effect.key == "mullins"
 
 
-@pytest.mark.parametrize(("stated_mm", "spread"), [(0.0, 0.1), (0.06, 0.02)])
+@pytest.mark.parametrize(("stated_mm", "spread"), [(0.0, 0.1), pytest.param(0.06, 0.02, marks=pytest.mark.slow)])
 def test_the_thickness_is_held_by_what_is_known_of_it(stated_mm: float, spread: float) -> None:
     model = Model(FlatPunch()) + EFFECTS["thickness"]
     data = replace(RICH, gel=replace(GEL, thickness_std_mm=stated_mm)).take([0, 3, 6])  # one radius: h is not seen

@@ -33,6 +33,7 @@ def test_a_wave_in_the_depth_is_measured_in_size_and_length() -> None:
     assert left.covariates[0].startswith(("w", "1/w"))
 
 
+@pytest.mark.slow
 def test_jumps_at_random_depths_show_in_the_scatter_and_heavy_tails_do_not() -> None:
     law, rng = Model(FlatPunch()), np.random.default_rng(2)
     clean = law.predict(BASE, RICH)

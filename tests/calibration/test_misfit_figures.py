@@ -164,6 +164,7 @@ def test_a_plain_error_is_suggested_and_added_by_its_key() -> None:
     assert material.youngs_modulus.value == pytest.approx(0.2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_no_effect_is_added_after_the_time() -> None:
     data = presses(4)
     seen = noisy(data, MODEL.predict(LAW, data), np.random.default_rng(5))

@@ -175,6 +175,7 @@ def test_five_presses_are_too_few_for_slopes() -> None:
     assert alone.data.slopes is None
 
 
+@pytest.mark.slow
 def test_a_zero_of_the_map_moves_no_slope() -> None:
     fitted = fit_vision_depth(seen(6))
     assert fitted is not None
@@ -186,6 +187,7 @@ def test_a_zero_of_the_map_moves_no_slope() -> None:
     assert (np.abs(moved[~beside] - 1) < 0.2).all()
 
 
+@pytest.mark.slow
 def test_a_ceiling_of_slopes_has_no_unit_and_moves_no_certified_depth() -> None:
     data = seen(4).take(np.arange(8))
     pressed = data.with_force(0.9 * data.depth_mm * (1 + 0.8 * data.depth_mm / 3) + 1e-3 * np.resize([1, -1], 8))

@@ -202,6 +202,7 @@ def test_a_gap_between_ramp_and_hold_is_no_saturation(tmp_path: Path) -> None:
     assert [point.reason for point in certificate.points] == ["", "", ""]
 
 
+@pytest.mark.slow
 def test_a_face_with_something_beside_it_is_no_disc(tmp_path: Path) -> None:
     made = line_up([Made(0.35), Made(0.5), Made(0.35, crumb=True)])
     certificate = certify(*recording(tmp_path, made, seed=4))
@@ -225,6 +226,7 @@ def test_stops_that_scatter_about_the_touch_leave_the_force_open(seeds: tuple[in
     assert np.median(stds[0.006]) > 0.005
 
 
+@pytest.mark.slow
 def test_a_chipped_face_is_no_tilted_one(tmp_path: Path) -> None:
     made = line_up([Made(0.35), Made(0.5), Made(0.35), Made(0.5, chip=True)])
     certificate = certify(*recording(tmp_path, made, seed=4))
@@ -232,6 +234,7 @@ def test_a_chipped_face_is_no_tilted_one(tmp_path: Path) -> None:
     assert "not flat" in certificate.points[3].details.findings
 
 
+@pytest.mark.slow
 def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp_path: Path) -> None:
     made = [Made(0.35, clock_s=-0.4), *(Made(0.5 - 0.15 * (k % 2)) for k in range(5))]
     certificate = certify(*recording(tmp_path, line_up(made), seed=4))

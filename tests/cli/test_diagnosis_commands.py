@@ -149,6 +149,7 @@ def test_a_template_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert run(monkeypatch, "compare", PAPER, "--effect", place, "--out", tmp_path / "out") == 0
 
 
+@pytest.mark.slow
 def test_a_method_made_from_balls_comes_with_its_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(monkeypatch, "train", shortened(tmp_path, 8), "--out", tmp_path / "light.npz") == 0
     card = json.loads((tmp_path / "light.json").read_text())

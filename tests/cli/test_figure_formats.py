@@ -42,6 +42,7 @@ def test_each_figure_of_a_calibration_is_written_in_that_form_too(
     assert figures(tmp_path, "svg") == {}, "nothing of the earlier run stays"
 
 
+@pytest.mark.slow
 def test_a_validation_is_drawn_in_that_form_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     depth_mm = np.linspace(0.01, 1.0, 30)
     curve = PunchCurve(depth_mm, 3.5 * depth_mm, "solved", "")

@@ -41,7 +41,8 @@ def shortened(folder: Path, balls: int) -> Path:
     return target
 
 
-@pytest.mark.parametrize("balls", [6, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("balls", [6, 16])
 def test_a_network_is_trained_and_used_again(balls: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With six balls and no presses, or with the whole sample."""
     sample = SAMPLE if balls == 16 else shortened(tmp_path, balls)

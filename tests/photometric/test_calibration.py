@@ -109,7 +109,9 @@ def test_a_known_centre_is_taken_as_a_start() -> None:
     assert all(one is not None for one in found)
 
 
-@pytest.mark.parametrize("name", sorted(PHOTOMETRIC))
+@pytest.mark.parametrize(
+    "name", ["auto", *(pytest.param(one, marks=pytest.mark.slow) for one in ("lookup", "network", "polynomial"))]
+)
 def test_a_method_survives_the_disk(name: str, tmp_path: Path) -> None:
     method = calibrated(name).method
     path = save_method(method, tmp_path / "finger.npz")
@@ -130,6 +132,7 @@ def test_too_few_balls_are_refused_and_say_why() -> None:
         calibrate_from_balls(reference, pictures(2) + empty, mm_per_px=SCALE, fit=PHOTOMETRIC["polynomial"])
 
 
+@pytest.mark.slow
 def test_balls_in_one_corner_are_warned_of() -> None:
     rng = np.random.default_rng(0)
     reference = make_reference([flat(rng)])

@@ -22,7 +22,7 @@ def calibrated(pictures: list[BallPicture], *, reference: Bytes | None = None) -
     return calibrate_from_balls(untouched, pictures, mm_per_px=SIDES, fit=PHOTOMETRIC["polynomial"])
 
 
-@pytest.mark.parametrize("stated_mm", [0.8 * BALL_MM, 1.5 * BALL_MM])
+@pytest.mark.parametrize("stated_mm", [0.8 * BALL_MM, pytest.param(1.5 * BALL_MM, marks=pytest.mark.slow)])
 def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
     pictures = [
         dataclasses.replace(shot, radius_mm=stated_mm) if number % 2 else shot
@@ -32,6 +32,7 @@ def test_radii_that_contradict_each_other_are_named(stated_mm: float) -> None:
     assert any("radii contradict each other" in warning for warning in warnings)
 
 
+@pytest.mark.slow
 def test_two_true_radii_agree() -> None:
     rng = np.random.default_rng(3)
     pictures = [

@@ -105,6 +105,7 @@ def test_no_change_is_no_doubt() -> None:
     assert np.abs(gain_map(law, [law, law, law], contact=samples)).max() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [np.s_[4:8, 5:11], np.s_[:, :2], np.s_[:2, :]])
 def test_what_is_stated_is_how_calibrations_scatter(part: tuple[slice, slice]) -> None:
     off, stated = (maps[:, *part] for maps in many()[:2])

@@ -84,6 +84,7 @@ def test_slopes_between_marks_carry_over_them() -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
+@pytest.mark.slow
 def test_what_marks_were_filled_with_teaches_no_slope() -> None:
     """Filled colours lag behind the slope under small balls: a law made of them reads larger ones too steep."""
     rng = np.random.default_rng(4)

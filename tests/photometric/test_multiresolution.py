@@ -50,7 +50,7 @@ def depth(method: CalibratedMethod, rgb: Bytes, *, whole: bool) -> Floats:
     return np.asarray(found - np.median(found[:6]), np.float64)
 
 
-@pytest.mark.parametrize("odd", [False, True])
+@pytest.mark.parametrize("odd", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_pressed_pixels_are_read_as_in_the_whole_picture(odd: bool) -> None:
     method, (_, p, q) = calibrated(odd=odd), ball((0.5, 0.5), 1.5, 4.0)
     rgb = cut(picture(p, q, np.random.default_rng(3)), odd)
@@ -64,6 +64,7 @@ def test_pressed_pixels_are_read_as_in_the_whole_picture(odd: bool) -> None:
     assert np.array_equal(whole.slopes.valid, quick.slopes.valid)
 
 
+@pytest.mark.slow
 def test_a_contact_smaller_than_a_block_of_the_drift_is_not_overlooked() -> None:
     method, (true, p, q) = calibrated(), ball((1.1, -0.7), 5 * MM_PER_PX, 2.0)
     peak, rng = true > 0.7 * true.max(), np.random.default_rng(4)
@@ -135,7 +136,8 @@ def test_only_a_method_settled_so_is_read_so() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.slow if one == "network" else ()) for one in PHOTOMETRIC]
+    "name",
+    [pytest.param(one, marks=pytest.mark.slow if one in ("network", "auto") else ()) for one in PHOTOMETRIC],
 )
 def test_what_a_law_says_of_noisy_pixels_on_the_mean_it_says_of_their_mean(name: str) -> None:
     law, rng = calibrated(name).law, np.random.default_rng(8)

@@ -33,7 +33,7 @@ def made(places: tuple[tuple[float, float, float], ...], tints: Floats, seed: in
     [
         (LAMPS, TINTS, False),
         pytest.param(LAMPS, (TINTS + 1.0) / 2, False, marks=pytest.mark.slow),
-        (FACING, RED_RED_GREEN, True),
+        pytest.param(FACING, RED_RED_GREEN, True, marks=pytest.mark.slow),
         pytest.param(FAR, RED_RED_GREEN, True, marks=pytest.mark.slow),
         (LAMPS, np.full((3, 3), 0.4), True),
     ],

@@ -101,8 +101,8 @@ def test_filled_marks_make_better_slopes() -> None:
     ("folder", "most"),
     [
         ("gelslim3_mcubelab/markerless", 13.0),
-        ("gelslim3_mcubelab/markers", 15.0),
-        ("gelslim_heightmap/dots1", 13.0),
+        pytest.param("gelslim3_mcubelab/markers", 15.0, marks=pytest.mark.slow),
+        pytest.param("gelslim_heightmap/dots1", 13.0, marks=pytest.mark.slow),
     ],
 )
 def test_the_network_for_drawn_lights_reads_real_ones(folder: str, most: float) -> None:

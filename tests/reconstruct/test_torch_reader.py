@@ -33,7 +33,9 @@ def calibrated(name: str, marks: bool = False) -> CalibratedMethod:
     return subtract_background(method, [flat(rng) for _ in range(8)])
 
 
-@pytest.mark.parametrize("name", ["polynomial", "lookup", pytest.param("network", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["polynomial", *(pytest.param(one, marks=pytest.mark.slow) for one in ("lookup", "network"))]
+)
 def test_height_maps_are_those_of_the_plain_path(name: str) -> None:
     plain, torched = (Reconstructor(SENSOR, calibrated(name)) for _ in range(2))
     assert torched.use("cpu")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from benchmarks.shear import LOOKS, shear_errors
 
@@ -14,6 +15,7 @@ def test_markers_give_the_tangential_force_and_say_how_well() -> None:
     assert np.median(rows[:, 0]) < 60
 
 
+@pytest.mark.slow
 def test_a_strong_grain_is_followed_and_a_faint_one_is_not_pretended() -> None:
     strong, faint = shear_errors(LOOKS[2], cases=3, seed=5), shear_errors(LOOKS[0], cases=2, seed=5)
     known = np.isfinite(strong[:, 3])

@@ -21,7 +21,7 @@ colours within .06 of a lamp's main one. Source of the near-light model: Quéau 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -39,6 +39,7 @@ SOFT = 0.05  # of a lamp's light on level gel: rounds off where the surface turn
 STD_OF_BALLS = (0.01, 0.03)  # relative deviation of a ball's pixel, level, and for each unit of slope
 STD_OF_FREE = 0.015  # relative deviation of the untouched picture from the law: ink, vignetting
 ROBUST = 3.0  # deviations beyond which a ball's pixel counts less: shadow, gloss
+MOST_KNOWN = 64  # lamps whose light is kept during the fit: a step and its derivatives
 DARKEST = 0.02  # of the untouched gel's grey level
 FEWEST = 200  # samples of balls, fewer do not tell three lamps
 PRIORS = {  # of ln distance, ln tangent of elevation, ln length, aim; lengths in half widths of the pad
@@ -135,6 +136,7 @@ class _Task:
     free: Floats
     half_mm: float
     count: int = 29
+    known: dict[Lamp, tuple[Floats, Floats]] = field(default_factory=dict)  # a derivative moves one lamp of three
 
     @classmethod
     def of(cls, change: Floats, slopes: Floats, place: Floats, reference: Reference, mm_per_px: Pair) -> _Task:
@@ -180,10 +182,19 @@ class _Task:
             )
         return found[0], found[1], found[2]
 
+    def _light(self, lamp: Lamp) -> tuple[Floats, Floats]:
+        """Its light on the balls (3, n), and upright on the untouched picture, whatever its colour."""
+        plain = replace(lamp, colour=(0.0, 0.0, 0.0))
+        if plain not in self.known:
+            if len(self.known) > MOST_KNOWN:
+                self.known.clear()
+            self.known[plain] = lamp.light(self.x_mm, self.y_mm), lamp.light(self.free_x_mm, self.free_y_mm)[2]
+        return self.known[plain]
+
     def of_balls(self, values: Floats) -> Floats:
         """Misfit (3, n) of the balls' pixels in stated deviations."""
         lamps = self.lamps(values)
-        vectors = np.stack([lamp.light(self.x_mm, self.y_mm) for lamp in lamps])
+        vectors = np.stack([self._light(lamp)[0] for lamp in lamps])
         shares = light_shares(np.array([lamp.colour for lamp in lamps]).T, vectors[:, 2])
         seen = np.einsum("klN,lN->kN", shares, shading(vectors[:, :2] / vectors[:, 2:], *self.slopes))
         std = STD_OF_BALLS[0] + STD_OF_BALLS[1] * np.hypot(*self.slopes)
@@ -193,7 +204,7 @@ class _Task:
         off = self.of_balls(values)
         balls = np.sign(off) * ROBUST * (np.sqrt(1.0 + 2.0 * np.abs(off) / ROBUST) - 1.0)
         lamps = self.lamps(values)
-        light = np.stack([lamp.light(self.free_x_mm, self.free_y_mm)[2] for lamp in lamps])
+        light = np.stack([self._light(lamp)[1] for lamp in lamps])
         x, y, fall_off = self.free_x_mm / self.half_mm, self.free_y_mm / self.half_mm, values[25:]
         lens = fall_off[0] + fall_off[1] * x + fall_off[2] * y + fall_off[3] * (x * x + y * y)
         shown = np.log(np.array([lamp.colour for lamp in lamps]).T @ light) + lens

@@ -29,8 +29,8 @@ from tactilevision.records import Material
 # A glued face (edge 0) is compared while its surface does not fold.
 OTHERS = [
     (NeoHooke(), 0.4797, 0.3, 0.05, (0.15, 0.3), (18.92997, 19.67442)),
-    (NeoHooke(), 0.3, 0.3, 0.05, (0.15, 0.3), (12.22849, 12.66387)),
-    (NeoHooke(), 0.495, 0.3, 0.05, (0.15,), (20.39307,)),
+    pytest.param(NeoHooke(), 0.3, 0.3, 0.05, (0.15, 0.3), (12.22849, 12.66387), marks=pytest.mark.slow),
+    pytest.param(NeoHooke(), 0.495, 0.3, 0.05, (0.15,), (20.39307,), marks=pytest.mark.slow),
     (NeoHooke(), 0.4797, math.inf, 0.0, (0.15, 0.3), (19.43218, 20.18817)),
     (Hencky(), 0.4797, math.inf, 0.0, (0.15, 0.3), (19.86415, 20.94256)),
     (NeoHooke(), 0.3, math.inf, 0.0, (0.15,), (12.4986,)),
@@ -114,6 +114,7 @@ def test_tractions_and_stresses_carry_the_force() -> None:
     assert 0.5 < mean / (solution.force_N[-1] / (math.pi * 4.0)) < 2.5
 
 
+@pytest.mark.slow
 def test_unloading_retraces_without_friction_and_loses_work_with_it() -> None:
     path = [0.1, 0.2, 0.3, 0.2, 0.1]
     smooth = press_to_depths(rough_problem(0.0), path)
