@@ -192,7 +192,7 @@ def _brightest(rgb: Bytes) -> Bytes:
 
 
 def missing_count(missing: Bools) -> Bytes:
-    """How many colours (H, W) are `missing` (3, H, W), no unit."""
+    """Number (H, W) of colours that are `missing`, a mask (3, H, W)."""
     red, green, blue = missing.view(np.uint8)
     return np.asarray(red + green + blue)
 
