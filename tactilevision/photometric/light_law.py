@@ -36,7 +36,11 @@ class LightLaw:
 
     def arrays(self) -> dict[str, Floats]:
         """As they are stored: `terms`, `noise`, and `limits` (share, limit)."""
-        return {"terms": self.terms, "noise": self.noise.astype(np.float64), "limits": np.array([self.share, self.limit])}
+        return {
+            "terms": self.terms,
+            "noise": self.noise.astype(np.float64),
+            "limits": np.array([self.share, self.limit]),
+        }
 
 
 def fit_light_law(contact: Samples, held_out: Floats, *, others: Sequence[ColourLaw]) -> LightLaw | None:

@@ -213,7 +213,9 @@ def measured_light(
     if method.light_law is None:
         return None
     check = LightCheck(method, mm_per_px)
-    shown = [(picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None]
+    shown: list[tuple[Bytes, Ball | None]] = [
+        (picture.rgb, ball) for picture, ball in zip(pictures, balls, strict=True) if ball is not None
+    ]
     shown += [(rgb, None) for rgb in free]
     cells, off, radii = [], [], []
     for rgb, ball in shown:
@@ -240,6 +242,6 @@ def measured_light(
 def _usual_length(off: Planes, known: Bools) -> Planes:
     """Root of the median square (3, h, w) over pictures (n, 3, h, w) where it is `known` (n, 1, h, w)."""
     hidden = np.ma.masked_where(np.broadcast_to(~known, off.shape), np.square(off))
-    square = np.ma.median(hidden, axis=0)
-    usual = np.ma.median(hidden, axis=(0, 2, 3)).filled(0.0)
+    square = np.ma.median(hidden, axis=0)  # type: ignore[no-untyped-call]
+    usual = np.ma.median(hidden, axis=(0, 2, 3)).filled(0.0)  # type: ignore[no-untyped-call]
     return np.asarray(np.sqrt(np.where(np.ma.getmaskarray(square), usual[:, None, None], square.data)), np.float32)
