@@ -48,6 +48,7 @@ from tactilevision.photometric.found_balls import (
 )
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.illumination.drift import solid
+from tactilevision.photometric.light_law import fit_light_law
 from tactilevision.photometric.method import CalibratedMethod
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, fit_two_colours
@@ -108,7 +109,6 @@ def calibrate_from_balls(
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
     best = _best_fit(fit, pressed, resting)
-    two_colours = _two_colours(best, *every)
     background = _measure_background(best.law, change, pictures, balls, mm_per_px)
     light = slope_observability(pressed)
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
@@ -125,8 +125,9 @@ def calibrate_from_balls(
         contact_in_reference_px=contact_px,
     )
     relative = best.slope_error / float(np.sqrt(np.mean(np.sum(pressed.slopes**2, axis=1))))
+    light_law = fit_light_law(pressed, best.held_out, others=best.others)
     return Calibration(
-        CalibratedMethod(best.law, reference, relative, background, card, two_colours),
+        CalibratedMethod(best.law, reference, relative, background, card, _two_colours(best, *every), light_law),
         tuple(balls),
         best.direction_error_deg,
         best.slope_error,

@@ -14,7 +14,14 @@ import numpy.typing as npt
 from tactilevision.photometric.background import BackgroundSums, SlopeBackground, damping, darkness, noise_bias
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.camera_response import response_from_card
-from tactilevision.photometric.illumination.colour_change import ColourChange, Planes, Window, strips
+from tactilevision.photometric.illumination.colour_change import (
+    ColourChange,
+    Planes,
+    Window,
+    missing_count,
+    strips,
+)
+from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
 from tactilevision.photometric.multiresolution import TiledEvaluator, tile_px_for
@@ -37,6 +44,7 @@ class ReferencedMethod(PhotometricMethod, PixelMethod, Protocol):
     background: SlopeBackground | None
     card: MethodCard
     two_colours: TwoColourLaws | None
+    light_law: LightLaw | None
     trusted_blocks: Bools
 
     @property
@@ -62,6 +70,7 @@ class CalibratedMethod:
 
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
     `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
+    `light_law` says which colours slopes should have; None where no ball told it.
     Not thread-safe: buffers are reused; make one for each thread.
     """
 
@@ -71,6 +80,7 @@ class CalibratedMethod:
     background: SlopeBackground | None = None
     card: MethodCard = field(default_factory=MethodCard)
     two_colours: TwoColourLaws | None = None
+    light_law: LightLaw | None = None
 
     def __post_init__(self) -> None:
         self.name = self.law.name
@@ -196,7 +206,7 @@ class CalibratedMethod:
     def _blind(self, window: Window) -> Bools:
         assert self.change.missing is not None
         assert self.change.partly is not None
-        return np.asarray(self.change.missing[:, *window].any(axis=0) & ~self.change.partly[window])
+        return np.asarray((missing_count(self.change.missing[:, *window]) > 0) & ~self.change.partly[window])
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""

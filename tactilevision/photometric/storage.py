@@ -21,8 +21,10 @@ from tactilevision.door.opening import read_bytes
 from tactilevision.errors import InputError
 from tactilevision.files import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
+from tactilevision.photometric.ball.shading_fit import TERMS
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.illumination.light_match import light_of
+from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
 from tactilevision.photometric.method import CalibratedMethod, ReferencedMethod
 from tactilevision.photometric.methods.lookup import CELLS, Lookup
@@ -50,6 +52,9 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "two_colours_coefficients": (COLOURS, 2, len(PRODUCTS), len(POWERS)),
     "two_colours_steepest": (COLOURS,),
     "two_colours_errors": (COLOURS,),
+    "light_terms": (len(TERMS), COLOURS),
+    "light_noise": (COLOURS, 0, 0),
+    "light_limits": (2,),
 }  # sides of each array; 0: any
 
 
@@ -75,6 +80,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         arrays["quiet"] = np.stack([method.background.bias_x, method.background.bias_y, method.background.noise])
     if method.two_colours is not None:
         arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
+    if method.light_law is not None and np.isfinite(method.light_law.limit):
+        arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -138,7 +145,15 @@ def _method(
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
-    return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays))
+    return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays), _light_law(arrays))
+
+
+def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:
+    """The light's law, which files of before, and methods that no ball told, have none of."""
+    if "light_terms" not in arrays:
+        return None
+    share, limit = map(float, arrays["light_limits"])
+    return LightLaw(arrays["light_terms"], share, np.asarray(arrays["light_noise"], np.float32), limit)
 
 
 def _two_colours(arrays: Mapping[str, npt.NDArray[Any]]) -> TwoColourLaws | None:

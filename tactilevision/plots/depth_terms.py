@@ -29,6 +29,8 @@ COLOURS = (
     style.PURPLE,
     style.RED,
     "#4B3A1D",
+    "#8C2D5A",
+    "#101010",
 )
 MIN_SHARE = 0.002  # of the picture: a term that is the largest over less has no entry in the legend
 DEEP = 0.5  # of the greatest depth: what counts as contact for the bars

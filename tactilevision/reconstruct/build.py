@@ -30,6 +30,7 @@ from tactilevision.photometric.illumination.light_match import check_view, light
 from tactilevision.photometric.method import as_referenced
 from tactilevision.photometric.methods.weights import find_model, ready_models
 from tactilevision.photometric.protocols import PhotometricMethod
+from tactilevision.quality.inconsistent_light import measured_light
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch, baseline, some_frames
 from tactilevision.reconstruct.own_contacts import calibrated_on_frames, scale_warning
 from tactilevision.reconstruct.reconstructor import Reconstructor
@@ -124,6 +125,10 @@ def tuned(
         flat = [reader.rectified_map(rgb).depth_mm for rgb in untouched_of(method, free)]
         std_mm = np.round(untouched_std_mm(flat), 6).tolist()
         settled = settled.with_card(dataclasses.replace(settled.card, untouched_std_mm=std_mm))
+    light = measured_light(
+        settled, pictures, balls=calibration.balls, free=untouched_of(settled, free), mm_per_px=sensor.mm_per_px
+    )
+    settled = dataclasses.replace(settled, light_law=light)
     reader = Reconstructor(sensor, settled)
     usual = baseline(reader.match_residuals, [*(picture.rgb for picture in pictures), *free])
     terms = depth_terms_mm(Reconstructor(sensor, settled), pictures, balls=calibration.balls)

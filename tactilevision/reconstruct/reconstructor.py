@@ -11,6 +11,7 @@ from contextlib import suppress
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -27,10 +28,11 @@ from tactilevision.photometric.multiresolution import TiledEvaluator
 from tactilevision.photometric.protocols import PhotometricMethod
 from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.fitness import unfit_warnings
+from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
-from tactilevision.records.flags import DEEPER, add
+from tactilevision.records.flags import DEEPER, INCONSISTENT, add
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 # of the steepest slope that was calibrated: what a blurred picture shows of steeper ones is too little
 READABLE = 0.8
+MIN_CHECKED_MM = 0.08  # mm: in maps that are flatter nothing false is worth the time to look for it
 
 
 class _Turn:
@@ -80,6 +83,8 @@ class Reconstructor:
         self.lean = LEAN
         self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
+        self.light_check: LightCheck | None = None
+        self.inconsistency: Inconsistency | None = None
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -99,8 +104,19 @@ class Reconstructor:
         with self.turn.lock:
             surface, valid, std, flags = self._flagged(rgb)
             drift = self.evidence.drift if self.evidence else None
+            where = self.inconsistency.inconsistent if self.inconsistency else None
         change = drift.normalised_residual if drift else None
-        return HeightMap(surface, valid, self.sensor.mm_per_px, std, time_s, name, flags, colour_change=change)
+        return HeightMap(
+            surface,
+            valid,
+            self.sensor.mm_per_px,
+            std,
+            time_s,
+            name,
+            flags,
+            colour_change=change,
+            inconsistent=where,
+        )
 
     def match_residuals(self, rgb: Bytes) -> tuple[float, ...]:
         """Misfit (no unit) and deviation of the zero plane in mm of a rectified picture (H, W, 3)."""
@@ -118,6 +134,8 @@ class Reconstructor:
         gel = self.sensor.gel
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
+        if self.inconsistency is not None and self.inconsistency.flagged:
+            flags = add(flags, (INCONSISTENT,))
         return surface, valid, std, flags
 
     def _mapped(self, rgb: Bytes) -> Mapped:
@@ -204,8 +222,25 @@ class Reconstructor:
         if self.error is None or self.zero is None:
             return None
         hidden = slopes() if not walls and self.error.too_steep(steepest) else None
-        self.evidence = MapEvidence(self.zero, hidden, walls, drift, lost_share)
+        self.inconsistency = self._check_light(depth, drift)
+        unexplained = self.inconsistency.depth_mm if self.inconsistency else None
+        self.evidence = MapEvidence(self.zero, hidden, walls, drift, lost_share, unexplained)
         return self.error.std_mm(depth, self.evidence)
+
+    def _check_light(self, depth: Planes, drift: Drift | None) -> Inconsistency | None:
+        """What of the frame read last the light does not explain; None of a map too flat to look.
+
+        None, too, of a method whose balls did not tell the light's law: one of before, or by two colours alone.
+        """
+        low, high, *_ = cv2.minMaxLoc(depth)
+        method = self.referenced
+        if method is None or drift is None or max(-low, high) < MIN_CHECKED_MM:
+            return None
+        if method.light_law is None and method.card.balls:
+            return None
+        if self.light_check is None:
+            self.light_check = LightCheck(method, self.sensor.mm_per_px)
+        return self.light_check(drift)
 
     def _walls(self, slopes: SlopeMap, steepest: float) -> list[PunchEdge]:
         """The walls in `slopes`, which are restored there, in place."""
@@ -231,6 +266,7 @@ class Reconstructor:
         """Move the reference towards a rectified picture of the untouched gel by `share` of their difference."""
         if self.referenced:
             self.referenced.follow(rgb, share)
+            self.light_check = None
             if self.elsewhere is not None:
                 self.elsewhere.follow()
 

@@ -11,6 +11,7 @@ REFERENCE = "reference"
 BALLS = "balls"
 DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
+INCONSISTENT = "inconsistent_light"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -22,6 +23,8 @@ MEANING = {
     "elsewhere is extrapolated",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
+    INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "
+    "light that the method does not know; depth that rests on them is uncertain",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 

@@ -61,7 +61,8 @@ class HeightMap:
     what makes the map as a whole doubtful (flags.py).
 
     `colour_change` (h, w), in blocks of the picture, or None: by how many deviations of noise their colours differ
-    from those of untouched gel in today's light.
+    from those of untouched gel in today's light. `inconsistent` (h, w), in cells, or None: where colours are such
+    as no slope has in the light of the method (quality/inconsistent_light.py); None where that was not looked at.
 
     `positions` says what a pixel stands for: "deformed", the place where the camera sees the surface now (every
     map that is read from pictures), or "undeformed", where that piece of the surface lay in the untouched gel
@@ -77,6 +78,7 @@ class HeightMap:
     flags: tuple[str, ...] = ()
     positions: Positions = "deformed"
     colour_change: npt.NDArray[np.floating[Any]] | None = None
+    inconsistent: Bools | None = None
 
     def __post_init__(self) -> None:
         if self.positions not in get_args(Positions):

@@ -1,6 +1,7 @@
 """How far a depth is to be trusted, pixel by pixel: what `HeightMap.std_mm` says.
 
     std^2 = max(scale, leakage) + missing colour + free gel + zero plane + illumination + steep edges + steep slope
+          + inconsistent light
 
 The terms, their equations and limits stand in their own files (`tactilevision.uncertainty`); here they are summed.
 Assumes them to be independent. It is worked out on a grid, as all but edges is smooth.
@@ -45,6 +46,7 @@ TERMS = (
     "illumination",
     "steep edge",
     "steep slope",
+    "inconsistent light",
 )
 
 
@@ -54,7 +56,8 @@ class MapEvidence:
 
     `slopes` (H, W) may be left out where edges were restored, and where none is too steep (`too_steep`); `edges`
     are those that were restored; `drift` is None where the light was not followed. `lost_share` (H, W) is the
-    relative error of a slope where colours are missing, None where none is.
+    relative error of a slope where colours are missing, None where none is. `unexplained_mm` (h, w) is the depth
+    that rests on slopes which the light does not explain (quality/inconsistent_light.py), None where none does.
     """
 
     zero: ZeroPlane
@@ -62,6 +65,7 @@ class MapEvidence:
     edges: Sequence[PunchEdge] = ()
     drift: Drift | None = None
     lost_share: Picture | None = None
+    unexplained_mm: Picture | None = None
 
 
 class DepthError:
@@ -101,6 +105,8 @@ class DepthError:
             total += light
         add_edge_variance(total, evidence.edges, mm_per_point=self._step_mm)
         add_steep_variance(total, few, hidden_mm=self._hidden_mm(few, evidence))
+        if evidence.unexplained_mm is not None:
+            total += self._unexplained(evidence.unexplained_mm, total.shape)
         cv2.sqrt(total, dst=total)
         return np.asarray(cv2.resize(total, depth_mm.shape[::-1], interpolation=cv2.INTER_LINEAR))
 
@@ -133,6 +139,9 @@ class DepthError:
             np.zeros_like(few) if light is None else light,
             edges,
             steep,
+            np.zeros_like(few)
+            if evidence.unexplained_mm is None
+            else self._unexplained(evidence.unexplained_mm, few.shape),
         )
         return {name: np.sqrt(variance) for name, variance in zip(TERMS, variances, strict=True)}
 
@@ -166,6 +175,10 @@ class DepthError:
             return None
         blocks = self.drift.variance(evidence.drift.covariance, evidence.zero)
         return np.asarray(cv2.resize(blocks, shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+    def _unexplained(self, depth_mm: Picture, shape: tuple[int, ...]) -> Picture:
+        """Variance (h, w) mm^2 where depth rests on slopes that the light does not explain: all of that depth."""
+        return np.asarray(np.square(cv2.resize(depth_mm, shape[::-1], interpolation=cv2.INTER_LINEAR)))
 
     def _hidden_mm(self, few: Picture, evidence: MapEvidence) -> float:
         if evidence.edges or evidence.slopes is None:

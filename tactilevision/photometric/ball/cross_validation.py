@@ -160,18 +160,23 @@ def patch_error(slopes: Floats, samples: Samples) -> float:
     Of means over PATCHES of each ball, as depth is a sum over many pixels in which their noise averages out: pixel
     by pixel the best guess is one that reads all slopes too low.
     """
+    patch, count = patches_of(samples)
+    true, off = (
+        np.hypot(*(np.bincount(patch, values) / count for values in many.T))
+        for many in (samples.slopes, slopes - samples.slopes)
+    )
+    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
+
+
+def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The patch (N,) of its ball, out of PATCHES, that each sample is in, by number; samples in each patch."""
     steepness = np.hypot(*samples.slopes.T)
     sector = np.floor(
         (np.arctan2(samples.slopes[:, 1], samples.slopes[:, 0]) / np.pi + 1.0) * PATCHES[0] / 2 * 0.999999
     )
     ring = np.floor(PATCHES[1] * 0.999999 * (steepness / steepness.max()) ** 2)
     _, patch = np.unique(np.stack([samples.press, sector, ring]), axis=1, return_inverse=True)
-    count = np.bincount(patch.ravel())
-    true, off = (
-        np.hypot(*(np.bincount(patch.ravel(), values) / count for values in many.T))
-        for many in (samples.slopes, slopes - samples.slopes)
-    )
-    return float(np.average(off / (true + SLOPE_SOFTENING), weights=count))
+    return patch.ravel(), np.bincount(patch.ravel())
 
 
 def _fit_without(

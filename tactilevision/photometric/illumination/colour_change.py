@@ -100,6 +100,11 @@ class ColourChange:
             fill(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
 
+    @property
+    def measured(self) -> Planes:
+        """The changes (3, H, W) of the frame that `measure` was last called with."""
+        return self._whole
+
     def measure_known(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
         """As `measure`, changes that are not known NaN, and valid (H, W) where two colours are known."""
         changes, drift, valid = self.measure(rgb)
@@ -119,10 +124,10 @@ class ColourChange:
         self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
         bright = rgb.max() >= SATURATED
         if bright:
-            over = np.ascontiguousarray((rgb >= SATURATED).transpose(2, 0, 1))
+            over = np.stack([grey >= SATURATED for grey in cv2.split(rgb)])
             self.missing = over if self.overexposed is None else over | self.overexposed
         if self.missing is not None:
-            self.partly = self.lit_by_two & (np.add.reduce(self.missing, axis=0, dtype=np.uint8) == 1)
+            self.partly = self.lit_by_two & (missing_count(self.missing) == 1)
         if not bright and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
             return drift, self.reference.usable
         brightest = _brightest(rgb)
@@ -182,7 +187,14 @@ class ColourChange:
 
 def _brightest(rgb: Bytes) -> Bytes:
     """Of the three channels (H, W, 3), pixel by pixel."""
-    return np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
+    red, green, blue = cv2.split(rgb)
+    return np.asarray(cv2.max(cv2.max(red, green), blue))
+
+
+def missing_count(missing: Bools) -> Bytes:
+    """Number (H, W) of colours that are `missing`, a mask (3, H, W)."""
+    red, green, blue = missing.view(np.uint8)
+    return np.asarray(red + green + blue)
 
 
 def strips(window: Window) -> Iterator[Window]:

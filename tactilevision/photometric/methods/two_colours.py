@@ -16,7 +16,7 @@ import numpy as np
 from tactilevision.photometric.background import NOISE_LIMIT
 from tactilevision.photometric.ball.cross_validation import FOLDS, Fitter, held_out, patch_error
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import Planes, Window
+from tactilevision.photometric.illumination.colour_change import Planes, Window, missing_count
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Bools, Floats
@@ -102,13 +102,14 @@ class TwoColourReader:
         self.kept_share: list[Picture] = [
             np.asarray(1.0 / (1.0 + (noise / NOISE_LIMIT) ** 2), np.float32) for noise in self.noise
         ]
+        self.clear = [kept > 0.5 for kept in self.kept_share]
 
     def readable(self, missing: Bools, partly: Bools) -> Bools:
         """Where (H, W) two colours tell more than noise; `missing` (3, H, W), `partly` (H, W) as of the change."""
         told = np.zeros(partly.shape, np.bool_)
         for colour in range(COLOURS):
             if self.laws.errors[colour] < UNKNOWN:
-                told |= missing[colour] & partly & (self.kept_share[colour] > 0.5)
+                told |= missing[colour] & partly & self.clear[colour]
         return told
 
     def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
@@ -131,10 +132,12 @@ class TwoColourReader:
 
     def lost_share(self, missing: Bools) -> Picture:
         """Relative error (H, W) of slopes, as colours are `missing` (3, H, W); 0 where none is."""
-        errors = np.zeros(missing.shape[1:], np.float32)
-        for colour in range(COLOURS):
-            errors[missing[colour]] = self.laws.errors[colour]
-        errors[np.add.reduce(missing, axis=0, dtype=np.uint8) > 1] = UNKNOWN
+        errors, count = np.zeros(missing.shape[1:], np.float32), missing_count(missing)
+        box = _box(count > 0)
+        if box is not None:
+            for colour in range(COLOURS):
+                errors[box][missing[colour][box]] = self.laws.errors[colour]
+            errors[box][count[box] > 1] = UNKNOWN
         return errors
 
 
