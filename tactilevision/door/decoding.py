@@ -21,6 +21,7 @@ import numpy.typing as npt
 _STDERR = 2  # the descriptor of the standard error stream
 _MOST_HEARD = 4096  # bytes: one line is enough
 _HARMLESS = re.compile(r"libpng warning|TIFF_Warning|Unknown field|Corrupt JPEG data: \d extraneous bytes|^\s*$")
+_NUMBERS = re.compile(r"[\d.:]+")  # of a line: times differ from one decoding to the next
 _LOCK = Lock()
 
 
@@ -29,13 +30,22 @@ def decode(data: bytes) -> tuple[npt.NDArray[Any] | None, str]:
 
     Colour profiles, unknown fields and fewer than ten stray bytes, as many cameras leave, are no damage.
     """
+    picture, said = _decode(data)
+    if said:  # a decoder repeats itself; another thread's line of progress is heard once
+        again = {_NUMBERS.sub("", line) for line in _decode(data)[1]}
+        said = [line for line in said if _NUMBERS.sub("", line) in again]
+    return None if picture is None else np.asarray(picture), said[0] if said else ""
+
+
+def _decode(data: bytes) -> tuple[npt.NDArray[Any] | None, list[str]]:
+    """The picture, and the lines that were heard meanwhile."""
     with _LOCK, _listening() as words:
         try:
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
             picture = None
-    damage = [line for line in b"".join(words).decode(errors="replace").splitlines() if not _HARMLESS.search(line)]
-    return None if picture is None else np.asarray(picture), damage[0] if damage else ""
+    lines = b"".join(words).decode(errors="replace").splitlines()
+    return picture, [line for line in lines if not _HARMLESS.search(line)]
 
 
 @contextmanager

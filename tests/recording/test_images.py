@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,20 @@ def test_sixteen_bits_are_scaled_by_their_type_alone(tmp_path: Path, suffix: str
     path = save(dark, tmp_path / f"dark{suffix}")
     assert read_image(path).max() == round(4095 / 257)
     assert read_image(path, white_level=4095).min() == 255
+
+
+def test_what_another_thread_says_while_a_picture_is_decoded_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, decoded = save(picture(1), tmp_path / "a.png"), cv2.imdecode
+    said = iter((b"reading, 10 s\n", b"reading, 20 s at p03\n"))
+
+    def overheard(data: npt.NDArray[np.uint8], how: int) -> npt.NDArray[Any]:
+        os.write(2, next(said))
+        return np.asarray(decoded(data, how))
+
+    monkeypatch.setattr("tactilevision.door.decoding.cv2.imdecode", overheard)
+    np.testing.assert_array_equal(read_image(path), picture(1))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
