@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -14,18 +13,10 @@ from calibration.workbench.curve_view import curve_view, tried_view
 from calibration.workbench.frames import Frames, Seen
 from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
+from tactilevision.local_page import Answer
 
 PATIENCE_S = 20.0  # s that a question for news waits for some: a browser gives up after a minute
 QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Bytes of a kind, with headers of their own."""
-
-    kind: str
-    content: bytes
-    headers: Mapping[str, str] = field(default_factory=dict)
 
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:

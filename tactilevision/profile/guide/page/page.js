@@ -12,7 +12,7 @@ async function ask(path, body) {
   const answer = await fetch(path, body === undefined ? {} : {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
   const said = await answer.json();
-  if (!answer.ok) throw new Error(said.fault || "refused");
+  if (!answer.ok) throw new Error(said.error || "refused");
   return said;
 }
 

@@ -1,0 +1,191 @@
+"""A page served on 127.0.0.1 alone, to who knows the token in its address, and to no other page.
+
+A request is answered where its Host is this server's own, its path begins with the token, and a browser says
+that it comes from this page (Origin, Sec-Fetch-Site). The page may load and ask nothing elsewhere
+(Content-Security-Policy). No path that a request names is opened: what is served has one fixed name each.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import parse_qs, urlsplit
+
+from tactilevision.door.documents import parse_json
+from tactilevision.errors import InputError, TactilevisionError
+from tactilevision.files import as_json
+
+LOCALHOST = "127.0.0.1"
+MAX_BODY = 65536  # bytes of a request; an action has less than a thousand
+TIMEOUT_S = 60.0  # s that a browser may take to say what it wants
+POLL_S = 0.05  # s between two looks at whether the page is to close
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Bytes of a kind, with headers of their own."""
+
+    kind: str
+    content: bytes
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+Get = Callable[[str, Mapping[str, str]], "Answer | dict[str, Any] | None"]
+Post = Callable[[str, dict[str, Any]], "Answer | dict[str, Any] | None"]
+
+
+class LocalPage:
+    """The page while it is open.
+
+    `get` takes what stands below the token and the parameters after "?", `post` that and the JSON sent. Either
+    gives an answer, a dictionary that is sent as JSON, or None where there is nothing of that name. What they
+    raise is told: an InputError in its sentence, a KeyError, ValueError or TypeError as a request not understood.
+    """
+
+    def __init__(self, get: Get, post: Post, *, port: int, headers: Mapping[str, str] | None = None) -> None:
+        self.get, self.post, self.headers = get, post, {**HEADERS, **(headers or {})}
+        self.token = secrets.token_urlsafe(24)
+        try:
+            self._server = _Listener((LOCALHOST, port), self)
+        except (OSError, OverflowError) as fault:
+            raise InputError(
+                "the page's port cannot be used", where="--port", value=port, remedy="Name another, or 0."
+            ) from fault
+        self.port = int(self._server.server_address[1])
+        self.hosts = f"{LOCALHOST}:{self.port}", f"localhost:{self.port}"
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(POLL_S,), name="local page", daemon=True
+        )
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds it; who has it may act."""
+        return f"http://{self.hosts[0]}/{self.token}/"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _Listener(ThreadingHTTPServer):
+    """Whoever asks has a thread of their own."""
+
+    daemon_threads = True
+
+    def __init__(self, place: tuple[str, int], page: LocalPage) -> None:
+        self.page = page
+        super().__init__(place, _Handler)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """One request."""
+
+    protocol_version = "HTTP/1.1"
+    timeout = TIMEOUT_S
+    server_version, sys_version = "tactilevision", ""
+    server: _Listener
+
+    def do_GET(self) -> None:
+        parts = urlsplit(self.path)
+        name = self._let_in(parts.path, post=False)
+        if name is not None:
+            asked = {key: values[-1] for key, values in parse_qs(parts.query).items()}
+            self._answer(lambda: self.server.page.get(name, asked))
+
+    def do_POST(self) -> None:
+        name = self._let_in(self.path, post=True)
+        size = self.headers.get("Content-Length", "")
+        if name is None:
+            return
+        if self.headers.get_content_type() != "application/json":
+            self._refuse(403, "an action is sent as application/json")
+        elif not (size.isascii() and size.isdecimal() and int(size) <= MAX_BODY):
+            self._refuse(413, "an action is short")
+        else:
+            body = self.rfile.read(int(size))
+            self._answer(lambda: self.server.page.post(name, parse_json(body, where="the page")))
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 -- the base class names it so
+        """The terminal is for what the user should see."""
+
+    def _let_in(self, path: str, *, post: bool) -> str | None:
+        """What is asked for under the token; None where the request is turned away."""
+        page = self.server.page
+        _, token, *rest = [*path.split("/", 2), "", ""]
+        if not _comes_from_page(self.headers, page.hosts, post=post):
+            self._refuse(403, "this page answers its own requests alone")
+        elif not hmac.compare_digest(token.encode("utf-8", "replace"), page.token.encode()):
+            self._refuse(404, "the address has no token, or another's: open the one that was printed")
+        else:
+            return rest[0]
+        return None
+
+    def _answer(self, make: Callable[[], Answer | dict[str, Any] | None]) -> None:
+        """What was asked for, or what was wrong with the question in one sentence."""
+        try:
+            made = make()
+        except TactilevisionError as fault:
+            self._refuse(409, str(fault))
+        except (KeyError, ValueError, TypeError) as fault:
+            self._refuse(400, f"the request is not understood: {fault}")
+        else:
+            if made is None:
+                self._refuse(404, "there is no such page or action")
+            else:
+                self._send(200, made if isinstance(made, Answer) else _json(made))
+
+    def _refuse(self, status: int, why: str) -> None:
+        self.close_connection = True
+        self._send(status, _json({"error": why}))
+
+    def _send(self, status: int, answer: Answer) -> None:
+        head = {"Content-Type": answer.kind, "Content-Length": str(len(answer.content))}
+        with suppress(OSError):  # the browser has gone
+            self.send_response(status)
+            for name, value in {**self.server.page.headers, **head, **answer.headers}.items():
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(answer.content)
+            return
+        self.close_connection = True
+
+
+def _json(content: dict[str, Any]) -> Answer:
+    return Answer("application/json", as_json(content).encode())
+
+
+def _comes_from_page(headers: Any, hosts: tuple[str, ...], *, post: bool) -> bool:
+    """Whether a request is this page's own, or of a person who opens its address.
+
+    Another site's page is known by its Origin, or by Sec-Fetch-Site; a name that was made to lead here, by Host.
+    """
+    if headers.get("Host") not in hosts:
+        return False
+    if headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
+        return False
+    origin = headers.get("Origin")
+    return origin in [f"http://{host}" for host in hosts] if post or origin is not None else True
