@@ -11,6 +11,8 @@ from typing import ParamSpec, TypeVar
 
 from filelock import FileLock
 
+from tactilevision.photometric.method import as_referenced
+from tactilevision.photometric.storage import save_method
 from tactilevision.reconstruct import Reconstructor, build_reconstructor
 from tactilevision.recording import read_recording
 
@@ -45,3 +47,11 @@ def shared(make: Callable[P, T]) -> Callable[P, T]:
 def sample_reconstructor() -> Reconstructor:
     """The light of the sample gelslim3, calibrated on its own balls."""
     return build_reconstructor(read_recording(SAMPLE), "polynomial")
+
+
+@shared
+def sample_method() -> Path:
+    """That light as `calibrate` keeps it: for commands whose own fitting of it is not what is tested."""
+    method = as_referenced(sample_reconstructor().method)
+    assert method is not None
+    return save_method(method, scenes() / "sample_method.npz")

@@ -123,6 +123,7 @@ def test_a_gel_that_sticks_to_the_ball_lies_inside_the_interval() -> None:
     assert any("may be higher" in line for line in result.assumptions)
 
 
+@pytest.mark.slow
 def test_the_command_reads_a_ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from tactilevision.cli import main
 

@@ -16,7 +16,7 @@ from tactilevision.cli import main
 from tactilevision.recording import read_recording
 
 RIG = Path(__file__).parents[2] / "sample_frames" / "hidden_rig"
-FRAMES = 70  # of 162: a few presses
+FRAMES = 45  # of 162: a few presses
 CALIBRATION: dict[str, Any] = {
     "youngs_modulus_MPa": {"value": 0.2, "std": 0.006, "interval95": [0.188, 0.212], "unit": "MPa"},
     "poisson_ratio": {"value": 0.48, "std": 0.005, "interval95": [0.47, 0.49], "unit": "1"},

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared_scenes import sample_method
 
 from tactilevision.cli import main
 from tactilevision.exports.tiff import write_tiff
@@ -49,7 +50,7 @@ def test_a_frame_is_drawn_compared_exported_and_filmed(tmp_path: Path, monkeypat
         "--export",
         "tiff",
     )
-    assert run(monkeypatch, SAMPLE, "--out", out, *wanted) == 0
+    assert run(monkeypatch, SAMPLE, "--method", sample_method(), "--out", out, *wanted) == 0
     names = {path.name for path in out.iterdir()}
     drawn = {f"00296_{what}.png" for what in ("depth", "surface", "normals", "frame", "terms", "minus_00290")}
     assert drawn | {"00296.vtk", "00296.tiff", "00296.html"} <= names

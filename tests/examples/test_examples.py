@@ -41,6 +41,7 @@ def test_every_example_is_run_here() -> None:
         assert f'"{path.stem}"' in here, path.name
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["height_map"], indirect=True)
 def test_a_frame_becomes_a_map_on_disk(said: str, tmp_path: Path) -> None:
     depth, std = first(r": ([\d.]+) ±", said), first(r"± ([\d.]+) mm", said)
@@ -97,6 +98,7 @@ def test_the_gel_as_a_solid(said: str, tmp_path: Path) -> None:
     assert "*HYPERELASTIC" in (tmp_path / "gel.inp").read_text()
 
 
+@pytest.mark.slow  # the pages run it, too
 @pytest.mark.parametrize("said", ["ros2_node"], indirect=True)
 def test_the_node_answers_the_sample_without_ros(said: str, tmp_path: Path) -> None:
     deepest_um = [first(r"gel_pad, to (\d+) um", line) for line in said.splitlines()]

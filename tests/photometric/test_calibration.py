@@ -110,7 +110,7 @@ def test_a_known_centre_is_taken_as_a_start() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["auto", *(pytest.param(one, marks=pytest.mark.slow) for one in ("lookup", "network", "polynomial"))]
+    "name", ["polynomial", *(pytest.param(one, marks=pytest.mark.slow) for one in ("auto", "lookup", "network"))]
 )
 def test_a_method_survives_the_disk(name: str, tmp_path: Path) -> None:
     method = calibrated(name).method

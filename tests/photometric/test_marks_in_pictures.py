@@ -113,6 +113,7 @@ def test_a_reference_that_is_followed_never_takes_marks_in() -> None:
     assert np.percentile(taken, 99) < 0.1  # a mark would take half
 
 
+@pytest.mark.slow
 def test_marks_survive_the_disk(tmp_path: Path) -> None:
     made = method(np.random.default_rng(1), may_have_marks=True)
     again = load_method(save_method(made, tmp_path / "finger"))

@@ -97,12 +97,13 @@ def test_filled_marks_make_better_slopes() -> None:
     assert calibrated("gelslim3_mcubelab/markerless", True).method.reference.marks is None, "none where none are"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "most"),
     [
         ("gelslim3_mcubelab/markerless", 13.0),
-        pytest.param("gelslim3_mcubelab/markers", 15.0, marks=pytest.mark.slow),
-        pytest.param("gelslim_heightmap/dots1", 13.0, marks=pytest.mark.slow),
+        ("gelslim3_mcubelab/markers", 15.0),
+        ("gelslim_heightmap/dots1", 13.0),
     ],
 )
 def test_the_network_for_drawn_lights_reads_real_ones(folder: str, most: float) -> None:

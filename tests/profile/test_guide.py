@@ -187,6 +187,7 @@ def test_a_label_where_nothing_was_found_becomes_one(page: Guide) -> None:
     np.testing.assert_allclose(found["circle"], true, atol=1.0)
 
 
+@pytest.mark.slow
 def test_train_takes_the_circles_as_drawn_and_writes_a_profile(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

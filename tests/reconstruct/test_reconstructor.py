@@ -216,9 +216,9 @@ def test_threads_that_share_a_reconstructor_get_the_maps_of_one() -> None:
     """Gentle and deep presses in turn, four threads at a time: each map is that of its own picture."""
     reconstructor = sample_reconstructor()
     recording = read_recording(SAMPLE)
-    pictures = [reconstructor.rectified(read_frame(recording, k)) for k in range(80, 120, 4)]
+    pictures = [reconstructor.rectified(read_frame(recording, k)) for k in range(80, 120, 8)]
     alone = [reconstructor.rectified_map(picture).depth_mm.copy() for picture in pictures]
-    turns = [*range(10)] * 6
+    turns = [*range(len(pictures))] * 6
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda k: reconstructor.rectified_map(pictures[k]).depth_mm, turns))
     for k, depth_mm in zip(turns, together, strict=True):
