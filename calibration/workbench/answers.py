@@ -43,13 +43,9 @@ def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The frames of a press, and when each was taken, s after the first."""
+    """The frames of a press, and what its certificate says of them."""
     frames = _frames_of(bench, asked)
-    if frames is None:
-        return {"frames": [], "times": []}
-    numbers = frames.of_press(asked["press"])
-    times = frames.recording.frame_times_s[numbers]
-    return {"frames": numbers, "times": (times - times[0]).tolist() if numbers else []}
+    return {"frames": [], "times": []} if frames is None else frames.view(asked["press"])
 
 
 def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:

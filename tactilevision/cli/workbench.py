@@ -109,7 +109,8 @@ def _frames(taken: Taken) -> Frames | None:
 
     if taken.reconstructor is None or not taken.recording.frame_names:
         return None
-    return Frames(taken.recording, taken.reconstructor)
+    found = taken.certificate
+    return Frames(taken.recording, taken.reconstructor, {} if found is None else found.evidence)
 
 
 def _check_steps(history: History, opened: Opened) -> None:
