@@ -15,7 +15,7 @@ from calibration.workbench.frames import Frames, Seen
 from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
 
-PATIENCE_S = 20.0  # s that a question for news waits for some: a browser gives up after a minute
+PATIENCE_S = 10.0  # s that a question for news waits for some: so long a closed tab is not missed
 QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
 
 
@@ -30,7 +30,7 @@ class Answer:
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     """What stands, once it is other than the version that the page knows."""
-    bench.wait(int(asked.get("since", "0")), PATIENCE_S)
+    bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
     return state_view(bench)
 
 

@@ -60,9 +60,10 @@ def state_view(bench: Bench) -> dict[str, Any]:
 
 
 def _changed(shown: Shown) -> list[str]:
-    if not shown.changed:
-        return []
-    return ["the recording's files have changed since they were read: start the workbench anew to see them"]
+    if shown.tabs == 1:
+        return [shown.changed] * bool(shown.changed)
+    tabs = f"this analysis is open in {shown.tabs} tabs: all show the same state, and each can change it"
+    return [*[shown.changed] * bool(shown.changed), tabs]
 
 
 def _model_number(shown: Shown) -> str:

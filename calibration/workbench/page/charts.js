@@ -155,6 +155,6 @@ function drawTouch(place, found, shown) {
   const upright = (x, colour, dash) => ({ type: "line", yref: "paper", y0: 0, y1: 1, x0: x, x1: x, line: { color: css(colour), width: 2, dash } });
   const touched = found.event_s === null ? [] : [upright(found.event_s, "--bad", "dash")];
   draw(place, [{ x: found.force_s, y: found.force_N, mode: "lines", line: { color: css("--ink"), width: 1.5 } }],
-    layout("after the first frame (s)", "force (N)", { shapes: [...touched, upright(shown, "--last", "solid")],
+    layout("time (s)", "force (N)", { shapes: [...touched, upright(shown, "--last", "solid")],
       annotations: touched.map((one) => ({ x: one.x0, y: 1, yref: "paper", text: "touch", showarrow: false, xanchor: "right", font: { color: css("--bad") } })) }));
 }
