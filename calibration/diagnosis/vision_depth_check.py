@@ -14,6 +14,7 @@ slopes that saturate, a certified depth that forgot how far the gel rises.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import legval
@@ -39,6 +40,7 @@ WALLS = 3  # terms of a face's own error over the depths
 FLATTENING, LOST = "flattening", "lost_in_walls"
 LOST_STD = 0.5  # of what a second ceiling like the method's own would take off a face
 MIN_RISE_STD = 0.005  # of what certified depths have wrong alike, relative
+KEPT = 8  # data sets of which the law's tables are kept: a fit asks at every step
 ZERO_STD_MM = 0.005  # of a height map's zero, where single depths cannot tell it from a gain
 
 
@@ -63,10 +65,8 @@ class Sight(Composable):
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """The seen depth in the force's place."""
-        stated, beside = _stated(data), _open(data)
-        share = np.sum(
-            [v * change for v, (*_, change) in zip(values[-len(beside) :], beside, strict=False)], axis=0
-        )
+        stated, beside = _stated(data), _changes(data)
+        share = np.sum(values[values.size - len(beside) :, None] * beside, axis=0)
         depth = state.depth_mm
         if data.slopes is not None:
             depth = np.where(_beside(data), data.slopes.depth_mm * depth / data.depth_mm, depth)
@@ -114,6 +114,7 @@ def fit_vision_depth(data: Observations) -> Fit | None:
     return None if both is None else refit_with_pure_noise(fit(Model(Sight()), both))
 
 
+@lru_cache(maxsize=16)  # a page says it in several places
 def reading_error_mm(fitted: Fit) -> float:
     """How far the picture reads from certified depths, corrected for the effects in the model alone; rms in mm.
 
@@ -151,6 +152,7 @@ def risen(candidate: Candidate, data: Observations) -> float:
     return float(1 - np.median(left))
 
 
+@lru_cache(maxsize=KEPT)
 def _stated(data: Observations) -> Floats | None:
     """The height map's own std of the face (N,), where it is known throughout; smooth over the depth, since all
     presses share it. 0 for the slopes beside.
@@ -164,11 +166,13 @@ def _stated(data: Observations) -> Floats | None:
     return np.asarray(stated * _of_face(data))
 
 
+@lru_cache(maxsize=KEPT)
 def _of_face(data: Observations) -> Floats:
     """1 for the depth of a face (N,), 0 for a slope beside it."""
     return np.ones(data.size) if data.slopes is None else np.isnan(data.slopes.slope).astype(float)
 
 
+@lru_cache(maxsize=KEPT)
 def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     """What slopes beside a face may be off by besides: a name, its std, and what one of it changes (N,)."""
     slopes = data.slopes
@@ -199,8 +203,15 @@ def _open(data: Observations) -> list[tuple[str, float, Floats]]:
     return [(name, std, np.asarray(change, dtype=float)) for name, std, change in changes]
 
 
+@lru_cache(maxsize=KEPT)
 def _beside(data: Observations) -> Bools:
     return np.asarray(_of_face(data) == 0)
+
+
+@lru_cache(maxsize=KEPT)
+def _changes(data: Observations) -> Floats:
+    """What one of each of those changes, (k, N)."""
+    return np.array([change for *_, change in _open(data)]).reshape(-1, data.size)
 
 
 def _share(name: str, std: float) -> Parameter:

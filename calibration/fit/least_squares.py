@@ -32,7 +32,7 @@ TOO_FEW = (
 MAX_ITERATIONS = 3  # fit, noise, fit, noise, fit: the third changes nothing any more at the sixth digit
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """A model's parameters on these data.
 

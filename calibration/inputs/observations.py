@@ -124,7 +124,7 @@ class Slopes:
         return Slopes(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Observations:
     """All samples of all presses: `press` (N,) the press's index, the other arrays (N,), `force_N` (N, 3).
 
@@ -134,6 +134,7 @@ class Observations:
     but in `indenters`. `reconstructed_mm` (N,): the depth that the picture gives, beside a certified one, and the
     height map's own std of it. `falls`: what it reads of the gel beside. `slopes`: where the samples are such.
     `depth_over_force_noise`: a depth's std over a force's, mm/N, where neither was stated and it was estimated.
+    One is equal to itself alone, so that what follows from it can be kept.
     """
 
     gel: Gel
