@@ -10,8 +10,6 @@ bootstrap that estimates them anew for each draw, then never touch the samples a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -53,9 +51,11 @@ class Product:
         size = np.array([noise.gain, noise.zero_mm]) / noise.scale
         inverse, _ = inverse_beside_one(self.common * size[:, None] * size)
         weight = inverse * size[:, None] * size
-        way = "mrb,mrs,msb->b" if self.rest.ndim == 1 else "mra,mrs,msb->ab"
-        shapes = (self.left.shape, weight.shape, self.right.shape)
-        lost = np.einsum(way, self.left, weight, self.right, optimize=_contraction_path(way, *shapes))
+        right = weight @ self.right
+        if self.rest.ndim == 1:
+            lost = np.sum(self.left * right, axis=(0, 1))
+        else:
+            lost = self.left.reshape(-1, self.left.shape[2]).T @ right.reshape(-1, right.shape[2])
         return np.asarray((self.rest - lost) / noise.scale**2)
 
     def of(self, k: int) -> Product:
@@ -104,9 +104,3 @@ def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
     a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
     return np.array([[1 + d, -b], [-b, 1 + a]]).transpose(2, 0, 1) / volume[:, None, None], volume
-
-
-@cache
-def _contraction_path(way: str, *shapes: tuple[int, ...]) -> Any:
-    """In which order einsum multiplies arrays of these shapes: looked for once, not at every size tried."""
-    return np.einsum_path(way, *(np.empty(shape) for shape in shapes), optimize=True)[0]

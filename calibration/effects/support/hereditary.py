@@ -12,11 +12,14 @@ Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Bools, Floats
+
+KEPT = 8  # data sets of which the rectangle is kept: a fit asks for it at every step
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,7 @@ class Grid:
     step_s: Floats
 
     @staticmethod
+    @lru_cache(maxsize=KEPT)
     def of(data: Observations) -> Grid:
         """One row a press, padded at its end by its last sample; step_s (M, T) from the sample before."""
         first = data.first
