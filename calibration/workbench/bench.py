@@ -205,6 +205,7 @@ class Bench:
             elif action == "sides":
                 self._show(sides=self._side_by_side(value))
             elif action == "export":
+                self._complete()
                 self._show(saved=str(self._export(self._shown, self.opened, self._out)))
             else:
                 self._change(action, value)
@@ -255,6 +256,9 @@ class Bench:
         place = self._place(shown.history)
         self._ask(shown, place)
         try:
+            if shown.now.found.models[-1].material is None:
+                self._show(busy="determining what it says of the gel", since_s=time.monotonic())
+                self._complete()
             if place not in self._suggested:
                 self._show(busy="looking for what stands out", since_s=time.monotonic())
                 if place not in self._looks:
@@ -268,6 +272,11 @@ class Bench:
             self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)
+
+    def _complete(self) -> None:
+        """What the model that stands says of the gel."""
+        kept = self._shown.history
+        self._show(now=self.models.with_gel(kept.left_out, [step.key for step in kept.steps]))
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
         self._looks[place] = table
@@ -299,7 +308,7 @@ class Bench:
         if len(names) != 2:
             return None
         states = [named_state(self._shown.history, name) for name in names]
-        first, second = (self.models.fitted(s.left_out, [step.key for step in s.steps]) for s in states)
+        first, second = (self.models.with_gel(s.left_out, [step.key for step in s.steps]) for s in states)
         return Sides((names[0], names[1]), (first, second))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
