@@ -222,7 +222,7 @@ def _read_anew(seen: Fit, data: Observations | None) -> Fit:
     if data is None:
         raise InputError(
             "its cure is to read the frames anew, and they show none of it or were not read anew",
-            remedy="`tactilevision compare` does, where reference pictures of balls tell the lamps.",
+            remedy="It needs reference pictures of balls, which tell the lamps.",
         )
     begin = fit_vision_depth(data)
     assert begin is not None

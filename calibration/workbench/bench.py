@@ -219,7 +219,7 @@ class Bench:
         fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
         if fitted.refused:
             key, why = fitted.refused[-1]
-            raise InputError(f"{key.replace('_', ' ')} cannot be added: {why}")
+            raise InputError(f"{key.replace('_', ' ')} cannot be added: {why.rstrip('.')}")
         same = self._shown.now is fitted
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
         track = replace(track, now=replace(now, steps=steps))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.inputs.left_out import leave_out
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.tasks.compare import Comparison, Prepared, plain_law, prepare, with_effect, with_gel
 from calibration.workbench.opened import Opened
@@ -36,6 +37,7 @@ class Models:
 
     def __init__(self, opened: Opened, seed: int = 0) -> None:
         self._opened, self._seed = opened, seed
+        self._anew: dict[str, Mapping[str, Observations]] = {}
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
@@ -47,7 +49,7 @@ class Models:
         if place not in self._known:
             if keys:
                 before = self.fitted(place[0], keys[:-1])
-                self._known[place] = _with(before, self._opened.effect(keys[-1]))
+                self._known[place] = self._with(before, self._opened.effect(keys[-1]), place[0])
             else:
                 self._known[place] = self._plain(place[0])
         return self._known[place]
@@ -65,8 +67,12 @@ class Models:
         rng = np.random.default_rng(self._seed)
         return Fitted(plain_law(ready, rng=rng, of_gel=False), ready, rng)
 
-
-def _with(before: Fitted, effect: Effect) -> Fitted:
-    rng = deepcopy(before.rng)
-    found = with_effect(before.found, effect, before.ready, rng=rng, of_gel=False)
-    return Fitted(found, before.ready, rng)
+    def _with(self, before: Fitted, effect: Effect, left_out: Sequence[str]) -> Fitted:
+        rng, ready = deepcopy(before.rng), before.ready
+        asked = str(getattr(effect, "treatment", ""))
+        if asked:
+            if asked not in self._anew:
+                self._anew[asked] = self._opened.read_anew(effect)
+            again = {name: leave_out(data, left_out) for name, data in self._anew[asked].items()}
+            ready = replace(ready, treated={**ready.treated, **again})
+        return Fitted(with_effect(before.found, effect, ready, rng=rng, of_gel=False), ready, rng)

@@ -17,6 +17,7 @@ from tactilevision.cli.analysis import (
     compare_command,
     named_effects,
     observed,
+    treated,
     with_nu,
     write_history,
 )
@@ -101,6 +102,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         frames=tuple(_frames(one) for one in taken),
         warnings=tuple(warning for one in taken for warning in one.recording.warnings),
         marks=marks,
+        read_anew=lambda effect: treated(taken, [effect]),
     )
 
 
