@@ -147,12 +147,12 @@ def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Ste
     from calibration.effects import written
 
     steps = []
-    for before, model in (*pairwise(found.models), *pairwise(found.pictured)):
+    changes = [("N", *pair) for pair in pairwise(found.models)] + [("mm", *pair) for pair in pairwise(found.pictured)]
+    for unit, before, model in changes:
         key = model.effects[-1]
         kept = (effect for effect in model.fitted.model.effects if effect.key == key)
         named = next((written(effect) for effect in kept), key)  # what frames read anew cure is not fitted
         rms, held_out = (before.rms_N, model.rms_N), (before.held_out_N, model.held_out_N)
-        unit = "mm" if model.material is None else "N"
         steps.append(Step(named, files.get(key, ""), *rms, *held_out, model.repeatability_N, unit))
     return steps
 

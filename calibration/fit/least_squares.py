@@ -119,9 +119,9 @@ class Fit:
 
 def quantile95(dof: float) -> float:
     """Student's two-sided 95 % quantile; the widest that is given is that of one degree of freedom."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    return float(t.ppf(0.975, max(dof, 1.0))) if np.isfinite(dof) else 1.959963985
+    return float(stdtrit(max(dof, 1.0), 0.975)) if np.isfinite(dof) else 1.959963985
 
 
 def fit(

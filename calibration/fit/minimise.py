@@ -47,17 +47,20 @@ QUICK = 1e-7  # a tolerance at or above this is content with one-sided derivativ
 def minimise(residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10) -> Minimum:
     """The best of the minima reached from `starts` (s, p), which are moved inside the box.
 
-    A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits.
+    A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits. So are several starts
+    ranked, and the best alone goes on to the last digits.
 
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
     """
-    best: Minimum | None = None
-    for start in np.atleast_2d(starts):
-        found = _descend(residual, _inside(start, box), box, tolerance)
-        if found is not None and (best is None or found.chi2 < best.chi2):
-            best = found
+    places, quick = np.atleast_2d(starts), tolerance
+    if len(places) > 1:
+        quick = max(tolerance, QUICK)
+    tried = [_descend(residual, _inside(start, box), box, quick) for start in places]
+    best = min((one for one in tried if one is not None), key=lambda one: one.chi2, default=None)
+    if best is not None and quick > tolerance:
+        best = _descend(residual, _inside(best.values, box), box, tolerance) or best
     if best is None:
-        raise ConvergenceError(f"least squares found no minimum from {len(np.atleast_2d(starts))} starts")
+        raise ConvergenceError(f"least squares found no minimum from {len(places)} starts")
     return best
 
 

@@ -9,9 +9,8 @@ bootstrap that estimates them anew for each draw, then never touch the samples a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -50,13 +49,19 @@ class Product:
 
     def under(self, noise: Noise) -> Floats:
         """At these sizes, (a, b) or (b,)."""
-        size = np.array([noise.gain, noise.zero_mm]) / noise.scale
-        inverse, _ = inverse_beside_one(self.common * size[:, None] * size)
-        weight = inverse * size[:, None] * size
-        way = "mrb,mrs,msb->b" if self.rest.ndim == 1 else "mra,mrs,msb->ab"
-        shapes = (self.left.shape, weight.shape, self.right.shape)
-        lost = np.einsum(way, self.left, weight, self.right, optimize=_contraction_path(way, *shapes))
-        return np.asarray((self.rest - lost) / noise.scale**2)
+        return np.asarray(self.under_each([noise])[0])
+
+    def under_each(self, noises: Sequence[Noise]) -> Floats:
+        """At the sizes of each, (n, a, b) or (n, b)."""
+        square = _squares(noises)
+        weight = inverse_beside_one(self.common * square)[0] * square
+        right = weight @ self.right
+        if self.rest.ndim == 1:
+            lost = np.sum(self.left * right, axis=(1, 2))
+        else:
+            lost = self.left.reshape(-1, self.left.shape[2]).T @ right.reshape(len(noises), -1, right.shape[3])
+        scale = np.array([noise.scale for noise in noises]).reshape(-1, *[1] * self.rest.ndim)
+        return np.asarray((self.rest - lost) / scale**2)
 
     def of(self, k: int) -> Product:
         """With the k-th column of B alone."""
@@ -87,10 +92,14 @@ class Weighing:
 
     def log_volume(self, noise: Noise) -> float:
         """ln det V, but for the samples' own noise at scale 1."""
-        size = np.array([noise.gain, noise.zero_mm]) / noise.scale
-        _, volumes = inverse_beside_one(self._common * size[:, None] * size)
-        own = 2 * float(self._grid.real.sum()) * np.log(noise.scale) + self._alike.log_volume(self._grid)
-        return float(own + np.sum(np.log(volumes)))
+        return float(self.log_volumes([noise])[0])
+
+    def log_volumes(self, noises: Sequence[Noise]) -> Floats:
+        """The same of each, (n,)."""
+        _, volumes = inverse_beside_one(self._common * _squares(noises))
+        scale = np.array([noise.scale for noise in noises])
+        own = 2 * float(self._grid.real.sum()) * np.log(scale) + self._alike.log_volume(self._grid)
+        return np.asarray(own + np.sum(np.log(volumes), axis=1))
 
     def _weighed(self, columns: Floats) -> Floats:
         table = (columns / self._base[:, None])[self._grid.rows] * self._grid.real[:, :, None]
@@ -98,15 +107,16 @@ class Weighing:
 
 
 def inverse_beside_one(inner: Floats) -> tuple[Floats, Floats]:
-    """(1 + A)^-1 and det(1 + A) for positive A (m, 2, 2): by hand, since sizes that a search only
+    """(1 + A)^-1 and det(1 + A) for positive A (..., 2, 2): by hand, since sizes that a search only
     passes through make A so large that 1 is lost beside it.
     """
-    a, b, d = inner[:, 0, 0], inner[:, 0, 1], inner[:, 1, 1]
+    a, b, d = inner[..., 0, 0], inner[..., 0, 1], inner[..., 1, 1]
     volume = 1 + a + d + np.maximum(a * d - b * b, 0.0)
-    return np.array([[1 + d, -b], [-b, 1 + a]]).transpose(2, 0, 1) / volume[:, None, None], volume
+    inverse = np.stack([1 + d, -b, -b, 1 + a], axis=-1) / volume[..., None]
+    return inverse.reshape(inner.shape), volume
 
 
-@cache
-def _contraction_path(way: str, *shapes: tuple[int, ...]) -> Any:
-    """In which order einsum multiplies arrays of these shapes: looked for once, not at every size tried."""
-    return np.einsum_path(way, *(np.empty(shape) for shape in shapes), optimize=True)[0]
+def _squares(noises: Sequence[Noise]) -> Floats:
+    """Of each, the products of its gain and zero over its scale, (n, 1, 2, 2)."""
+    size = np.array([[noise.gain / noise.scale, noise.zero_mm / noise.scale] for noise in noises])
+    return np.asarray(size[:, None, :, None] * size[:, None, None, :])

@@ -138,12 +138,15 @@ class Alike:
         """The news of columns (M, T, k), white where the columns are such noise."""
         if not self.correlation:
             return table
-        news, expected = np.empty_like(table), np.zeros_like(table[:, 0])
-        for k, (std, gain) in enumerate(zip(self.std, self.gain, strict=True)):
-            new = table[:, k] - expected
-            news[:, k] = new / std
-            expected = self.correlation * (expected + gain * new)
-        return news
+        from scipy.linalg.lapack import dtbtrs
+
+        along = np.ascontiguousarray(table.transpose(0, 2, 1))  # (M, k, T)
+        told, kept = self.correlation * self.gain, self.correlation * (1 - self.gain)
+        begun = np.zeros_like(along)
+        begun[..., 1:] = told[:-1] * along[..., :-1]
+        columns = begun.reshape(-1, self.std.size).T
+        expected, _ = dtbtrs(np.array([np.ones_like(kept), -kept]), columns, uplo="L", diag="U", overwrite_b=True)
+        return np.asarray((along - expected.T.reshape(along.shape)).transpose(0, 2, 1) / self.std[:, None])
 
     def correlate(self, news: Floats) -> Floats:
         """The inverse."""

@@ -11,7 +11,7 @@ keep them from collapsing to 0, and fade as presses are added. Sources: Patterso
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -102,28 +102,32 @@ def far_less(noise: Noise, dof: float) -> bool:
 
 def _likelihood(
     data: Observations, about: Linear, columns: Floats, precision: Floats, alike: Noise
-) -> Callable[[Noise], float]:
-    """-2 log L of any sizes where neighbours are this much alike, for columns [residual | jacobian]."""
+) -> Callable[[Sequence[Noise]], Floats]:
+    """-2 log L (n,) of any sizes where neighbours are this much alike, for columns [residual | jacobian]."""
     weighing = Weighing(data, about, alike)
     taken = weighing.take(columns)
     product = weighing.product(taken, taken)
-    return lambda noise: minus_two_log_likelihood(noise, weighing, product=product, precision=precision)
+    return lambda noises: minus_two_log_likelihood(noises, weighing, product=product, precision=precision)
 
 
-def minus_two_log_likelihood(noise: Noise, weighing: Weighing, *, product: Product, precision: Floats) -> float:
-    """-2 ln L (1) of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
+def minus_two_log_likelihood(
+    noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
+) -> Floats:
+    """-2 ln L (n,) of each of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
 
     `precision` (p, p) is that of the priors, in the parameters' own units.
     """
-    total = product.under(noise)
-    information = total[1:, 1:] + precision
+    total = product.under_each(noises)
     try:
-        root = np.linalg.cholesky(information)
+        root = np.linalg.cholesky(total[:, 1:, 1:] + precision)
     except np.linalg.LinAlgError:
-        return 1e30  # finite, so that a search can step back
-    volume = 2 * float(np.sum(np.log(np.diag(root))))
-    explained = float(np.sum(np.linalg.solve(root, total[1:, 0]) ** 2))
-    return float(weighing.log_volume(noise) + volume + total[0, 0] - explained)
+        if len(noises) == 1:
+            return np.array([1e30])  # finite, so that a search can step back
+        each = [minus_two_log_likelihood([n], weighing, product=product, precision=precision) for n in noises]
+        return np.concatenate(each)
+    volume = 2 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+    explained = np.sum(np.linalg.solve(root, total[:, 1:, :1]) ** 2, axis=(1, 2))
+    return np.asarray(weighing.log_volumes(noises) + volume + total[:, 0, 0] - explained)
 
 
 def prior_cost(logs: Floats, *, trust: float) -> float:
@@ -163,7 +167,7 @@ def newton_move(costs: Floats, size: int) -> Floats:
 
 
 def _best(
-    likelihood: Callable[[Noise], float], first: Noise, shared: bool, finest_N: float
+    likelihood: Callable[[Sequence[Noise]], Floats], first: Noise, shared: bool, finest_N: float
 ) -> tuple[Noise, float]:
     """The likeliest sizes, by Newton's steps downhill: nowhere far enough off for the products to lose all."""
     sizes = [first.scale, first.gain or TYPICAL_GAIN, first.zero_mm or TYPICAL_ZERO_MM]
@@ -171,15 +175,16 @@ def _best(
     offsets = stencil(here.size)
     low = np.log([FINEST if first.stated else finest_N, FINEST, FINEST])[: here.size]
 
-    def cost(logs: Floats) -> float:
-        return likelihood(sized(first, logs)) + prior_cost(logs, trust=first.trust)
+    def cost(*places: Floats) -> Floats:
+        prior = np.array([prior_cost(logs, trust=first.trust) for logs in places])
+        return likelihood([sized(first, logs) for logs in places]) + prior
 
     for _ in range(MAX_STEPS):
-        costs = np.array([cost(here + offset) for offset in offsets])
+        costs = cost(*(here + offsets))
         move = newton_move(costs, here.size)
-        while np.abs(move).max() > CLOSE and cost(here + move) > costs[0]:
+        while np.abs(move).max() > CLOSE and cost(here + move)[0] > costs[0]:
             move = move / 2
         here = np.maximum(here + move, low)
         if np.abs(move).max() <= CLOSE:
             break
-    return sized(first, here), cost(here)
+    return sized(first, here), float(cost(here)[0])

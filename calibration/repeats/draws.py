@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.fit.least_squares import Fit
 from calibration.noise.model import Whitener
-from calibration.repeats.outlying_presses import TAILS, press_dof
+from calibration.repeats.outlying_presses import TAILS, log_student, press_dof
 from tactilevision.records import Floats
 
 NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
@@ -42,14 +42,12 @@ def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Flo
 
 def sample_dof(fitted: Fit) -> float:
     """The likeliest degrees of freedom of white residuals, of unit variance; normal unless it brings its cost."""
-    from scipy.stats import t
-
     white = Whitener(fitted.data, fitted.noise, fitted.about).apply(fitted.residual_N)
     white = white / max(float(np.std(white)), 1e-300)
 
     def likelihood(dof: float) -> float:
         size = float(np.sqrt((dof - 2) / dof))
-        return float(np.sum(t.logpdf(white / size, dof)) - white.size * np.log(size))
+        return float(np.sum(log_student(white / size, dof)) - white.size * np.log(size))
 
     tails = [dof for dof in TAILS if dof > LEAST_DOF]
     best = max(tails, key=likelihood)

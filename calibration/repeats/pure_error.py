@@ -37,7 +37,7 @@ def allow_for_indenters(fitted: Fit) -> Fit:
 
     A test at 5 %: F of the indenters' scatter about the law over the repeats' own.
     """
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     data = fitted.data
     if data.is_curves or HEIGHTS in fitted.model.keys:
@@ -49,7 +49,7 @@ def allow_for_indenters(fitted: Fit) -> Fit:
     if inside.dof < 3 or between < 1:
         return fitted
     own, other = inside.squares / inside.dof, max(fitted.chi2 - inside.squares, 0.0) / between
-    if own <= 0 or f.sf(other / own, between, inside.dof) > 0.05:
+    if own <= 0 or fdtrc(between, inside.dof, other / own) > 0.05:
         return fitted
     ratio = max(other, 1.0)
     warning = (

@@ -27,13 +27,13 @@ def repeatability_band(fitted: Fit, repeatability: float) -> Pair | None:
     (n - 1) s^2/sigma^2 is chi-squared; n - 1 counts the presses less one a group of like ones. Source: Draper and
     Smith, Applied Regression Analysis, ch. 1.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv
 
     groups = repeat_groups(fitted.data)
     dof = fitted.data.count - np.unique(groups).size
     if dof < MIN_DOF or not math.isfinite(repeatability):
         return None
-    low, high = (repeatability * math.sqrt(dof / float(chi2.ppf(p, dof))) for p in (0.975, 0.025))
+    low, high = (repeatability * math.sqrt(dof / 2 / float(gammaincinv(dof / 2, p))) for p in (0.975, 0.025))
     return low, high
 
 

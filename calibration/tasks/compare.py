@@ -40,8 +40,8 @@ class Compared:
     """One model: its effects in the order added, parameters, and rms errors in N.
 
     `percent` is of the largest force, `um` at the median slope of force against depth; `covariates` the residual's
-    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None of the
-    picture's depth, whose errors are in mm in place of N.
+    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None where that
+    was not asked yet, and of the picture's depth, whose errors are in mm in place of N.
     """
 
     name: str
@@ -153,9 +153,19 @@ def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | 
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 
-def plain_law(ready: Prepared, *, rng: np.random.Generator) -> Comparison:
-    """The base law alone, which `with_effect` adds to. Raises InputError where it cannot be fitted."""
-    return Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
+def plain_law(ready: Prepared, *, rng: np.random.Generator, of_gel: bool = True) -> Comparison:
+    """The base law alone, which `with_effect` adds to. Raises InputError where it cannot be fitted.
+
+    `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later.
+    """
+    found = Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
+    return with_gel(found) if of_gel else found
+
+
+def with_gel(found: Comparison) -> Comparison:
+    """The same with what each fit says of the gel."""
+    said = (m if m.material else replace(m, material=determine_material(m.fitted)) for m in found.models)
+    return replace(found, models=tuple(said))
 
 
 def with_effect(
@@ -165,17 +175,21 @@ def with_effect(
     *,
     rng: np.random.Generator,
     deadline: Deadline = NEVER,
+    of_gel: bool = True,
 ) -> Comparison:
-    """One more effect on top of those before; where that cannot be, the same with it named in `left_out`."""
+    """One more effect on top of those before; where that cannot be, the same with it named in `left_out`.
+
+    `of_gel` as for `plain_law`.
+    """
     last = found.models[-1]
     why = "the time was over" if deadline.passed else ""
     try:
         unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
         if not unseen:
             one = evaluate(last.fitted.model + effect, ready.data, rng=rng, on=last.fitted)
-            return replace(
-                found, models=(*found.models, replace(one, effects=(*last.effects, effect.key))), suggested=()
-            )
+            more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
+            longer = replace(found, models=more, suggested=())
+            return with_gel(longer) if of_gel else longer
         if why or (pictured := _in_picture(found.pictured, effect, ready)) is None:
             return replace(found, left_out=(*found.left_out, (effect.key, unseen)))
         return replace(found, pictured=pictured, suggested=())
@@ -208,7 +222,7 @@ def _read_anew(seen: Fit, data: Observations | None) -> Fit:
     if data is None:
         raise InputError(
             "its cure is to read the frames anew, and they show none of it or were not read anew",
-            remedy="`tactilevision compare` does, where reference pictures of balls tell the lamps.",
+            remedy="It needs reference pictures of balls, which tell the lamps.",
         )
     begin = fit_vision_depth(data)
     assert begin is not None
@@ -292,5 +306,4 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
         chi2=fitted.chi2,
         covariates=residual.covariates,
         fitted=fitted,
-        material=determine_material(fitted),
     )

@@ -15,13 +15,13 @@ from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
 from tactilevision.local_page import Answer
 
-PATIENCE_S = 20.0  # s that a question for news waits for some: a browser gives up after a minute
+PATIENCE_S = 10.0  # s that a question for news waits for some: so long a closed tab is not missed
 QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
 
 
 def _state(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
     """What stands, once it is other than the version that the page knows."""
-    bench.wait(int(asked.get("since", "0")), PATIENCE_S)
+    bench.wait(int(asked.get("since", "0")), PATIENCE_S, tab=asked.get("tab", "")[:40])
     return state_view(bench)
 
 
@@ -34,13 +34,9 @@ def _tried(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The frames of a press, and when each was taken, s after the first."""
+    """The frames of a press, and what its certificate says of them."""
     frames = _frames_of(bench, asked)
-    if frames is None:
-        return {"frames": [], "times": []}
-    numbers = frames.of_press(asked["press"])
-    times = frames.recording.frame_times_s[numbers]
-    return {"frames": numbers, "times": (times - times[0]).tolist() if numbers else []}
+    return {"frames": [], "times": []} if frames is None else frames.view(asked["press"])
 
 
 def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:

@@ -21,12 +21,14 @@ from calibration.workbench.changes import Track, change, named_state
 from calibration.workbench.dropping import Dropping
 from calibration.workbench.evidence import Evidence, look, opened_card, with_pictures
 from calibration.workbench.models import Fitted, Models
-from calibration.workbench.opened import Opened, file_marks
+from calibration.workbench.opened import Opened, what_changed
 from calibration.workbench.verdict import Asked, Question, Verdict
 from tactilevision.errors import InputError
 
 BEFOREHAND = 2  # effects that stand out most are fitted before they are asked for: then adding one takes no time
 BACKGROUND, ACTION = "background", "action"
+LOOK_S = 2.0  # s between two looks at the files and the tabs
+GONE_S = 6.0  # s after which a tab that asks nothing is gone
 SLOW_STARTS = 8  # starts of an effect that is not fitted beforehand: many starts take a minute
 Export = Callable[["Shown", Opened, Path], Path]
 
@@ -45,7 +47,8 @@ class Shown:
 
     `busy` what is at work since `since_s` (time.monotonic), and `notice` what the last action came to; `verdict`
     is None, and `asking` what is looked at, while the diagnosis is on its way; `troubled` why there is none;
-    `sides` two states that are held against each other; `weeks` each of several recordings by itself.
+    `sides` two states that are held against each other; `weeks` each of several recordings by itself; `changed`
+    what became of the files since; `tabs` how many of them show the page.
     """
 
     version: int
@@ -60,7 +63,8 @@ class Shown:
     since_s: float = 0.0
     notice: str = ""
     saved: str = ""
-    changed: bool = False
+    changed: str = ""
+    tabs: int = 1
     sides: Sides | None = None
     weeks: tuple[HistoryRow, ...] = ()
 
@@ -96,6 +100,7 @@ class Bench:
         self._looks: dict[tuple[object, ...], tuple[Evidence, ...]] = {}
         self._suggested: dict[tuple[object, ...], tuple[str, ...]] = {}
         self._model_since = 1
+        self._tabs: dict[str, float] = {}
         self._dropping = Dropping()
         self._shown = Shown(1, Track(begin), busy="fitting the plain law", since_s=time.monotonic())
 
@@ -121,11 +126,27 @@ class Bench:
             self._turn.notify_all()
         self._dropping.drop(*((BACKGROUND, ACTION) if action == "stop" else (BACKGROUND,)))
 
-    def wait(self, version: int, seconds: float) -> Shown:
-        """What is shown as soon as it is another than `version`, or after so many seconds."""
+    def wait(self, version: int, seconds: float, *, tab: str = "") -> Shown:
+        """What is shown as soon as it is another than `version`, or after so many s; `tab` names who asks."""
+        until = time.monotonic() + seconds
+        while True:
+            self._look_about(tab)
+            left = until - time.monotonic()
+            with self._turn:
+                if self._turn.wait_for(
+                    lambda: self._shown.version != version or self._ended, min(left, LOOK_S)
+                ) or (left <= LOOK_S):
+                    return self._shown
+
+    def _look_about(self, tab: str) -> None:
+        """Whether the files are as they were read, and in how many tabs the page is open."""
+        changed, now = what_changed(self.opened), time.monotonic()
         with self._turn:
-            self._turn.wait_for(lambda: self._shown.version != version or self._ended, seconds)
-            return self._shown
+            if tab:
+                self._tabs = {one: at for one, at in self._tabs.items() if now - at < GONE_S} | {tab: now}
+            news = (changed, max(len(self._tabs), 1))
+            if news != (self._shown.changed, self._shown.tabs):
+                self._show(changed=changed, tabs=news[1])
 
     def end(self) -> None:
         """Stop working and waiting."""
@@ -184,6 +205,7 @@ class Bench:
             elif action == "sides":
                 self._show(sides=self._side_by_side(value))
             elif action == "export":
+                self._complete()
                 self._show(saved=str(self._export(self._shown, self.opened, self._out)))
             else:
                 self._change(action, value)
@@ -197,16 +219,15 @@ class Bench:
         fitted = self.models.fitted(now.left_out, [step.key for step in now.steps])
         if fitted.refused:
             key, why = fitted.refused[-1]
-            raise InputError(f"{key.replace('_', ' ')} cannot be added: {why}")
+            raise InputError(f"{key.replace('_', ' ')} cannot be added: {why.rstrip('.')}")
         same = self._shown.now is fitted
         steps = tuple(steps_of_comparison(fitted.found, self.opened.files))
         track = replace(track, now=replace(now, steps=steps))
         self._dropping.keep()
         if action != "open":
             self._keep(track.now)
-        changed = bool(self.opened.marks) and file_marks(self.opened.paths) != self.opened.marks
         if same:
-            self._show(track=track, changed=changed)
+            self._show(track=track)
             return
         self._drop_question()
         place = self._place(track.now)
@@ -220,7 +241,6 @@ class Bench:
             asking="",
             troubled="",
             saved="",
-            changed=changed,
             sides=None,
         )
 
@@ -236,6 +256,9 @@ class Bench:
         place = self._place(shown.history)
         self._ask(shown, place)
         try:
+            if shown.now.found.models[-1].material is None:
+                self._show(busy="determining what it says of the gel", since_s=time.monotonic())
+                self._complete()
             if place not in self._suggested:
                 self._show(busy="looking for what stands out", since_s=time.monotonic())
                 if place not in self._looks:
@@ -249,6 +272,11 @@ class Bench:
             self._fit_beforehand(shown)
         except Exception as fault:  # as above
             self._show(notice=str(fault) or type(fault).__name__)
+
+    def _complete(self) -> None:
+        """What the model that stands says of the gel."""
+        kept = self._shown.history
+        self._show(now=self.models.with_gel(kept.left_out, [step.key for step in kept.steps]))
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
         self._looks[place] = table
@@ -280,7 +308,7 @@ class Bench:
         if len(names) != 2:
             return None
         states = [named_state(self._shown.history, name) for name in names]
-        first, second = (self.models.fitted(s.left_out, [step.key for step in s.steps]) for s in states)
+        first, second = (self.models.with_gel(s.left_out, [step.key for step in s.steps]) for s in states)
         return Sides((names[0], names[1]), (first, second))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from tactilevision.certificate.certificate import Evidence
 from tactilevision.errors import InputError
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording, read_frame
-from tactilevision.records import Bytes, HeightMap
+from tactilevision.records import Bytes, Floats, HeightMap
 
+READINGS = 400  # of the force, at most, drawn of one press: more than a screen has places
 KEPT = 64  # height maps held: a scrub back and forth over a press costs nothing
 
 
@@ -26,10 +30,11 @@ class Seen:
 
 @dataclass(slots=True)
 class Frames:
-    """The frames of one recording; one is turned into heights at a time."""
+    """The frames of one recording; one turns into heights at a time. `evidence`: its certificate's, by press."""
 
     recording: Recording
     reconstructor: Reconstructor
+    evidence: Mapping[str, Evidence] = field(default_factory=dict)
     _kept: OrderedDict[int, Seen] = field(default_factory=OrderedDict)
     _turn: threading.Lock = field(default_factory=threading.Lock)
 
@@ -40,6 +45,15 @@ class Frames:
             return []
         times = self.recording.frame_times_s
         return [int(k) for k in np.flatnonzero((times >= row.start_s) & (times <= row.end_s))]
+
+    def view(self, press: str) -> dict[str, Any]:
+        """The frames of a press, s after the first; of its certificate the event, face, bevel and force."""
+        numbers = self.of_press(press)
+        times = self.recording.frame_times_s[numbers]
+        first = float(times[0]) if numbers else 0.0
+        found = {"frames": numbers, "times": (times - first).tolist()}
+        evidence = self.evidence.get(press)
+        return found if evidence is None or not numbers else found | _certified(evidence, times, first)
 
     def see(self, number: int) -> Seen:
         """One frame. Raises InputError for a number that is not there, or a picture that cannot be read."""
@@ -55,3 +69,30 @@ class Frames:
                     self._kept.popitem(last=False)
             self._kept.move_to_end(number)
             return self._kept[number]
+
+
+def _certified(evidence: Evidence, times: Floats, first_s: float) -> dict[str, Any]:
+    """What the certificate says of a press: times (N,) s, after `first_s`; `event` an index of them."""
+    every = slice(None, None, evidence.force_time_s.size // READINGS + 1)
+    touch, depth = evidence.touch, evidence.depth_mm[np.isfinite(evidence.depth_mm)]
+    return {
+        "event": None if touch is None else int(np.argmin(np.abs(times - touch.time_s))),
+        "event_s": None if touch is None else touch.time_s - first_s,
+        "force_s": (evidence.force_time_s[every] - first_s).tolist(),
+        "force_N": evidence.force_N[every, 2].tolist(),
+        "deepest_mm": float(depth.max()) if depth.size else None,
+        **_places(evidence),
+    }
+
+
+def _places(evidence: Evidence) -> dict[str, list[float]]:
+    """Face (x, y, half width, half height) and bevel (x, y, width, height), as shares of the picture."""
+    height, face, bevel = evidence.height_map, evidence.footprint, evidence.bevel_window_mm
+    if height is None or face is None:
+        return {}
+    rows, columns = height.depth_mm.shape
+    size = np.array([columns, rows]) * height.mm_per_px
+    found = {"face": [*(np.array(face.centre_mm) / size + 0.5), *(face.radius_mm / size)]}
+    if bevel is not None:
+        found["bevel"] = [*(np.array(bevel[0]) / size + 0.5), *((np.array(bevel[1]) - bevel[0]) / size)]
+    return {name: [float(one) for one in place] for name, place in found.items()}

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.inputs.left_out import leave_out
+from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
-from calibration.tasks.compare import Comparison, Prepared, plain_law, prepare, with_effect
+from calibration.tasks.compare import Comparison, Prepared, plain_law, prepare, with_effect, with_gel
 from calibration.workbench.opened import Opened
 
 
@@ -36,30 +37,42 @@ class Models:
 
     def __init__(self, opened: Opened, seed: int = 0) -> None:
         self._opened, self._seed = opened, seed
+        self._anew: dict[str, Mapping[str, Observations]] = {}
         self._known: dict[tuple[tuple[str, ...], tuple[str, ...]], Fitted] = {}
 
-    def has(self, left_out: Sequence[str], keys: Sequence[str]) -> bool:
-        """Whether this model is fitted already."""
-        return (tuple(left_out), tuple(keys)) in self._known
-
     def fitted(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
-        """The plain law with these effects in this order. Raises InputError where the law cannot be fitted."""
+        """The plain law with these effects in this order, and at first without what it says of the gel.
+
+        Raises InputError where the law cannot be fitted.
+        """
         place = (tuple(sorted(left_out)), tuple(keys))
         if place not in self._known:
             if keys:
                 before = self.fitted(place[0], keys[:-1])
-                self._known[place] = _with(before, self._opened.effect(keys[-1]))
+                self._known[place] = self._with(before, self._opened.effect(keys[-1]), place[0])
             else:
                 self._known[place] = self._plain(place[0])
         return self._known[place]
+
+    def with_gel(self, left_out: Sequence[str], keys: Sequence[str]) -> Fitted:
+        """The same with what it says of the gel."""
+        quick = self.fitted(left_out, keys)
+        if any(model.material is None for model in quick.found.models):
+            self._known[tuple(sorted(left_out)), tuple(keys)] = replace(quick, found=with_gel(quick.found))
+        return self.fitted(left_out, keys)
 
     def _plain(self, left_out: Sequence[str]) -> Fitted:
         data = leave_out(self._opened.data, left_out)
         ready = prepare(data, bulge=self._opened.bulge, bound=self._opened.bound)
         rng = np.random.default_rng(self._seed)
-        return Fitted(plain_law(ready, rng=rng), ready, rng)
+        return Fitted(plain_law(ready, rng=rng, of_gel=False), ready, rng)
 
-
-def _with(before: Fitted, effect: Effect) -> Fitted:
-    rng = deepcopy(before.rng)
-    return Fitted(with_effect(before.found, effect, before.ready, rng=rng), before.ready, rng)
+    def _with(self, before: Fitted, effect: Effect, left_out: Sequence[str]) -> Fitted:
+        rng, ready = deepcopy(before.rng), before.ready
+        asked = str(getattr(effect, "treatment", ""))
+        if asked:
+            if asked not in self._anew:
+                self._anew[asked] = self._opened.read_anew(effect)
+            again = {name: leave_out(data, left_out) for name, data in self._anew[asked].items()}
+            ready = replace(ready, treated={**ready.treated, **again})
+        return Fitted(with_effect(before.found, effect, ready, rng=rng, of_gel=False), ready, rng)

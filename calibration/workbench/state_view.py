@@ -16,6 +16,7 @@ from calibration.report import wording
 from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, parameter
 from calibration.report.error_fall import error_fall_of_comparison, error_fall_of_picture
 from calibration.report.verdict import in_words
+from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
 from calibration.tasks.history import HistoryRow
 from calibration.workbench.bench import Bench, Shown
@@ -60,9 +61,10 @@ def state_view(bench: Bench) -> dict[str, Any]:
 
 
 def _changed(shown: Shown) -> list[str]:
-    if not shown.changed:
-        return []
-    return ["the recording's files have changed since they were read: start the workbench anew to see them"]
+    if shown.tabs == 1:
+        return [shown.changed] * bool(shown.changed)
+    tabs = f"this analysis is open in {shown.tabs} tabs: all show the same state, and each can change it"
+    return [*[shown.changed] * bool(shown.changed), tabs]
 
 
 def _model_number(shown: Shown) -> str:
@@ -166,19 +168,18 @@ def _range(interval: tuple[float, float] | None, value: float, bounds: tuple[flo
 
 def _material(found: Comparison) -> list[dict[str, str]]:
     """A row a quantity: under the plain law, and now."""
-    first, last = found.models[0].material, found.models[-1].material
-    assert first is not None
-    assert last is not None
     names = (
         ("Young's modulus E", "youngs_modulus"),
         ("Poisson's ratio ν", "poisson_ratio"),
         ("stiffness c", "c"),
         ("slope β", "beta"),
     )
-    return [
-        {"name": title, "before": wording.estimate(getattr(first, n)), "now": wording.estimate(getattr(last, n))}
-        for title, n in names
-    ]
+    first, last = (found.models[k].material for k in (0, -1))
+    return [{"name": title, "before": _of_gel(first, n), "now": _of_gel(last, n)} for title, n in names]
+
+
+def _of_gel(material: CalibrationResult | None, name: str) -> str:
+    return "not determined yet" if material is None else wording.estimate(getattr(material, name))
 
 
 def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
@@ -321,5 +322,5 @@ def _sides(shown: Shown) -> dict[str, Any]:
         ),
     ]
     for title, name in (("E", "youngs_modulus"), ("ν", "poisson_ratio"), ("c", "c"), ("β", "beta")):
-        rows.append((title, *(wording.estimate(getattr(one.material, name)) for one in lasts)))
+        rows.append((title, *(_of_gel(one.material, name) for one in lasts)))
     return {"names": list(shown.sides.names), "rows": [list(row) for row in rows]}

@@ -17,6 +17,7 @@ from tactilevision.cli.analysis import (
     compare_command,
     named_effects,
     observed,
+    treated,
     with_nu,
     write_history,
 )
@@ -101,6 +102,7 @@ def _opened(history: History, private: Sequence[Path] | None) -> Opened:
         frames=tuple(_frames(one) for one in taken),
         warnings=tuple(warning for one in taken for warning in one.recording.warnings),
         marks=marks,
+        read_anew=lambda effect: treated(taken, [effect]),
     )
 
 
@@ -109,7 +111,8 @@ def _frames(taken: Taken) -> Frames | None:
 
     if taken.reconstructor is None or not taken.recording.frame_names:
         return None
-    return Frames(taken.recording, taken.reconstructor)
+    found = taken.certificate
+    return Frames(taken.recording, taken.reconstructor, {} if found is None else found.evidence)
 
 
 def _check_steps(history: History, opened: Opened) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ from calibration.effects.support.private import load_effect, new_effect
 from calibration.inputs.left_out import leave_out, press_names
 from calibration.session import History, load_history
 from calibration.tasks.compare import compare
+from calibration.workbench import bench as bench_module
 from calibration.workbench.bench import Bench
 from calibration.workbench.changes import Track
 from calibration.workbench.curve_view import curve_view, tried_view
+from calibration.workbench.opened import file_marks
 from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
 from tactilevision.files import as_json
@@ -225,3 +228,33 @@ def test_an_effect_of_ones_own_that_fails_is_said_on_its_card(
         assert do(made, "add", key).notice
     assert not made.shown.history.steps
     assert not do(made, "add", "depth_zero").notice, "the page lives on"
+
+
+def test_a_file_that_changes_or_goes_is_said_and_nothing_is_lost(made: Bench, tmp_path: Path) -> None:
+    recording, before = tmp_path / "recording", made.opened
+    recording.mkdir()
+    for name in ("points.csv", "recording.toml"):
+        (recording / name).write_text("1")
+    made.opened = replace(before, paths=(recording,), marks=file_marks([recording]))
+    (recording / "out").mkdir()
+    assert made.wait(0, 0).changed == ""
+    (recording / "points.csv").write_text("12")
+    (recording / "recording.toml").unlink()
+    shown = made.wait(0, 0)
+    assert shown.changed.startswith("recording.toml is gone and points.csv is changed or new since")
+    assert shown.changed in state_view(made)["warnings"]
+    shutil.rmtree(recording)
+    assert "points.csv, recording.toml are gone" in made.wait(0, 0).changed
+    assert len(held_out(made)) == 1, "what was read stands"
+    made.opened = before
+    assert made.wait(0, 0).changed == ""
+
+
+def test_two_tabs_are_said_to_each_and_one_is_not(made: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert made.wait(0, 0, tab="a").tabs == 1
+    before = made.shown.version
+    assert made.wait(0, 0, tab="b").tabs == 2
+    assert made.shown.version > before, "the first tab is told, too"
+    assert "open in 2 tabs" in state_view(made)["warnings"][-1]
+    monkeypatch.setattr(bench_module, "GONE_S", 0.0)
+    assert made.wait(0, 0, tab="a").tabs == 1

@@ -12,11 +12,14 @@ Int. J. Numer. Meth. Eng. 2 (1970) 45 (the recursion).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from calibration.inputs.observations import Ints, Observations
 from tactilevision.records import Bools, Floats
+
+KEPT = 8  # data sets of which the rectangle is kept: a fit asks for it at every step
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,34 +28,37 @@ class Grid:
 
     rows: Ints
     real: Bools
-    step_s: Floats
 
     @staticmethod
+    @lru_cache(maxsize=KEPT)
     def of(data: Observations) -> Grid:
-        """One row a press, padded at its end by its last sample; step_s (M, T) from the sample before."""
+        """One row a press, padded at its end by its last sample."""
         first = data.first
         length = np.diff(np.append(first, data.size))
         offset = np.arange(int(length.max()))
         rows = first[:, None] + np.minimum(offset, (length - 1)[:, None])
-        time = data.time_s[rows]
-        step = np.diff(time, axis=1, prepend=time[:, :1])
-        return Grid(rows, offset < length[:, None], np.maximum(step, 0))
-
-    def flatten(self, table: Floats) -> Floats:
-        """Back from (M, T) to (N,)."""
-        return np.asarray(table[self.real])
+        return Grid(rows, offset < length[:, None])
 
 
 def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
     """q (N,): the part of the elastic force that a Prony term of this time constant has let go of."""
-    grid = Grid.of(data)
-    force = force_N[grid.rows]
-    decay = np.exp(-grid.step_s / tau_s)
-    ratio = grid.step_s / tau_s
+    from scipy.linalg.lapack import dtbtrs
+
+    decay, gain = _step(data, tau_s)
+    news = np.diff(force_N, prepend=0.0) * gain
+    news[data.first] = force_N[data.first]
+    held, _ = dtbtrs(np.array([np.ones(data.size), np.append(-decay[1:], 0)]), news[:, None], uplo="L", diag="U")
+    return np.asarray(force_N - held[:, 0])
+
+
+@lru_cache(maxsize=KEPT)
+def _step(data: Observations, tau_s: float) -> tuple[Floats, Floats]:
+    """What is left of the memory over each step, and of a force that rises straight over it; (N,) each.
+
+    Nothing is left from one press to the next.
+    """
+    ratio = np.maximum(np.diff(data.time_s, prepend=data.time_s[0]), 0) / tau_s
     gain = np.where(ratio > 1e-8, -np.expm1(-ratio) / np.maximum(ratio, 1e-300), 1.0)
-    held = np.empty_like(force)
-    held[:, 0] = force[:, 0]
-    rise = np.diff(force, axis=1) * gain[:, 1:]
-    for k in range(1, force.shape[1]):
-        held[:, k] = held[:, k - 1] * decay[:, k] + rise[:, k - 1]
-    return force_N - grid.flatten(held)
+    decay = np.exp(-ratio)
+    decay[data.first] = 0
+    return decay, gain

@@ -149,3 +149,12 @@ function drawWeeks(place, weeks, name, words) {
     marker: { size: 9, color: css("--last") } }],
   layout("", words, { dragmode: false, xaxis: { type: "category", fixedrange: true }, yaxis: { fixedrange: true } }));
 }
+
+/** The force during a press, where its bevel touches, and the frame that is shown. */
+function drawTouch(place, found, shown) {
+  const upright = (x, colour, dash) => ({ type: "line", yref: "paper", y0: 0, y1: 1, x0: x, x1: x, line: { color: css(colour), width: 2, dash } });
+  const touched = found.event_s === null ? [] : [upright(found.event_s, "--bad", "dash")];
+  draw(place, [{ x: found.force_s, y: found.force_N, mode: "lines", line: { color: css("--ink"), width: 1.5 } }],
+    layout("time (s)", "force (N)", { shapes: [...touched, upright(shown, "--last", "solid")],
+      annotations: touched.map((one) => ({ x: one.x0, y: 1, yref: "paper", text: "touch", showarrow: false, xanchor: "right", font: { color: css("--bad") } })) }));
+}

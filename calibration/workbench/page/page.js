@@ -4,6 +4,7 @@
 const $ = (id) => document.getElementById(id);
 let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null;
 const FIRST = 4;  // cards that are shown at once
+const TAB = Math.random().toString(36).slice(2);  // so that the server can count its tabs
 const drawn = {};
 const open = new Set();
 
@@ -49,7 +50,7 @@ async function act(action, value = "") {
 async function follow() {
   for (;;) {
     try {
-      const news = await ask(`state?since=${state ? state.version : 0}`);
+      const news = await ask(`state?since=${state ? state.version : 0}&tab=${TAB}`);
       state = news;
       seenSince = performance.now() - 1000 * news.busy_s;
       show();
@@ -73,7 +74,7 @@ function show() {
   $("label").disabled = $("export").disabled = !state.components.length;
   if (state.notice) say(state.notice);
   if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh beside it.`));
-  fill("warnings", state.warnings.map((text) => h("li", {}, text)));
+  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
   tick();
   part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
   part("falls", state.falls, showFalls);

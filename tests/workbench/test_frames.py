@@ -1,0 +1,49 @@
+"""What the page is told of the frames of a press."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.workbench.frames import Frames
+from tactilevision.certificate.certificate import Evidence
+from tactilevision.certificate.touch.contact_event import ContactEvent
+from tactilevision.contact.bevel_onset import Onset
+from tactilevision.records import Footprint, HeightMap
+
+
+def frames(touch_s: float | None) -> Frames:
+    """Ten frames a tenth of a second apart, one press of the last six, a face 1 mm right of the middle."""
+    press = SimpleNamespace(press="p1", start_s=0.35, end_s=0.95)
+    recording: Any = SimpleNamespace(
+        name="made", presses=(press,), frame_times_s=np.arange(10) / 10, frame_names=("f",) * 10
+    )
+    height = HeightMap(np.zeros((40, 80)), np.ones((40, 80), bool), mm_per_px=(0.1, 0.1))
+    face = Footprint(np.ones((40, 80), bool), (1.0, 0.0), 0.0, 2.0, 0.0, (0.0, 0.0), 0.0, 0.3, 0.0, 0.0)
+    onset: Any = Onset
+    evidence = Evidence(
+        press="p1", frame_index=5, frame_name="f", footprint=face, height_map=height,
+        bevel_window_mm=((3.0, -1.0), (3.4, 1.0)), time_s=np.arange(4, 10) / 10, depth_mm=np.linspace(0, 0.5, 6),
+        signal_mm=None, touch=None if touch_s is None else ContactEvent(touch_s, 0.01, 0.2, "height", onset),
+        event_s=0.6, force_time_s=np.arange(1200) / 1200, force_N=np.ones((1200, 3)),
+    )  # fmt: skip
+    return Frames(recording, onset, {"p1": evidence})
+
+
+def test_the_certificates_event_face_and_bevel_are_told_in_shares_of_the_picture() -> None:
+    found = frames(0.63).view("p1")
+    assert found["frames"] == [4, 5, 6, 7, 8, 9]
+    assert found["event"] == 2
+    assert found["event_s"] == pytest.approx(0.23)
+    assert found["face"] == pytest.approx([0.625, 0.5, 0.25, 0.5])
+    assert found["bevel"] == pytest.approx([0.875, 0.25, 0.05, 0.5])
+    assert found["deepest_mm"] == 0.5
+    assert len(found["force_s"]) == len(found["force_N"]) <= 400
+
+
+def test_without_a_sure_touch_there_is_no_event_and_without_evidence_only_frames() -> None:
+    assert frames(None).view("p1")["event"] is None
+    assert frames(None).view("p2") == {"frames": [], "times": []}
