@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
 UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
 LONGEST_LABEL = 80  # letters of a state's name: one line of a page
+MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
 
 
@@ -147,7 +148,9 @@ def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Ste
     from calibration.effects import written
 
     steps = []
-    changes = [("N", *pair) for pair in pairwise(found.models)] + [("mm", *pair) for pair in pairwise(found.pictured)]
+    changes = [("N", *pair) for pair in pairwise(found.models)] + [
+        ("mm", *pair) for pair in pairwise(found.pictured)
+    ]
     for unit, before, model in changes:
         key = model.effects[-1]
         kept = (effect for effect in model.fitted.model.effects if effect.key == key)
@@ -204,8 +207,8 @@ def _step(row: dict[str, Any]) -> Step:
 
 
 def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise TypeError(f"{value!r} is no seed")
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEED:
+        raise TypeError(f"{str(value)[:30]} is no seed")
     return value
 
 

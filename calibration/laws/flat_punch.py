@@ -100,11 +100,13 @@ class FlatPunch(Composable):
 
 def _per_modulus(state: State, poisson_ratio: float, sticking: float) -> Floats:
     """Force over depth at E = 1 MPa, of a sharp edge and of the edge as it is, (2, N) in N/mm."""
-    return np.array([
-        where.factor
-        * punch_stiffness(1.0, poisson_ratio, radius_mm=where.radius_mm, thickness_mm=where.thickness_mm)
-        for where in (state, on_its_edge(state, poisson_ratio, sticking=sticking))
-    ])  # fmt: skip
+    return np.array(
+        [
+            where.factor
+            * punch_stiffness(1.0, poisson_ratio, radius_mm=where.radius_mm, thickness_mm=where.thickness_mm)
+            for where in (state, on_its_edge(state, poisson_ratio, sticking=sticking))
+        ]
+    )
 
 
 @lru_cache(maxsize=KEPT)

@@ -28,7 +28,7 @@ Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="
 Private = Annotated[
     list[Path] | None, typer.Option("--effect", metavar="FILE.py", help="An effect of your own; the file is run.")
 ]
-Seed = Annotated[int, typer.Option(help="Of the bootstrap and the permutations.")]
+Seed = Annotated[int, typer.Option(min=0, max=10**9, help="Of the bootstrap and the permutations.")]
 LeftOut = Annotated[
     list[str] | None, typer.Option("--leave-out", metavar="PRESS", help="A press that is not fitted (repeatable).")
 ]

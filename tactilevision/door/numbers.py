@@ -43,6 +43,8 @@ def check_numbers(values: npt.NDArray[np.number], *, what: str, where: object) -
 
     NaN passes: whether a gap may be there is for the reader to say.
     """
+    if values.dtype in (np.int64, np.uint64):
+        values = values.astype(np.float64)
     if values.dtype.kind == "f":
         largest = np.abs(values).max(initial=0.0, where=~np.isnan(values))
         check(float(largest), "MAX_NUMBER", what=what, where=where)

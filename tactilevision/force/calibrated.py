@@ -62,6 +62,7 @@ def material_of(content: Mapping[str, Any], *, where: object) -> Material:
     covariance = _covariance(content, where)
     if covariance is None:
         covariance = np.diag([modulus_std**2, poisson_std**2])
+    check_numbers(covariance, what="the covariance of E and nu", where=where)
     incompressible = MAX_POISSON < poisson <= 0.5
     return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
 
@@ -161,7 +162,6 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
         return None
     if not np.isfinite(matrix).all():
         return None
-    check_numbers(matrix, what="the covariance of E and nu", where=path)
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
         raise InputError(
             "the covariance of E and nu is none: no deviations have it",

@@ -136,8 +136,9 @@ def _method(
 ) -> CalibratedMethod:
     for name, array in arrays.items():
         _check_array(name, array, path)
-    if arrays["usable"].shape != arrays["reference"].shape[:2]:
-        raise InputError("the method's reference is of two sizes", where=path, value=arrays["usable"].shape)
+    size = arrays["usable"].shape
+    if size != arrays["reference"].shape[:2] or min(size) < 2:
+        raise InputError("the method's reference is of two sizes, or a line", where=path, value=size)
     if arrays["reference"].min() < 0 or arrays["reference"].max() > 255 or arrays["noise_grey"].min() <= 0:
         raise InputError("the method's reference holds grey levels that no picture has", where=path)
     red, green, blue = (float(value) for value in arrays["noise_grey"])
@@ -145,6 +146,8 @@ def _method(
     reference = Reference(arrays["reference"], (red, green, blue), arrays["usable"].astype(bool), marks)
     background = SlopeBackground(*arrays["quiet"]) if "quiet" in arrays else None
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
+    if error < 0:
+        raise InputError("the method's relative error is negative", where=path, value=error)
     return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays), _light_law(arrays))
 
 

@@ -25,11 +25,20 @@ def frames(touch_s: float | None) -> Frames:
     face = Footprint(np.ones((40, 80), bool), (1.0, 0.0), 0.0, 2.0, 0.0, (0.0, 0.0), 0.0, 0.3, 0.0, 0.0)
     onset: Any = Onset
     evidence = Evidence(
-        press="p1", frame_index=5, frame_name="f", footprint=face, height_map=height,
-        bevel_window_mm=((3.0, -1.0), (3.4, 1.0)), time_s=np.arange(4, 10) / 10, depth_mm=np.linspace(0, 0.5, 6),
-        signal_mm=None, touch=None if touch_s is None else ContactEvent(touch_s, 0.01, 0.2, "height", onset),
-        event_s=0.6, force_time_s=np.arange(1200) / 1200, force_N=np.ones((1200, 3)),
-    )  # fmt: skip
+        press="p1",
+        frame_index=5,
+        frame_name="f",
+        footprint=face,
+        height_map=height,
+        bevel_window_mm=((3.0, -1.0), (3.4, 1.0)),
+        time_s=np.arange(4, 10) / 10,
+        depth_mm=np.linspace(0, 0.5, 6),
+        signal_mm=None,
+        touch=None if touch_s is None else ContactEvent(touch_s, 0.01, 0.2, "height", onset),
+        event_s=0.6,
+        force_time_s=np.arange(1200) / 1200,
+        force_N=np.ones((1200, 3)),
+    )
     return Frames(recording, onset, {"p1": evidence})
 
 

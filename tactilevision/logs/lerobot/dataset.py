@@ -103,6 +103,8 @@ def _episodes(root: Path, camera: str, is_video: bool) -> tuple[Episode, ...]:
     for name in episode_files(root):
         for batch in parts(place_in(root, name), names):
             for row in zip(*(batch.column(key).to_pylist() for key in names), strict=True):
+                if None in row:
+                    raise InputError("an episode's number is missing", where=root / name, value=str(row)[:80])
                 number, length, chunk, file, *video = row
                 at, from_s = ((video[0], video[1]), video[2]) if video else ((0, 0), 0.0)
                 found.append(Episode(number, length, (chunk, file), at, from_s))

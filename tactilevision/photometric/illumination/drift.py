@@ -75,6 +75,8 @@ class DriftTracker:
         self.px = tile_px_of(reference)
         share = cv2.resize(reference.usable.astype(np.float32), self.size, interpolation=cv2.INTER_AREA)
         self.usable = (share > 0.5).ravel()
+        if not self.usable.any():
+            raise InputError("no part of the reference is bright enough and free of marks", where="the reference")
         noise = np.asarray(reference.noise_grey)[:, None]
         self.noise = np.sqrt(noise**2 / block**2 + COMPRESSED_GREY**2)  # of a block's mean
         x, y = np.meshgrid(_centres(self.size[0], width), _centres(self.size[1], height))
