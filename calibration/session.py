@@ -147,7 +147,9 @@ def steps_of_comparison(found: Comparison, files: Mapping[str, str]) -> list[Ste
     from calibration.effects import written
 
     steps = []
-    changes = [("N", *pair) for pair in pairwise(found.models)] + [("mm", *pair) for pair in pairwise(found.pictured)]
+    changes = [("N", *pair) for pair in pairwise(found.models)] + [
+        ("mm", *pair) for pair in pairwise(found.pictured)
+    ]
     for unit, before, model in changes:
         key = model.effects[-1]
         kept = (effect for effect in model.fitted.model.effects if effect.key == key)

@@ -113,7 +113,7 @@ def _likelihood(
 def minus_two_log_likelihood(
     noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
 ) -> Floats:
-    """-2 ln L (n,) of each of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
+    """-2 ln L (n,) of each of these sizes, but for a constant, from the `product` of [residual | jacobian].
 
     `precision` (p, p) is that of the priors, in the parameters' own units.
     """
