@@ -8,20 +8,30 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from calibration.inputs.gather import observe_all
 from calibration.inputs.observations import Measured
 from calibration.session import History
 from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.curve_view import curve_view
+from calibration.workbench.frames import Frames
 from calibration.workbench.models import Models
 from calibration.workbench.opened import Opened
 from calibration.workbench.state_view import state_view
+from tactilevision.files import as_json
+from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import read_recording
 
-SAMPLE = Path(__file__).parents[1] / "sample_frames" / "hidden_material"
+SAMPLES = Path(__file__).parents[1] / "sample_frames"
+SAMPLE = SAMPLES / "hidden_material"
+PICTURES = SAMPLES / "hidden_rig"  # frames for the slider
+MANY = 10_000  # frames of one press, at the times of a camera of 100 a second
 MISSING = "viscoelasticity"  # hidden in the sample
+QUICK = "depth_zero"  # not in it
 PATIENT = 10  # times that what takes no time is done
 
 
@@ -31,7 +41,9 @@ def main() -> None:
     sample = opened()
     models = Models(sample)
     timed("plain law fitted: the first waterfall", lambda: models.fitted((), ()))
-    timed("effect added that was not fitted beforehand", lambda: models.fitted((), (MISSING,)))
+    for key in (MISSING, QUICK):
+        timed(f"{key} added, not fitted beforehand: the error falls", lambda key=key: models.fitted((), (key,)))
+    timed("and what it says of the gel", lambda: models.with_gel((), (MISSING,)))
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(
             sample, History(("sample",)), export=no_export, keep=lambda _: None, out=Path(folder), asks=False
@@ -42,6 +54,19 @@ def main() -> None:
         for action in ("add", "undo", "redo"):
             timed(f"{action}, once it was fitted", lambda action=action: act(bench, action))
         timed("state and curves made for the page, each time", lambda: views(bench), PATIENT)
+    scrubbed()
+
+
+def scrubbed() -> None:
+    """Move through a press of many frames: what the page is told of them, then frames far apart."""
+    recording = read_recording(PICTURES)
+    press = replace(recording.presses[0], start_s=0.0, end_s=MANY / 100)
+    names = [recording.frame_names[k % len(recording.frame_names)] for k in range(MANY)]
+    long = replace(recording, presses=(press,), frame_names=tuple(names), frame_times_s=np.arange(MANY) / 100)
+    frames, numbers = Frames(long, build_reconstructor(recording)), iter(range(0, MANY, 97))
+    timed(f"what the page is told of a press of {MANY} frames", lambda: as_json(frames.view(press.press)), PATIENT)
+    timed("a small picture while the slider moves", lambda: frames.small(next(numbers)), PATIENT)
+    timed("a frame with its height map where it rests", lambda: frames.see(next(numbers)), PATIENT)
 
 
 def opened() -> Opened:

@@ -47,8 +47,8 @@ QUICK = 1e-7  # a tolerance at or above this is content with one-sided derivativ
 def minimise(residual: Residual, starts: Floats, *, box: Box, tolerance: float = 1e-10) -> Minimum:
     """The best of the minima reached from `starts` (s, p), which are moved inside the box.
 
-    A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits. So are several starts
-    ranked, and the best alone goes on to the last digits.
+    A tolerance of QUICK or more halves the work: enough to rank models, not to certify digits. So are several
+    starts ranked, and the best alone goes on to the last digits.
 
     Raises ConvergenceError where no start leads to a minimum, InputError where a start gives no finite residual.
     """

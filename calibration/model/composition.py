@@ -124,7 +124,7 @@ def _limit(start: Floats, once: Floats, twice: Floats) -> Floats:
 
 @lru_cache(maxsize=KEPT)
 def rest_state(data: Observations) -> State:
-    """The state before the first stage: everything as it was read or stated; always the same one of the same data."""
+    """The state before the first stage: everything as it was read or stated; of the same data the same one."""
     ones, zeros = np.ones(data.size), np.zeros(data.size)
     thickness = np.full(data.size, data.gel.thickness_mm)
     for array in (ones, zeros, thickness):

@@ -113,9 +113,9 @@ def _likelihood(
 def minus_two_log_likelihood(
     noises: Sequence[Noise], weighing: Weighing, *, product: Product, precision: Floats
 ) -> Floats:
-    """-2 ln L (n,) of each of these sizes, but for a constant, from the `product` of [residual | jacobian] with itself.
+    """-2 ln L (n,) of each of these sizes, dimensionless, from the `product` of [residual | jacobian].
 
-    `precision` (p, p) is that of the priors, in the parameters' own units.
+    A constant is left out. `precision` (p, p) is that of the priors, in the parameters' own units.
     """
     total = product.under_each(noises)
     try:
@@ -177,7 +177,7 @@ def _best(
 
     def cost(*places: Floats) -> Floats:
         prior = np.array([prior_cost(logs, trust=first.trust) for logs in places])
-        return likelihood([sized(first, logs) for logs in places]) + prior
+        return np.asarray(likelihood([sized(first, logs) for logs in places]) + prior)
 
     for _ in range(MAX_STEPS):
         costs = cost(*(here + offsets))

@@ -40,8 +40,8 @@ class Compared:
     """One model: its effects in the order added, parameters, and rms errors in N.
 
     `percent` is of the largest force, `um` at the median slope of force against depth; `covariates` the residual's
-    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None where that
-    was not asked yet, and of the picture's depth, whose errors are in mm in place of N.
+    dependence on everything recorded, the most telling first. `material` what the fit says of the gel; None where
+    that was not asked yet, and of the picture's depth, whose errors are in mm in place of N.
     """
 
     name: str

@@ -10,10 +10,11 @@ import numpy as np
 
 from calibration.workbench.bench import Bench
 from calibration.workbench.curve_view import curve_view, tried_view
-from calibration.workbench.frames import Frames, Seen
+from calibration.workbench.frames import Frames
 from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
 from tactilevision.local_page import Answer
+from tactilevision.records import Bytes
 
 PATIENCE_S = 10.0  # s that a question for news waits for some: so long a closed tab is not missed
 QUALITY = 85  # of a JPEG that is looked at; nothing is measured on it
@@ -40,24 +41,32 @@ def _frames(bench: Bench, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _picture(bench: Bench, asked: Mapping[str, str]) -> Answer:
-    bgr = cv2.cvtColor(_seen(bench, asked).rgb, cv2.COLOR_RGB2BGR)
+    return _jpeg(_of_recording(bench, asked).see(int(asked["number"])).rgb)
+
+
+def _small(bench: Bench, asked: Mapping[str, str]) -> Answer:
+    return _jpeg(_of_recording(bench, asked).small(int(asked["number"])))
+
+
+def _jpeg(rgb: Bytes) -> Answer:
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     return Answer("image/jpeg", cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
 
 
 def _height(bench: Bench, asked: Mapping[str, str]) -> Answer:
     """The height map row by row as 4-byte numbers, mm; NaN where nothing is known."""
-    height = _seen(bench, asked).height
+    height = _of_recording(bench, asked).see(int(asked["number"])).height
     depth = np.where(height.valid, height.depth_mm, np.nan).astype("<f4")
     rows, columns = depth.shape
     about = {"X-Rows": str(rows), "X-Columns": str(columns), "X-Mm-Per-Px": f"{height.mm_per_px[0]:.6g}"}
     return Answer("application/octet-stream", depth.tobytes(), about)
 
 
-def _seen(bench: Bench, asked: Mapping[str, str]) -> Seen:
+def _of_recording(bench: Bench, asked: Mapping[str, str]) -> Frames:
     frames = _frames_of(bench, asked)
     if frames is None:
         raise InputError("this recording has no frames", where="workbench")
-    return frames.see(int(asked["number"]))
+    return frames
 
 
 def _frames_of(bench: Bench, asked: Mapping[str, str]) -> Frames | None:
@@ -73,5 +82,6 @@ ANSWERS: Mapping[str, Callable[[Bench, Mapping[str, str]], Answer | dict[str, An
     "tried": _tried,
     "frames": _frames,
     "picture": _picture,
+    "small": _small,
     "height": _height,
 }

@@ -24,7 +24,8 @@ class Opened:
     `paths` of the recordings; `data` all accepted presses; `bulge` and `bound` what is known of nu; `private`
     effects of the user's own and the `files` that they stand in, by key; `frames` where a recording has pictures;
     `marks` what the files were when they were read; `read_anew` all presses by the treatment that an effect of the
-    picture asks for, none where frames show nothing of it; `listed` the effects that are looked for beside one's own.
+    picture asks for, none where frames show nothing of it; `listed` the effects that are looked for beside one's
+    own.
     """
 
     paths: tuple[Path, ...]

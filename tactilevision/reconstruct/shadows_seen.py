@@ -46,12 +46,8 @@ def with_shadows(
     if lamps is None:
         return reader
     field = undo_by(reader, lamps)
-    shares = [
-        shadow_share(field, rgb, reference=method.reference.rgb, depth_mm=reader.rectified_map(rgb).depth_mm)
-        for rgb in deepest
-    ]
-    known = [share for share in shares if np.isfinite(share)]
-    if known and np.median(known) > SEEN_SHARE:
+    pictures = [(rgb, reader.rectified_map(rgb).depth_mm) for rgb in deepest]
+    if shadow_share(field, pictures, reference=method.reference.rgb) > SEEN_SHARE:  # no share is no shadow
         reader.warnings += (SAID,)
     else:
         leave(reader)

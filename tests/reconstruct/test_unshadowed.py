@@ -77,11 +77,11 @@ def test_shadows_are_looked_for_before_they_are_undone() -> None:
     assert any("--no-shadows" in line for line in reader.warnings)
     reference = reader.referenced.reference.rgb
     shaded = read_frame(read_recording(SAMPLE), 8).rgb
-    assert shadow_share(reader.shadows, shaded, reference=reference, depth_mm=drawn_mm(8)) > 0.5
+    assert shadow_share(reader.shadows, [(shaded, drawn_mm(8))], reference=reference) > 0.5
     direct = read_image(UNSHADOWED)
-    assert abs(shadow_share(reader.shadows, direct, reference=reference, depth_mm=drawn_mm(8))) < 0.1
+    assert abs(shadow_share(reader.shadows, [(direct, drawn_mm(8))], reference=reference)) < 0.1
     level = np.zeros(shaded.shape[:2])
-    assert np.isnan(shadow_share(reader.shadows, shaded, reference=reference, depth_mm=level))
+    assert np.isnan(shadow_share(reader.shadows, [(shaded, level)], reference=reference))
 
 
 def test_a_flat_gel_dims_nothing_and_a_wall_dims_the_side_away_from_the_lamp() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from calibration.workbench.frames import Frames
+from calibration.workbench.frames import KEPT, Frames
 from tactilevision.certificate.certificate import Evidence
 from tactilevision.certificate.touch.contact_event import ContactEvent
 from tactilevision.contact.bevel_onset import Onset
+from tactilevision.errors import InputError
+from tactilevision.files import as_json
 from tactilevision.records import Footprint, HeightMap
 
 
@@ -56,3 +59,26 @@ def test_the_certificates_event_face_and_bevel_are_told_in_shares_of_the_picture
 def test_without_a_sure_touch_there_is_no_event_and_without_evidence_only_frames() -> None:
     assert frames(None).view("p1")["event"] is None
     assert frames(None).view("p2") == {"frames": [], "times": []}
+
+
+def test_ten_thousand_frames_are_told_at_once_and_read_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, many = frames(None), 10_000
+    made.recording.frame_times_s = np.arange(many) / 100  # type: ignore[misc]
+    made.recording.frame_names = ("f",) * many  # type: ignore[misc]
+    made.recording.presses[0].end_s = 1e9  # type: ignore[misc]
+    began = time.process_time()
+    found = as_json(made.view("p1"))
+    assert time.process_time() - began < 0.5
+    assert len(found) < 300_000, "bytes that the page is sent of a press"
+    read: list[int] = []
+    monkeypatch.setattr("calibration.workbench.frames.read_frame", lambda _, number: read.append(number))
+    made.reconstructor = SimpleNamespace(
+        rectified=lambda _: np.zeros((300, 400, 3), np.uint8), height_map=lambda _: None
+    )  # type: ignore[assignment]
+    assert made.small(9_000).shape == (180, 240, 3)
+    assert read == [9_000]
+    for number in range(0, many, 50):
+        made.see(number)
+    assert len(made._kept) == KEPT, "a long scrub does not fill the memory"
+    with pytest.raises(InputError, match="no such frame"):
+        made.small(many)

@@ -90,8 +90,10 @@ function drawStrip(curves, strip, colourBy, chosen, onPress) {
   }
   const xaxis = strip.levels.length ? { tickvals: strip.levels.map((_, k) => k), ticktext: strip.levels.map(plain) }
     : strip.unit.startsWith("log10") ? logTicks(strip.values) : {};
+  const rings = chosen ? curves.residual[last].filter((_, k) => curves.press[k] === chosen).map(Math.abs) : [];
+  const reach = 1.1 * Math.max(1.05 * curves.reach, ...rings);
   const node = draw("strip-chart", traces, layout(withUnit(strip.words, strip.unit), "meas. − model (mN)",
-    { xaxis, yaxis: { range: [-1.15 * curves.reach, 1.15 * curves.reach], zeroline: true } }));
+    { xaxis, yaxis: { range: [-reach, reach], zeroline: true } }));
   node.removeAllListeners && node.removeAllListeners("plotly_click");
   node.on("plotly_click", (event) => {
     const point = event.points.find((one) => one.text !== undefined);

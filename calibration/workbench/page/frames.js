@@ -14,7 +14,7 @@ async function showFrames(press) {
   if (!press) return;
   const name = `${press.recording}/${press.name}`;
   if (scrub.press === name) return;
-  scrub.press = name; scrub.row = null;
+  scrub.press = name; scrub.row = null; scrub.coming = false;
   const asked = await fetch(`frames?recording=${press.recording}&press=${encodeURIComponent(press.label)}`);
   const found = asked.ok ? await asked.json() : { frames: [], times: [] };
   if (scrub.press !== name) return;
@@ -47,17 +47,28 @@ function places(found) {
 
 function seek(at) { document.getElementById("frame").value = at; see(); }
 
-/** While the slider moves only the last frame is asked for. */
+/** While the slider moves small pictures follow it, one at a time; the height map comes where it rests. */
 function later() {
+  const where = tell(), picture = document.getElementById("frame-picture");
   clearTimeout(scrub.timer);
-  scrub.timer = setTimeout(see, 80);
+  scrub.timer = setTimeout(see, 120);
+  scrub.turn += 1;
+  if (scrub.coming) return;
+  scrub.coming = true;
+  picture.onload = picture.onerror = () => { scrub.coming = false; };
+  picture.src = `small?${where}`;
+}
+
+/** Which frame it is, and where it stands in the press; what to ask the server for. */
+function tell() {
+  const at = Number(document.getElementById("frame").value), { frames, times, event } = scrub.at;
+  document.getElementById("frame-words").textContent = `frame ${at + 1} of ${frames.length}, ${times[at].toFixed(2)} s after the first${at === event ? ": the bevel touches" : ""} `;
+  if (document.getElementById("force-chart")) drawTouch("force-chart", scrub.at, times[at]);
+  return `recording=${scrub.recording}&number=${frames[at]}`;
 }
 
 async function see() {
-  const at = Number(document.getElementById("frame").value), { frames, times, event } = scrub.at, number = frames[at], turn = ++scrub.turn;
-  document.getElementById("frame-words").textContent = `frame ${at + 1} of ${frames.length}, ${times[at].toFixed(2)} s after the first${at === event ? ": the bevel touches" : ""} `;
-  if (document.getElementById("force-chart")) drawTouch("force-chart", scrub.at, times[at]);
-  const where = `recording=${scrub.recording}&number=${number}`;
+  const where = tell(), turn = ++scrub.turn;
   const answer = await fetch(`height?${where}`);
   if (turn !== scrub.turn) return;
   if (!answer.ok) { say((await answer.json()).error); return; }

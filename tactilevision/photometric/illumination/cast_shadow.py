@@ -22,6 +22,7 @@ is seen is the slope of a line through T against it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -79,13 +80,28 @@ def dimming(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
 
 
 def shadow_share(
-    field: LightField, rgb: Bytes, *, reference: npt.NDArray[np.floating], depth_mm: npt.NDArray[np.floating]
+    field: LightField,
+    pictures: Sequence[tuple[Bytes, npt.NDArray[np.floating]]],
+    *,
+    reference: npt.NDArray[np.floating],
 ) -> float:
-    """What share of the forecast shadows a picture (H, W, 3) shows beside its reference (H, W, 3), in grey levels.
+    """What share of the forecast shadows is seen in pictures (H, W, 3), each with its depth map (H, W) in mm,
+    beside their reference (H, W, 3), in grey levels.
 
     About 1 where lamps cast shadows, 0 where the light passes through what stands in its way; NaN where too few
-    squares of a depth map (H, W), mm, are forecast to be dark.
+    squares of all depth maps together are forecast to be dark.
     """
+    seen = [_shade_and_missing(field, rgb, reference=reference, depth_mm=depth) for rgb, depth in pictures]
+    shade, missing = (np.concatenate(part) for part in zip(*seen, strict=True))
+    if np.count_nonzero(shade < -MIN_SHADE) < FEWEST:
+        return float("nan")
+    return float(np.polyfit(shade, missing, 1)[0])
+
+
+def _shade_and_missing(
+    field: LightField, rgb: Bytes, *, reference: npt.NDArray[np.floating], depth_mm: npt.NDArray[np.floating]
+) -> tuple[Picture, Picture]:
+    """Of the level squares of one picture, the light forecast to be lost, and the light missing; (n,) each."""
     height, width = depth_mm.shape
     size = tuple(
         max(2, round(n * mm / EVIDENCE_CELL_MM)) for n, mm in zip((width, height), field.mm_per_px, strict=True)
@@ -102,9 +118,7 @@ def shadow_share(
     shade = -np.sum(weights * cells[3:6], axis=0)
     missing = np.einsum("lhw,lkhw,khw->hw", weights, unmix, cells[:3]) - 1.0 / np.hypot(1.0, np.hypot(*cells[6:8]))
     counts = cells[8] < LEVEL
-    if np.count_nonzero(counts & (shade < -MIN_SHADE)) < FEWEST:
-        return float("nan")
-    return float(np.polyfit(shade[counts], missing[counts], 1)[0])
+    return shade[counts], missing[counts]
 
 
 def _weights(field: LightField, size: tuple[int, ...]) -> tuple[Picture, Picture]:
