@@ -62,7 +62,7 @@ def _fuzz(name: str, engine: str, seconds: float, first: int) -> int:
                 break
             deaths += 1
             how = signal.Signals(-done.returncode).name if done.returncode < 0 else f"exit code {done.returncode}"
-            how = {"SIGALRM": "more than 10 s"}.get(how, how)
+            how = {"SIGPROF": "more than 10 s of processor", "SIGALRM": "more than 60 s of waiting"}.get(how, how)
             said = done.stderr.decode(errors="replace").strip()[-300:]
             found[how] = (said, (folder / "input" / reader.file).read_bytes())
         for path in sorted((folder / "findings").glob("*.json")):

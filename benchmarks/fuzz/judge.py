@@ -22,7 +22,8 @@ import numpy as np
 from benchmarks.fuzz.readers import Reader
 from tactilevision.errors import TactilevisionError
 
-MAX_SECONDS = 10
+MAX_SECONDS = 10  # of processor: a busy machine is no finding
+MAX_WAIT = 60  # s of waiting: on a pipe, a lock, a machine that never answers
 MAX_MEMORY_KB = 1_000_000  # more than before the first mutant
 ADDRESS_SPACE = 6 << 30  # bytes beyond what the process has when it starts: before the machine suffers
 ABSURD = 1e12  # in mm, N, s, MPa, px: no sensor's number
@@ -50,7 +51,7 @@ class Finding:
 
 
 class Judge:
-    """Judges mutants of one reader in `folder`. A call beyond MAX_SECONDS kills the process: SIGALRM."""
+    """Judges mutants of one reader in `folder`. A call beyond MAX_SECONDS ends the process by SIGPROF, beyond MAX_WAIT by SIGALRM."""
 
     def __init__(self, reader: Reader, folder: Path) -> None:
         self.reader, self.folder, self.runs, self.accepted = reader, folder, 0, 0
@@ -86,7 +87,8 @@ class Judge:
         self.runs += 1
         self._written.clear()
         self._watching = True
-        signal.alarm(MAX_SECONDS)
+        signal.alarm(MAX_WAIT)
+        signal.setitimer(signal.ITIMER_PROF, MAX_SECONDS)
         try:
             record = self.reader.read(self.folder)
             finding = next(
@@ -99,6 +101,7 @@ class Judge:
         except Exception as fault:  # whatever it is, it is the finding
             finding = Finding(_place(fault), f"{type(fault).__name__}: {str(fault)[:300]}")
         finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
             signal.alarm(0)
             self._watching = False
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
