@@ -51,7 +51,10 @@ class Finding:
 
 
 class Judge:
-    """Judges mutants of one reader in `folder`. A call beyond MAX_SECONDS ends the process by SIGPROF, beyond MAX_WAIT by SIGALRM."""
+    """Judges mutants of one reader in `folder`.
+
+    A call beyond MAX_SECONDS ends the process by SIGPROF, one beyond MAX_WAIT by SIGALRM.
+    """
 
     def __init__(self, reader: Reader, folder: Path) -> None:
         self.reader, self.folder, self.runs, self.accepted = reader, folder, 0, 0

@@ -1,6 +1,7 @@
 """How much stiffer a punch is that sticks than one that slides freely, for a linear bonded layer.
 
-Complementary energy over shapes of pressure and shear that end like (1 - r^2)^(n - 1/2) at the punch's edge:
+Complementary energy over shapes of pressure P_2n(s)/s and of shear that end like 1/s at the punch's edge, where
+s^2 = 1 - r^2. Their Hankel transforms are spherical Bessel functions, which are orthogonal:
 
     A a + B b = w f,    B^T a + D b = 0,    P_stick/P_free = f^T (A - B D^-1 B^T)^-1 f / (f^T A^-1 f)
 
@@ -69,11 +70,9 @@ def _waves() -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1)
 def _transforms() -> tuple[Floats, Floats]:
-    """Of (1 - r^2)^(n - 1/2) with J0, and of r (1 - r^2)^(n - 1/2) with J1: (SHAPES, waves) each, scaled."""
-    from scipy.special import jv
+    """Of the pressures with J0, j_0 j_2 j_4 ..., and of the shears with J1, j_1 j_3 ...: (SHAPES, waves) each."""
+    from scipy.special import spherical_jn
 
     xi, _ = _waves()
-    order = np.arange(SHAPES)[:, None] + 0.5
-    pressure, shear = jv(order, xi) / xi**order, jv(order + 1, xi) / xi**order
-    pressure, shear = (t / np.max(np.abs(t), axis=1, keepdims=True) for t in (pressure, shear))
-    return pressure, shear
+    order = 2 * np.arange(SHAPES)[:, None]
+    return spherical_jn(order, xi), spherical_jn(order + 1, xi)

@@ -28,11 +28,12 @@ from tactilevision.records import Floats, Pair
 
 Array = npt.NDArray[np.floating[Any]]
 MAX_PIXELS = 1500  # of the window; more only slow the fit down
-MAX_ITERATIONS = 20  # steps of the fit; one that has not settled by then is judged by its residual all the same
+MAX_ITERATIONS = 40  # steps of the fit; one that has not settled by then is judged by its residual all the same
 MIN_RADIUS_PX = 3.0  # five terms and three unknowns need some thirty pixels
 MAX_RADIUS_SHARE = 0.9  # of the ball: no gel is pressed so deep, its slopes would go upright
 MAX_GUESS_SHARE = 1.5  # of that: blobs of change are up to 1.4 times as wide as the contact
 MAX_GROWTH = 1.3  # of the blob or label, where the fit ran away: rendered contacts are .7 to 1.3 of their blob
+STEP_TOL = 1e-5  # of the contact radius, the last step; 2e-3 left .05 px to the processor's rounding
 WINDOW = 1.45  # contact radii; of 16 rendered deep balls 1.6 has the circle 1.1 px off (rms), 1.45 .9
 MAX_WINDOWS = 4  # fits, each in a window round the last one's circle
 WINDOW_TOL = 0.02  # of the contact radius: a circle that moves by less stays
@@ -54,14 +55,25 @@ class Ball:
     residual: float = 0.0
 
 
-def ball_slopes(x_mm: Floats, y_mm: Floats, *, contact_mm: float, radius_mm: float) -> tuple[Floats, Floats]:
-    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places (mm) from its axis, any shape alike."""
-    r = np.hypot(x_mm, y_mm)
-    inside = 1.0 / np.sqrt(np.maximum(radius_mm**2 - r**2, radius_mm**2 - contact_mm**2))
-    ratio = np.minimum(contact_mm / np.maximum(r, 1e-12), 1.0)
-    edge = 1.0 / np.sqrt(radius_mm**2 - contact_mm**2)
-    outside = (2.0 / np.pi) * edge * (np.arcsin(ratio) - ratio * np.sqrt(1.0 - ratio**2))
-    per_r = -np.where(r <= contact_mm, inside, outside)
+def ball_slopes(
+    x_mm: Floats, y_mm: Floats, *, contact_mm: float, radius_mm: float, pixel_mm: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Slopes (dz/dx, dz/dy) of the gel under and beside a ball, at places (mm) from its axis, any shape alike.
+
+    At the edge of contact the slope falls as a square root, without limit in its rate. `pixel_mm` rounds that off
+    over about a pixel, as a picture does: a fit of the circle then has one minimum, not one at each pixel.
+    """
+    square = x_mm**2 + y_mm**2
+    beyond = square / contact_mm**2 - 1.0
+    if pixel_mm > 0:
+        width = 0.5 * pixel_mm / contact_mm
+        beyond = width * np.logaddexp(0.0, beyond / width)
+    else:
+        beyond = np.maximum(beyond, 0.0)
+    covered = np.maximum(square - contact_mm**2 * beyond, 0.0)  # r^2 under the ball, contact^2 beside it
+    share = beyond / (1.0 + beyond)  # 1 - (contact / r)^2 beside the ball
+    per_r = np.arcsin(np.sqrt(1.0 - share)) - np.sqrt((1.0 - share) * share)
+    per_r *= -2.0 / np.pi / np.sqrt(radius_mm**2 - covered)
     return per_r * x_mm, per_r * y_mm
 
 
@@ -180,9 +192,14 @@ def _refined(
     highest = np.array([contact_mm, contact_mm, min(0.98 * radius_mm, most_px * mm_per_px[0])])
 
     def misfit(unknown: Floats) -> Floats:
-        return _unexplained(
-            changes, *ball_slopes(x_mm - unknown[0], y_mm - unknown[1], contact_mm=unknown[2], radius_mm=radius_mm)
+        p, q = ball_slopes(
+            x_mm - unknown[0],
+            y_mm - unknown[1],
+            contact_mm=unknown[2],
+            radius_mm=radius_mm,
+            pixel_mm=mm_per_px[0],
         )
+        return _unexplained(changes, p, q)
 
     unknown = np.array([0.0, 0.0, min(contact_mm, 0.9 * highest[2])])
     residual, damping, step = misfit(unknown), 1e-3, 1e-3 * contact_mm
@@ -194,7 +211,7 @@ def _refined(
         after = misfit(trial)
         if after @ after < residual @ residual:
             unknown, residual, damping = trial, after, 0.3 * damping
-            if np.abs(move).max() < 2e-3 * contact_mm:
+            if np.abs(move).max() < STEP_TOL * contact_mm:
                 break
         else:
             damping *= 10.0

@@ -62,6 +62,7 @@ def refined_circle(
             (y - ball.centre_px[1] - unknown[1]) * mm_per_px[1],
             contact_mm=unknown[2] * mm_per_px[0],
             radius_mm=ball.radius_mm,
+            pixel_mm=mm_per_px[0],
         )
         return np.asarray((colours_by(answers, np.stack([p, q], axis=1)) - colours)[known])
 
@@ -84,8 +85,9 @@ def _pixels(valid: Bools, ball: Ball) -> tuple[npt.NDArray[np.intp], npt.NDArray
     (x, y), reach = ball.centre_px, REACH * ball.contact_radius_px
     height, width = valid.shape
     top, left = max(0, int(y - reach)), max(0, int(x - reach))
-    rows, columns = np.indices((min(height, int(y + reach) + 1) - top, min(width, int(x + reach) + 1) - left))
-    rows, columns = rows + top, columns + left
+    step = max(1, int(np.sqrt(np.pi * reach**2 / MAX_PIXELS)))
+    rows, columns = np.mgrid[
+        top : min(height, int(y + reach) + 1) : step, left : min(width, int(x + reach) + 1) : step
+    ]
     take = (np.hypot(columns - x, rows - y) < reach) & valid[rows, columns]
-    every = max(1, int(take.sum()) // MAX_PIXELS)
-    return columns[take][::every], rows[take][::every]
+    return columns[take], rows[take]
