@@ -198,6 +198,8 @@ def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight) 
     bands = known & (s > inner + shift) & (s < reach), known & (s >= reach)
     read, beyond = (float(mean[band].sum()) * (s[1] - s[0]) for band in bands)
     table = slice(*np.searchsorted(law.edges, (inner, reach - shift + 2 * px)))
+    if len(law.edges[table]) < 2 or not edge.radius_mm + shift > 0:  # the edge ran off the wall: no law of it
+        return None
     return PunchEdge(edge.centre_mm, edge.radius_mm + shift, reach - shift, law.edges[table], falls[table],
                 fall + beyond, fall - read,
                 float(np.hypot(np.sqrt(rate @ covariance @ rate), with_edge * edge.uneven_mm)))  # fmt: skip
