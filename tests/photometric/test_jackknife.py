@@ -99,10 +99,13 @@ def test_of_a_mean_it_is_the_deviation_of_a_mean(groups: int) -> None:
     assert jackknife_std([np.array(one) for one in without]) == pytest.approx(means.std(ddof=1) / np.sqrt(groups))
 
 
-def test_no_change_is_no_doubt() -> None:
+def test_laws_that_agree_leave_no_doubt_but_beyond_the_balls() -> None:
     samples = balls(np.random.default_rng(0), range(6))
     law = fitted(samples)
-    assert np.abs(gain_map(law, [law, law, law], contact=samples)).max() == 0.0
+    doubt = gain_map(law, [law, law, law], contact=samples)
+    assert np.abs(doubt[5:7, 7:9]).max() == 0.0
+    assert doubt[[0, 0, -1, -1], [0, -1, 0, -1]].max() == doubt.max()
+    assert 0.05 < doubt.max() < 0.6, "as contacts drawn beyond the balls are off"
 
 
 @pytest.mark.slow

@@ -10,11 +10,11 @@ slopes it is asked what a contact's depth rests on: with u the colours that a sl
 
     gain_k(X, Y) = mean over n and s of n . (f_k(u) - f(u)) / s
 
-u is drawn from the light's law (`shading_fit.py`). Where the laws of three groups cross, their difference is 0 by
-chance; there the variance of the neighbourhood counts. Small between the balls, large beyond the outermost ones,
+u is drawn from the light's law (`shading_fit.py`). Small between the balls, large beyond the outermost ones,
 where colours are extrapolated; among the balls it is rather too large (by up to 1.6), which balls left out show
-(`cross_validation.py`). What no choice of balls mends, as a light that the law cannot follow, is not in it: balls
-that the law was fitted to show that.
+(`cross_validation.py`). Where three laws cross beyond the outermost balls it vanishes by chance; so BEYOND,
+times how far a place lies beyond them, stands beside it. What no choice of balls mends, as a light that the law
+cannot follow, is not in it: balls that the law was fitted to show that.
 """
 
 from __future__ import annotations
@@ -33,10 +33,8 @@ from tactilevision.records import Floats
 
 PLACES = (16, 12)  # places across and down the picture; gain changes slowly between them
 DIRECTIONS = 12  # of slope, averaged over at each place: a contact holds all of them
-SPREAD = (
-    2.0  # places over which variance is averaged where it is less: laws that cross there by chance know no more
-)
 CONTACT = 1.0  # places over which a contact reaches: its depth rests on the gain all over it
+BEYOND = 0.4  # of the scale for each half picture beyond the samples: drawn contacts at the border read 16 % low
 STEEP = (0.25, 0.5)  # of the steepest slope under the balls; most of a contact is that gentle
 
 
@@ -68,6 +66,7 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -
         cv2.GaussianBlur(gain, (0, 0), CONTACT, borderType=cv2.BORDER_REPLICATE)
         for gain in gains.reshape(len(others), *PLACES[::-1])
     ]
-    variance = np.square(jackknife_std(maps))
-    near = cv2.GaussianBlur(variance, (0, 0), SPREAD, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(np.sqrt(np.maximum(variance, near)))
+    beyond = np.maximum(contact.place.min(axis=0) - place, 0.0) + np.maximum(
+        place - contact.place.max(axis=0), 0.0
+    )
+    return np.hypot(jackknife_std(maps), BEYOND * np.hypot(*beyond.T).reshape(PLACES[::-1]))
