@@ -3,8 +3,9 @@
 One punch fixes its stiffness c and the curve E(nu) = c (1 - nu^2) / (2 a kappa(nu, a/h)), not nu: E falls by
 about 4 % for .01 of nu. nu comes from a stated prior, from the bulge beside the punch, or from several radii.
 Where none of them fixes it, E and nu have no value but still an interval: what the range that silicones span
-allows. Sticking, where friction is unknown, lowers E's lower end only: the frictionless kappa gives the
-largest E.
+allows. A dry punch of one radius has the elements' E at the presses' depths (finite_depth.py) where beta is one
+that contact laws have; kappa's is then in the interval. Elsewhere sticking, where friction is unknown, lowers E's
+lower end only.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.fit.alternative_fits import Rival, rivals
+from calibration.fit.finite_depth import FiniteDepth, finite_depth
 from calibration.fit.least_squares import Fit
 from calibration.fit.rounded_edge import stated_edge_mm, straight_line
 from calibration.laws.flat_punch import NU_TABLE, SILICONE_NU, FlatPunch
@@ -51,9 +53,17 @@ def identify(fitted: Fit) -> Identified:
     nu, source = _poisson(fitted, others, assumptions)
     c = stiffness_of(fitted, radius)
     spread = _spread(fitted, nu, radius)
-    surplus = sticking_range(fitted, nu, radius=radius, assumptions=assumptions)
+    deep = finite_depth(fitted, nu, radius_mm=radius)
+    if deep is not None:
+        assumptions.append(deep.words(SILICONE_NU[1] if nu.value is None else nu.value))
+    surplus = sticking_range(fitted, nu, radius=radius, assumptions=[] if deep else assumptions)
     others = () if nu.value is None else tuple(other for other in others if other.fitted is not None)
     modulus, reduced = (_modulus(one, nu, 0.0 if others else surplus, "MPa") for one in (spread, spread.reduced()))
+    if deep is not None:
+        modulus, reduced = (
+            _of_elements(one, nu, deep, plain=plain)
+            for one, plain in ((spread, modulus), (spread.reduced(), reduced))
+        )
     for other in others:
         assert other.fitted is not None
         own = other.fitted.estimate("poisson_ratio")
@@ -67,8 +77,8 @@ def identify(fitted: Fit) -> Identified:
         c=c,
         beta=bend_of(fitted, radius),
         source=source,
-        covariance=_covariance(fitted, radius),
-        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius),
+        covariance=_covariance(fitted, radius, deep),
+        modulus_of_nu=modulus_of_nu(fitted, np.array(NU_TABLE), radius=radius, deep=deep),
         assumptions=tuple(assumptions),
     )
 
@@ -82,6 +92,19 @@ def main_radius(fitted: Fit) -> float:
 def beta_name(fitted: Fit, radius: float) -> str:
     """The name of this radius's beta."""
     return "beta" if np.unique(fitted.data.presses.radius_mm).size == 1 else f"beta[{radius:g}]"
+
+
+def _of_elements(spread: _Spread, nu: Estimate, deep: FiniteDepth, *, plain: Estimate) -> Estimate:
+    """E over F; the interval has room for other frictions and a sharp edge, and holds that of kappa as well."""
+    at = SILICONE_NU[1] if nu.value is None else nu.value
+    lower, higher = deep.room(at)
+    found = _modulus(replace(spread, modulus=spread.modulus / deep.share(spread.nodes)), nu, lower, plain.unit)
+    if found.interval95 is None:
+        return found
+    low, high = found.interval95
+    middle = high if found.value is None else found.value
+    found = replace(found, interval95=(low, middle + float(np.hypot(high - middle, higher * middle))))
+    return holding(found, plain.interval95)
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,18 +305,29 @@ def _modulus(spread: _Spread, nu: Estimate, surplus: float, unit: str) -> Estima
     return Estimate(mean, std, (low / (1 + surplus), high), unit)
 
 
-def modulus_of_nu(fitted: Fit, poisson_ratios: Floats, *, radius: float) -> tuple[Pair, ...]:
+def modulus_of_nu(
+    fitted: Fit, poisson_ratios: Floats, *, radius: float, deep: FiniteDepth | None = None
+) -> tuple[Pair, ...]:
     """(nu, E in MPa) for each of `poisson_ratios` (n,), at the fitted stiffness of `radius` in mm."""
     modulus, nu = (float(fitted.values[fitted.index(n)]) for n in ("youngs_modulus_MPa", "poisson_ratio"))
     stiffness = modulus * _unit(fitted, nu, radius)
-    return tuple((float(one), float(stiffness / _unit(fitted, float(one), radius))) for one in poisson_ratios)
+    shares = np.ones(poisson_ratios.size) if deep is None else deep.share(poisson_ratios)
+    return tuple(
+        (float(one), float(stiffness / _unit(fitted, float(one), radius) / share))
+        for one, share in zip(poisson_ratios, shares, strict=True)
+    )
 
 
-def _covariance(fitted: Fit, radius: float) -> Floats:
+def _law_modulus(fitted: Fit, values: Floats, deep: FiniteDepth | None) -> float:
+    share = 1.0 if deep is None else float(deep.share(values[fitted.index("poisson_ratio")]))
+    return float(values[fitted.index("youngs_modulus_MPa")]) / share
+
+
+def _covariance(fitted: Fit, radius: float, deep: FiniteDepth | None) -> Floats:
     """Joint covariance (4, 4) of E, nu, c, beta by the delta method; nu held where nothing fixes it."""
     size = fitted.values.size
     rows = np.zeros((4, size))
-    rows[0, fitted.index("youngs_modulus_MPa")] = 1
+    rows[0] = _gradient(fitted, lambda v: _law_modulus(fitted, v, deep))
     rows[1, fitted.index("poisson_ratio")] = 1
     rows[2] = _gradient(fitted, lambda v: _line(fitted, v, radius)[0])
     rows[3] = _gradient(fitted, lambda v: _line(fitted, v, radius)[1])

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.fit.finite_depth import finite_depth
 from calibration.fit.identifiability import main_radius, modulus_of_nu, poisson_range, sticking_range
 from calibration.fit.rounded_edge import usual_softening
 from calibration.laws.flat_punch import SILICONE_NU
@@ -53,7 +54,10 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
     nu, modulus = result.poisson_ratio.value, result.youngs_modulus.value
     low = (result.poisson_ratio.interval95 or SILICONE_NU)[0]
     grid = np.linspace(max(low - 0.05, 0.3), 0.4999, STEPS)
-    curve = np.array(modulus_of_nu(result.fitted, grid, radius=radius))
+    deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius)
+    if deep is not None:
+        surplus = max(surplus, deep.room(result.poisson_ratio.value or SILICONE_NU[1])[0])
+    curve = np.array(modulus_of_nu(result.fitted, grid, radius=radius, deep=deep))
     relative = _relative_std(result)
     if nu is None or modulus is None:
         across = np.linspace(*poisson_range(result.fitted), STEPS)
@@ -77,7 +81,8 @@ def joint_picture(result: CalibrationResult) -> JointPicture:
 
 def _modulus(result: CalibrationResult, nu: Floats, radius_mm: float) -> Floats:
     """E (n,) at the fitted stiffness."""
-    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius=radius_mm))[:, 1]
+    deep = finite_depth(result.fitted, result.poisson_ratio, radius_mm=radius_mm)
+    return np.array(modulus_of_nu(result.fitted, np.minimum(nu, 0.4999), radius=radius_mm, deep=deep))[:, 1]
 
 
 def _relative_std(result: CalibrationResult) -> float:

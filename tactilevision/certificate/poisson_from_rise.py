@@ -32,16 +32,19 @@ from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
 from tactilevision.mechanics.surface_view import SurfaceView
-from tactilevision.photometric.illumination.cast_shadow import lit
+from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.reconstruct.lamps import find_lamps
+from tactilevision.reconstruct.lit_slopes import LitSlopes, lit_slopes
 from tactilevision.recording import Recording, read_frame
 from tactilevision.records import CertifiedPoint, Curve, Estimate, Floats, Footprint, Indenter, Pair
 
 SQUARE_MM = 0.25  # mm, side of the squares that slopes are averaged over; benchmarks.nu_from_frames
 FRAMES = 8  # a press: more no longer lower what is left, which all frames share; benchmarks.nu_from_frames
 NEAR = 0.15  # of the depth: frames this near to the event show one surface on another scale
+MAP_OFF = 0.1  # of the depth: pictures that are farther from the force's have lost or gained a wall
+FORCE_POWER = 1.1  # of the depth, as which the force grows near .1 of the thickness: 1 + beta w/h
 WALL_MM = 0.5  # mm beyond the edge: steep profile, ink and blur; benchmarks.nu_from_frames
 BEFORE_BEVEL_MM = 0.5  # mm before the bevel's edge that are left out, lest the bevel's dent be read
 SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_from_frames
@@ -200,8 +203,11 @@ def surfaces_beside_punch(
     """One view for each accepted press of a flat cylinder that left a curve and a footprint.
 
     Reads FRAMES frames of each; a press whose frames cannot be read again is left out. Depth is in the scale of
-    the map's slopes, its level open. With `lamps`, places that one of them does not reach are left out.
+    the map's slopes, its level open. With `lamps`, places that one of them does not reach are left out, and the
+    light that the face's wall sends to the gel is taken off.
     """
+    sensor = recording.sensor
+    field = None if lamps is None else LightField.of(lamps, (sensor.height_px, sensor.width_px), sensor.mm_per_px)
     curves = {curve.press: curve for curve in certificate.curves}
     views = []
     for point in certificate.points:
@@ -211,34 +217,65 @@ def surfaces_beside_punch(
         if indenter is None or indenter.shape != "flat_cylinder":
             continue
         rows = _frames(recording, curves[point.press], point)
-        slopes = _mean_slopes(recording, reconstructor, rows)
+        reader = _reader(recording, reconstructor, rows, face=evidence.footprint, field=field)
+        slopes = _mean_slopes(recording, reader, rows)
         if slopes is not None:
-            if lamps is not None and evidence.height_map is not None:
-                reached = lit(lamps, evidence.height_map.depth_mm, recording.sensor.mm_per_px)
-                share = _shrink(reached.astype(np.float32), recording.sensor.mm_per_px)
-                slopes = replace(slopes, share=slopes.share * (share > SOUND))
             distance = indenter.bevel_distance_mm or certificate.bevel_distance_mm
             placed = replace(indenter, bevel_distance_mm=distance)
             views.append(_view(slopes, evidence.footprint, point, placed, recording.sensor.mm_per_px))
     return views
 
 
+def _reader(
+    recording: Recording,
+    reconstructor: Reconstructor,
+    rows: Sequence[tuple[int, float]],
+    *,
+    face: Footprint,
+    field: LightField | None,
+) -> Reconstructor | LitSlopes:
+    """What reads the slopes of a press: the reconstructor, or with lamps what reads the lit places alone."""
+    if field is None or not rows:
+        return reconstructor
+    row, depth = rows[len(rows) // 2]
+    try:
+        frame = read_frame(recording, row)
+        return lit_slopes(reconstructor, field, frame, face=face.mask, depth_mm=depth)
+    except TactilevisionError:  # a torn frame; the certificate names it
+        return reconstructor
+
+
 def _frames(recording: Recording, curve: Curve, point: CertifiedPoint) -> list[tuple[int, float]]:
     """Number and depth (mm) of the frames nearest to the event in time, of about its depth."""
-    near = np.abs(curve.depth_mm / point.depth_mm - 1) < NEAR
+    depth_mm = _depths(curve, point)
+    near = np.abs(depth_mm / point.depth_mm - 1) < NEAR
     order = np.argsort(np.where(near, np.abs(curve.time_s - point.time_s), np.inf), kind="stable")
     chosen = order[: min(FRAMES, int(near.sum()))]
     times = recording.frame_times_s
-    return [(int(np.argmin(np.abs(times - curve.time_s[k]))), float(curve.depth_mm[k])) for k in np.sort(chosen)]
+    return [(int(np.argmin(np.abs(times - curve.time_s[k]))), float(depth_mm[k])) for k in np.sort(chosen)]
+
+
+def _depths(curve: Curve, point: CertifiedPoint) -> Floats:
+    """Depths (T,) of the curve in mm: by the force over the event's where the picture's are far from that.
+
+    A deep wall may be read in one frame and not in the next, which moves the picture's depth by a half.
+    """
+    force = np.maximum(curve.force_N[:, 2], 0.0)
+    there = float(np.interp(point.time_s, curve.time_s, force))
+    if not there > 0:
+        return curve.depth_mm
+    by_force = point.depth_mm * (force / there) ** (1 / FORCE_POWER)
+    off = np.abs(curve.depth_mm - by_force) > MAP_OFF * point.depth_mm
+    return np.where(off, by_force, curve.depth_mm)
 
 
 def _mean_slopes(
-    recording: Recording, reconstructor: Reconstructor, rows: Sequence[tuple[int, float]]
+    recording: Recording, reader: Reconstructor | LitSlopes, rows: Sequence[tuple[int, float]]
 ) -> _Slopes | None:
     total, depths = None, []
     for row, depth in rows:
         try:
-            slopes = reconstructor.slope_map(read_frame(recording, row))
+            slopes = reader.slope_map(read_frame(recording, row))
         except TactilevisionError:  # a torn frame; the certificate names it
             continue
         readable = np.isfinite(slopes.dz_dx) & np.isfinite(slopes.dz_dy)

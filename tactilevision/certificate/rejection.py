@@ -183,12 +183,21 @@ def _force_stopped(evidence: PressEvidence, force: ForceWindow) -> Finding | Non
     after = int(np.searchsorted(evidence.track.time_s, still_s))  # a frame taken since: none is made up in a gap
     if after >= depth.size:
         return None
-    there, deepest = float(depth[after]), float(np.nanmax(depth[after:]))
+    steady = _of_three(depth)
+    there, deepest = float(steady[after]), float(np.nanmax(steady[after:]))
     if deepest - there > max(5 * seen.noise, 0.15 * deepest):
         return Finding(
             "saturated", f"the force stays at {force.smooth_N.max():.2f} N while the face still goes deeper"
         )
     return None
+
+
+def _of_three(depth_mm: Floats) -> Floats:
+    """Each depth (T,), mm, and its neighbours' median: one frame may read a wall that those beside it do not."""
+    if depth_mm.size < 3:
+        return depth_mm
+    inner = np.median([depth_mm[:-2], depth_mm[1:-1], depth_mm[2:]], axis=0)
+    return np.concatenate([depth_mm[:1], inner, depth_mm[-1:]])
 
 
 def _longest(run: Bools) -> int:

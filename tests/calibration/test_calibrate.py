@@ -204,7 +204,7 @@ def test_a_stated_edge_is_taken_out_of_E_but_not_of_the_line() -> None:
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.6])
 def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) -> None:
-    """Finite elements of an edge of .05 mm; stated as sharp, the interval stays as it was."""
+    """Finite elements of an edge of .05 mm; stated as sharp, E is lower, and its interval reaches less far up."""
     gel = Gel(3.0, shape="disc", radius_mm=30.0, poisson_ratio=0.48, poisson_ratio_std=0.0)
     depth = np.linspace(0.03, 0.3, 10)
     measured = points_of(
@@ -213,13 +213,16 @@ def test_an_edge_of_which_nothing_is_stated_is_in_the_interval(friction: float) 
     open_, sharp = calibrate(measured).youngs_modulus, {"A": Indenter("A", radius_mm=2.5, edge_radius_mm=0.0)}
     stated = replace(measured, recording=replace(measured.recording, indenters=sharp))  # type: ignore[type-var]
     known = calibrate(stated).youngs_modulus
-    assert open_.value == known.value
     assert open_.interval95 is not None
     assert known.interval95 is not None
+    assert open_.value == pytest.approx(0.2, rel=0.004 if friction else 0.03), (
+        "of a usual edge where none is stated"
+    )
+    assert 0.02 < (open_.value or 1) / (known.value or 1) - 1 < 0.05
     assert open_.interval95[0] < 0.2 < open_.interval95[1]
-    assert open_.interval95[0] == known.interval95[0]
+    assert open_.interval95[0] <= known.interval95[0]
     assert 0.02 < open_.interval95[1] / (open_.value or 1) - 1 < 0.05
-    assert known.interval95[1] / (known.value or 1) - 1 < 0.02
+    assert known.interval95[1] / (known.value or 1) - 1 < 0.04, "it holds a gel that slides as well"
 
 
 def test_too_few_points_answer_wide_and_say_so() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from tactilevision.certificate.depth.cast_shadow import FLAG, LIT_NU_STD, NU_STD
 from tactilevision.certificate.poisson_from_rise import surfaces_beside_punch, with_nu
 from tactilevision.mechanics.surface_view import SurfaceView
 from tactilevision.reconstruct import Reconstructor
-from tactilevision.records import Frame, SlopeMap
+from tactilevision.records import Curve, Frame, SlopeMap
 
 HEIGHTS = (0.2, 0.3, 0.4, 0.5)
 
@@ -57,7 +58,8 @@ def test_where_lamps_are_known_nu_has_room_for_the_light_that_the_gel_sends_to_i
     made = line_up([Made(height) for height in HEIGHTS])
     record = recording(tmp_path, made)[0]
     monkeypatch.setattr(poisson_from_rise, "find_lamps", lambda recording, reconstructor: ())
-    monkeypatch.setattr(poisson_from_rise, "lit", lambda lamps, depth, mm_per_px: np.ones(depth.shape, np.bool_))
+    monkeypatch.setattr(poisson_from_rise, "LightField", SimpleNamespace(of=lambda *_: ()))
+    monkeypatch.setattr(poisson_from_rise, "lit_slopes", lambda reader, *_, **__: reader)
     certificate, nu = with_nu(record, cast(Reconstructor, Shadowed(made)), certificate=certified(made, record))
     assert nu is not None
     assert nu.std is not None
@@ -80,3 +82,23 @@ def test_where_lamps_are_not_known_nu_says_what_shadows_may_do(
     assert certificate.flags == (FLAG,)
     assert "lamps cast shadows" in certificate.warnings[0]
     assert "5 to 20 % too high" in certificate.warnings[0]
+
+
+def test_a_frame_whose_wall_is_lost_has_the_forces_depth(tmp_path: Path) -> None:
+    made = line_up([Made(height) for height in HEIGHTS])
+    record = recording(tmp_path, made)[0]
+    certificate = certified(made, record)
+    reader = cast(Reconstructor, Slopes(made))
+    sound = [view.certified_depth_mm for view in surfaces_beside_punch(record, reader, certificate=certificate)]
+    curves = [_with_lost_walls(curve) for curve in certificate.curves]
+    broken = replace(certificate, curves=tuple(curves))
+    found = [view.certified_depth_mm for view in surfaces_beside_punch(record, reader, certificate=broken)]
+    assert found == pytest.approx(sound, rel=0.03)
+
+
+def _with_lost_walls(curve: Curve) -> Curve:
+    """A force that belongs to the depth, and every third depth a third too small."""
+    force = np.zeros((curve.depth_mm.size, 3))
+    force[:, 2] = 3.0 * np.maximum(curve.depth_mm, 0.0) ** 1.1
+    lost = np.where(np.arange(curve.depth_mm.size) % 3 == 0, 0.66, 1.0)
+    return replace(curve, force_N=force, depth_mm=curve.depth_mm * lost)

@@ -1,0 +1,149 @@
+"""What the law makes of the stiffness of a gel that is pressed to finite depth, held against finite elements.
+
+    F(nu) = E by the law / E of the elements,    P_elements = E_law k(w) w (1 + beta w/h)
+
+k is the law's stiffness at E = 1: Hayes' for a frictionless sharp punch at small depth, with the edge where it is
+stated. A dry punch has friction and an edge, and P/w of elements is no straight line: at h = 3 mm, a/h = .83 and
+depths of .15 to .6 mm the law's E is 3.2 % low at nu = .40, .5 % at .48, and 1.9 % high at .4999. So E is taken
+over F, at the presses' own depths, of a gel of the neo-Hookean law under a usual dry punch. What other frictions
+and a sharp edge would do to F is `low` and `high`.
+
+For dry presses with one radius, at nu, a/h and depths of the tables of mechanics. Source: mechanics/tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from calibration.fit.least_squares import Fit
+from calibration.fit.rounded_edge import stated_edge_mm
+from calibration.inputs.press_noise import TYPICAL_GAIN, TYPICAL_ZERO_MM
+from calibration.laws.flat_punch import FlatPunch
+from calibration.laws.theory.admissible_range import beta_outside_theory
+from calibration.laws.theory.stiffness import punch_stiffness
+from calibration.model.stages import EDGE, STICKING
+from tactilevision.errors import InputError
+from tactilevision.mechanics.filleted_punch import rounded_contact
+from tactilevision.mechanics.flat_contact import FlatContact
+from tactilevision.mechanics.tables.blocks import hayes_stiffness
+from tactilevision.mechanics.tables.profile import EDGE_OVER_H, POISSON_RANGE
+from tactilevision.mechanics.tables.punch import force_ratio
+from tactilevision.records import Estimate, Floats, Material, Pair
+
+USUAL_FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face; above it hardly anything changes
+FRICTIONS = (0.1, 0.2, 0.6, np.inf)  # Coulomb's coefficients that a dry face may have besides
+DEPTHS = 12  # depths at which the elements are asked, spread as the presses' own
+MIN_DEPTHS = 4  # depths, of these, that the table must know
+NODES = (*np.arange(0.30, 0.49, 0.01).round(2).tolist(), 0.49, 0.495, POISSON_RANGE[1])  # nu of F's table
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FiniteDepth:
+    """F over nu for a usual dry punch, and the least and the largest of other dry ones; (n,) each, no unit.
+
+    `edge_mm` of the punch's rounding, and whether it was stated.
+    """
+
+    poisson_ratio: Floats
+    usual: Floats
+    least: Floats
+    largest: Floats
+    edge_mm: float
+    stated: bool
+
+    def share(self, poisson_ratio: Floats | float) -> Floats:
+        """F at these nu, of any shape."""
+        return np.asarray(np.interp(poisson_ratio, self.poisson_ratio, self.usual))
+
+    def room(self, poisson_ratio: float) -> Pair:
+        """By what shares E may be lower and higher for another friction or a sharp edge."""
+        usual, least, largest = (
+            float(np.interp(poisson_ratio, self.poisson_ratio, one))
+            for one in (self.usual, self.least, self.largest)
+        )
+        return largest / usual - 1, usual / least - 1
+
+    def words(self, poisson_ratio: float) -> str:
+        """What E is, as an assumption of a result."""
+        more = 100 * (1 / float(self.share(poisson_ratio)) - 1)
+        lower, higher = self.room(poisson_ratio)
+        return (
+            f"friction is unknown: E is that of finite elements at these depths with friction {USUAL_FRICTION:g} "
+            f"and an edge of {self.edge_mm:.2g} mm, {more:+.1f} % beside kappa of small depth at nu = "
+            f"{poisson_ratio:.3f}; it may be lower by up to {100 * lower:.1f} %, higher by {100 * higher:.1f} % "
+            f"for other frictions{'' if self.stated else ' or a sharp edge'}, which its interval holds"
+        )
+
+
+def finite_depth(fitted: Fit, nu: Estimate, *, radius_mm: float) -> FiniteDepth | None:
+    """F at the depths of these presses.
+
+    None where they are lubricated, where their beta is not one that contact laws have, and off the tables.
+    """
+    law, data = fitted.model.law, fitted.data
+    plain = isinstance(law, FlatPunch) and law.sticking == 0 and not law.one_depth and not law.bent
+    own = {getattr(effect, "condition", "") for effect in fitted.model.effects}
+    if not plain or data.lubricated or own & {EDGE, STICKING} or np.unique(data.presses.radius_mm).size > 1:
+        return None
+    if beta_outside_theory(fitted.estimate("beta"), nu, a_over_h=radius_mm / data.gel.thickness_mm):
+        return None
+    depth = data.depth_mm[data.depth_mm > 0]
+    asked = np.unique(np.quantile(depth, np.linspace(0, 1, DEPTHS)).round(4)) if depth.size else depth
+    return _of(radius_mm, data.gel.thickness_mm, stated_edge_mm(fitted, radius_mm), tuple(asked.tolist()))
+
+
+@lru_cache(maxsize=16)
+def _of(
+    radius_mm: float, thickness_mm: float, edge_mm: float | None, depths_mm: tuple[float, ...]
+) -> FiniteDepth | None:
+    usual = EDGE_OVER_H * thickness_mm if edge_mm is None else edge_mm
+    edges = (0.0, usual) if edge_mm is None else (usual,)
+    depth = np.array(depths_mm)
+
+    def over_nu(friction: float, edge: float) -> Floats:
+        contact = FlatContact(radius_mm, edge, thickness_mm, friction)
+        return np.array([_one(nu, contact, depth, stated=edge_mm) for nu in NODES])
+
+    try:
+        middle = over_nu(USUAL_FRICTION, usual)
+        others = np.array([middle, *(over_nu(mu, edge) for mu in (USUAL_FRICTION, *FRICTIONS) for edge in edges)])
+    except InputError:  # off the tables in radius, thickness or edge
+        return None
+    known = np.isfinite(middle)
+    if not known.all():
+        return None
+    least, largest = np.nanmin(others, axis=0), np.nanmax(others, axis=0)
+    return FiniteDepth(np.array(NODES), middle, least, largest, usual, edge_mm is not None)
+
+
+def _one(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, stated: float | None) -> float:
+    """F of one gel under one punch; NaN where the table knows too few of the depths."""
+    ratio, known = force_ratio(depth_mm, contact, material=Material(1.0, poisson_ratio))
+    depth = depth_mm[known]
+    if depth.size < MIN_DEPTHS or np.ptp(depth) <= 0:
+        return float("nan")
+    h = contact.thickness_mm
+    per_depth = (
+        ratio[known] * h * hayes_stiffness(poisson_ratio, contact.a_over_h, edge_over_h=contact.edge_over_h)
+    )
+    law = _law(poisson_ratio, contact, depth, edge_mm=stated or 0.0)
+    weight = 1 / np.hypot(TYPICAL_GAIN, TYPICAL_ZERO_MM / depth)
+    share, strain = weight * per_depth / law, depth / h
+    return float(np.linalg.lstsq(np.stack([weight, weight * strain], axis=1), share, rcond=None)[0][0])
+
+
+def _law(poisson_ratio: float, contact: FlatContact, depth_mm: Floats, *, edge_mm: float) -> Floats:
+    """The law's P/w (n,) at E = 1 MPa, without beta."""
+    met, share = rounded_contact(
+        depth_mm,
+        contact.radius_mm,
+        edge_mm=edge_mm,
+        thickness_mm=contact.thickness_mm,
+        poisson_ratio=poisson_ratio,
+        sticking=1.0,
+    )
+    thickness = np.full(met.size, contact.thickness_mm)
+    return share * punch_stiffness(1.0, poisson_ratio, radius_mm=met, thickness_mm=thickness)
