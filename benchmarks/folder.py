@@ -11,29 +11,30 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
 
 from benchmarks.stream import DEPTHS_MM, resident_kB
 from benchmarks.vision import QUALITY, calibrated
-from tactilevision.batch.folder import DepthJob, Form, peak_and_area, reconstruct_folder, std_at
-from tactilevision.contact.region import at_border, find_contact
-from tactilevision.exports.zarr_store import begin_frames
+from tactilevision.batch import folder as batch
+from tactilevision.batch.folder import DepthJob, Form, reconstruct_folder
 from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import Recording
-from tactilevision.recording.images import read_image
-from tactilevision.records import Frame
+from tactilevision.recording import frames as reading
 from tactilevision.synthetic.gel import Flat
 from tactilevision.synthetic.profile import punch_profile
 from tactilevision.synthetic.punch import PunchPress
 
 WIDTH_PX, HEIGHT_PX = 427, 320
 FRAMES = 400  # timed: some seconds
-TURNS = 3  # of parts and whole, by turns: what else the machine does then hits both
+TURNS = 3  # runs that are added up
 FORMS: tuple[Form, ...] = ("tiff", "zarr")
+PARTS = {"decode": (reading, "read_image"), "map": (Reconstructor, "height_map"), "write": (DepthJob, "keep")}
 Spent = tuple[float, float]  # seconds by the clock, seconds of processors
 MANY = 4000  # for the memory: several times what any buffer holds
 
@@ -78,47 +79,40 @@ def _folder_of_jpegs(folder: Path, count: int) -> tuple[Recording, Reconstructor
 
 
 def _against_parts(recording: Recording, reconstructor: Reconstructor, place: Path, *, form: Form) -> None:
-    """The command's loop against decoding, maps and files of the same frames: processor time, on one core."""
-    spent = dict.fromkeys(("decode", "map", "figures", "write", "all in all"), 0.0)
-    with _on_one_core():
+    """The command's loop, and what of it is decoding, maps and files: processor time of one run, on one core."""
+    spent = dict.fromkeys((*PARTS, "figures"), 0.0)
+    with _on_one_core(), ExitStack() as watched:
+        reconstruct_folder(recording, reconstructor, place / f"{form} warm", workers=1, form=form)
+        for part, (owner, name) in PARTS.items():
+            watched.enter_context(_watched(owner, name, part, spent=spent))
+        for name in ("find_contact", "peak_and_area", "std_at", "at_border"):
+            watched.enter_context(_watched(batch, name, "figures", spent=spent))
+        start = time.process_time()
         for turn in range(TURNS):
-            out = place / f"{form}{turn}"
-            _parts(recording, reconstructor, out / "parts", form=form, spent=spent)
-            start = time.process_time()
-            reconstruct_folder(recording, reconstructor, out / "whole", workers=1, form=form)
-            spent["all in all"] += time.process_time() - start
+            reconstruct_folder(recording, reconstructor, place / f"{form}{turn}", workers=1, form=form)
+        whole = time.process_time() - start
     frames = TURNS * len(recording.frame_names)
-    parts = spent["decode"] + spent["map"] + spent["write"]
-    print(f"{form}, ms a frame: " + ", ".join(f"{name} {1e3 * ms / frames:.2f}" for name, ms in spent.items()))
-    print(f"  all in all {spent['all in all'] / parts:.3f} of decode, map and write, "
-          f"{spent['all in all'] / (parts + spent['figures']):.3f} with the figures of depth.csv")  # fmt: skip
+    parts = sum(spent[part] for part in PARTS)
+    told = ", ".join(f"{name} {1e3 * s / frames:.2f}" for name, s in (spent | {"all in all": whole}).items())
+    print(f"{form}, ms a frame: {told}")
+    print(f"  all in all {whole / parts:.3f} of decode, map and write, ", end="")
+    print(f"{whole / (parts + spent['figures']):.3f} with the figures of depth.csv")
 
 
-def _parts(
-    recording: Recording, reconstructor: Reconstructor, out: Path, *, form: Form, spent: dict[str, float]
-) -> None:
-    """Add the processor seconds of each part; `figures` are contact, peak and deviation of depth.csv."""
-    scratch = out / "scratch.zarr" if form == "zarr" else None
-    job = DepthJob(reconstructor, out, scratch)
-    if scratch is not None:
-        shape = (HEIGHT_PX, WIDTH_PX)
-        begin_frames(scratch, recording.frame_names, fields={"depth_mm": "mm"}, shape=shape, about={})
-    assert recording.frames_path is not None
-    for number, name in enumerate(recording.frame_names):
-        times = [time.process_time()]
-        frame = Frame(read_image(recording.frames_path / name), name=name)
-        times.append(time.process_time())
-        height = reconstructor.height_map(frame)
-        times.append(time.process_time())
-        contact = find_contact(height, reconstructor.error)
-        peak_mm, _ = peak_and_area(height, contact)
-        std_at(height, peak_mm)
-        at_border(contact)
-        times.append(time.process_time())
-        job.keep(height, name, number)
-        times.append(time.process_time())
-        for part, seconds in zip(spent, np.diff(times), strict=False):
-            spent[part] += seconds
+@contextmanager
+def _watched(owner: Any, name: str, part: str, *, spent: dict[str, float]) -> Iterator[None]:
+    """Add the processor time of each call, in whatever thread, to `spent` on that part."""
+    plain = getattr(owner, name)
+
+    def timed(*given: Any, **named: Any) -> Any:
+        start = time.thread_time()
+        try:
+            return plain(*given, **named)
+        finally:
+            spent[part] += time.thread_time() - start
+
+    with patch.object(owner, name, timed):
+        yield
 
 
 @contextmanager

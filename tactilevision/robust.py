@@ -29,10 +29,8 @@ def median(values: Array) -> Any:
     """
     count = values.shape[-1]
     upper = count // 2
-    if count % 2:
-        return np.partition(values, upper)[..., upper]
-    parted = np.partition(values, (upper - 1, upper))
-    return 0.5 * (parted[..., upper - 1] + parted[..., upper])
+    ordered = np.sort(values, axis=-1)  # numpy sorts faster than it parts
+    return ordered[..., upper] if count % 2 else 0.5 * (ordered[..., upper - 1] + ordered[..., upper])
 
 
 def mad_std(values: Array, *, centre: float | None = None) -> float:

@@ -31,6 +31,7 @@ from tactilevision.reconstruct import Reconstructor
 from tactilevision.recording import BadFrame, Recording
 from tactilevision.records import Bools, Frame, HeightMap
 from tactilevision.records.flags import BORDER, add
+from tactilevision.robust import median
 from tactilevision.runs import output_lock
 from tactilevision.uncertainty.depth import DepthError
 
@@ -42,6 +43,7 @@ COLUMNS = ("frame", "status", "peak_mm", "contact_area_mm2", "ms", "peak_std_mm"
 PEAK_SHARE = 1e-3  # of a map's depths lies above what is called its peak
 PEAK_SAMPLED = 31  # depths, of which one tells where the deepest begin
 Form = Literal["tiff", "zarr"]
+Array = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,22 +230,33 @@ def peak_and_area(height: HeightMap, contact: Bools) -> tuple[float, float]:
     return _peak_mm(depth), float(area_mm2)
 
 
-def _peak_mm(depth_mm: npt.NDArray[np.floating[Any]]) -> float:
+def _peak_mm(depth_mm: Array) -> float:
     """The 99.9th percentile of depths (n,), out of the few that a sample of them says to be the deepest."""
     few = depth_mm[::PEAK_SAMPLED]
-    deepest = depth_mm[depth_mm > np.partition(few, len(few) * 99 // 100)[len(few) * 99 // 100]]
+    limit = np.partition(few, len(few) * 99 // 100)[len(few) * 99 // 100]
+    deepest = depth_mm.take(np.flatnonzero(depth_mm > limit))
     above = PEAK_SHARE * (len(depth_mm) - 1)  # of all depths, as many lie above the percentile
     if len(deepest) < above + 2:
         return float(np.percentile(depth_mm, 100 * (1 - PEAK_SHARE)))
-    return float(np.percentile(deepest, 100 * (1 - above / (len(deepest) - 1))))
+    return _at_share(np.sort(deepest), 1 - above / (len(deepest) - 1))
+
+
+def _at_share(ordered: Array, share: float) -> float:
+    """What np.percentile says of values (n,) in their order, to the last bit, without its checks."""
+    place = (len(ordered) - 1) * (100 * share / 100)
+    below = int(place)
+    low, step = ordered[below], ordered[below + 1] - ordered[below]
+    part = place - below
+    return float(low + step * part if part < 0.5 else ordered[below + 1] - step * (1 - part))
 
 
 def std_at(height: HeightMap, peak_mm: float) -> float:
     """Standard deviation in mm of the depths (H, W) from `peak_mm` on: their median; NaN where it is not known."""
     if height.std_mm is None:
         return float("nan")
-    there = height.std_mm[height.valid & (height.depth_mm >= peak_mm)]
-    return float(np.median(there)) if there.size else float("nan")
+    deep = np.flatnonzero(height.depth_mm >= peak_mm)
+    there = height.std_mm.take(deep)[height.valid.take(deep)]
+    return float(median(there)) if there.size and not np.isnan(there).any() else float("nan")
 
 
 def table(rows: Iterable[FrameResult]) -> str:

@@ -107,7 +107,12 @@ def open_camera(number: int, *, form: str | None = None) -> Camera:
 
     Raises InputError where there is none, or where it does not send that.
     """
-    capture = cv2.VideoCapture(number)
+    told = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # the error below says it in a sentence
+    try:
+        capture = cv2.VideoCapture(number)
+    finally:
+        cv2.utils.logging.setLogLevel(told)
     name = f"camera {number}"
     if not capture.isOpened():
         raise InputError(

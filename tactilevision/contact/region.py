@@ -52,23 +52,27 @@ def find_contact(height: HeightMap, error: DepthError | None = None) -> Bools:
     places = np.flatnonzero(deep)
     if not places.size:
         return found
-    left, top, across, down = cv2.boundingRect(deep.view(np.uint8))
-    box = slice(top, top + down), slice(left, left + across)
+    box = _bounds(deep)
+    sure = height.depth_mm.take(places) > _surely_mm(height, places, error=error, noise_mm=noise_mm)
+    strong = None
+    if np.count_nonzero(sure) < CONTACT.depth_min_px:
+        strong = _strong(height, places)
+        if np.count_nonzero(strong) < CONTACT.depth_min_px:
+            return found  # no region can have enough of either
     count, labels = cv2.connectedComponents(deep[box].view(np.uint8), connectivity=4)
     region = labels[deep[box]]
     sizes = np.bincount(region, minlength=count)
-    sure = height.depth_mm.take(places) > _surely_mm(height, places, error=error, noise_mm=noise_mm)
     surely = np.bincount(region[sure], minlength=count)
     unsure = (surely < CONTACT.depth_min_px) & (sizes >= CONTACT.depth_min_px)
     if unsure.any():
         where = unsure[region]
-        strong = np.bincount(region[where][_strong(height, places[where])], minlength=count)
-        unsure &= strong < np.maximum(CONTACT.strong_share * sizes, CONTACT.depth_min_px)
+        strong = _strong(height, places[where]) if strong is None else strong[where]
+        strongly = np.bincount(region[where][strong], minlength=count)
+        unsure &= strongly < np.maximum(CONTACT.strong_share * sizes, CONTACT.depth_min_px)
     sizes[unsure | (sizes < CONTACT.depth_min_px)] = 0
     for k in np.flatnonzero((sizes > 0) & (sizes >= CONTACT.depth_speck * sizes.max())):
         whole = labels == k
-        left, top, across, down = cv2.boundingRect(whole.view(np.uint8))
-        inner = slice(top, top + down), slice(left, left + across)
+        inner = _bounds(whole)
         window = tuple(slice(o.start + i.start, o.start + i.stop) for o, i in zip(box, inner, strict=True))
         found[window] |= _to_its_edge(height, window, whole[inner])
     return found
@@ -83,24 +87,25 @@ def in_question(height: HeightMap, noise_mm: float | None = None) -> Bools:
     return np.asarray(height.valid & (height.depth_mm > limit_mm))
 
 
-def strong_evidence(height: HeightMap, window: Window = WHOLE) -> Bools:
+def strong_evidence(height: HeightMap, window: Window = WHOLE, *, among: Bools | None = None) -> Bools:
     """Mask (h, w) of where slope or colour are such as untouched gel hardly has them, whatever depth may be off.
 
-    Of a `window` of the map. Empty for a map of which next to nothing is known: its slopes tell nothing either.
+    Of a `window` of the map. `among` (h, w): pixels among which alone a steep one is looked for. Empty for a map
+    of which next to nothing is known: its slopes tell nothing either.
     """
     depth = height.depth_mm[window]
     coloured = height.colour_change is not None and height.colour_change.max() > CONTACT.strong_colour_sigma
-    steep = not _greatest_slope(depth, height.mm_per_px) <= CONTACT.strong_slope
+    steep = _steep_window(depth, height.mm_per_px, among=among)
     strong = np.zeros(depth.shape, np.bool_)
     if not (coloured or steep) or _is_blind(height):
         return strong
     if steep:
-        strong = _smooth_slope(depth, height.mm_per_px)[1] > CONTACT.strong_slope
+        strong[steep] = _smooth_slope(depth[steep], height.mm_per_px)[1] > CONTACT.strong_slope
     if coloured and height.colour_change is not None:
         blocks = (height.colour_change > CONTACT.strong_colour_sigma).astype(np.uint8)
         size = height.depth_mm.shape[::-1]
         strong |= cv2.resize(blocks, size, interpolation=cv2.INTER_NEAREST)[window] > 0
-    return np.asarray(strong)
+    return strong
 
 
 def _is_blind(height: HeightMap) -> bool:
@@ -111,14 +116,26 @@ def _is_blind(height: HeightMap) -> bool:
 
 def _strong(height: HeightMap, places: npt.NDArray[np.intp]) -> Bools:
     """`strong_evidence` of some pixels (n,), by their places in the flattened map; looked for round them alone."""
-    shape = height.depth_mm.shape
-    rows, columns = np.divmod(places, shape[1])
-    window = tuple(
-        slice(max(0, int(at.min()) - REACH_PX), min(size, int(at.max()) + REACH_PX + 1))
-        for at, size in zip((rows, columns), shape, strict=True)
+    among = np.zeros(height.depth_mm.shape, np.bool_)
+    among.reshape(-1)[places] = True
+    window = _widened(_bounds(among), among.shape)
+    strong = np.zeros_like(among)
+    strong[window] = strong_evidence(height, window, among=among[window])
+    return strong.take(places)
+
+
+def _bounds(mask: Bools) -> Window:
+    """The smallest window that holds all pixels of a mask (h, w); empty where there are none."""
+    left, top, across, down = cv2.boundingRect(mask.view(np.uint8))
+    return slice(top, top + down), slice(left, left + across)
+
+
+def _widened(box: Window, shape: tuple[int, ...]) -> Window:
+    """A window of a map of this shape that holds all that takes part in the slopes of a box."""
+    return tuple(
+        slice(max(0, side.start - REACH_PX), min(size, side.stop + REACH_PX))
+        for side, size in zip(box, shape, strict=True)
     )
-    strong = strong_evidence(height, window)
-    return np.asarray(strong[rows - window[0].start, columns - window[1].start])
 
 
 def at_border(contact: Bools) -> bool:
@@ -155,12 +172,24 @@ def _smooth_slope(depth_mm: Array, mm_per_px: Pair) -> tuple[Array, Array]:
     return smooth, cv2.magnitude(across, down)
 
 
-def _greatest_slope(depth_mm: Array, mm_per_px: Pair) -> float:
-    """What no slope of a map (h, w) without its noise is above: that from one pixel to the next."""
+def _steep_window(depth_mm: Array, mm_per_px: Pair, *, among: Bools | None) -> Window | None:
+    """Window of a map (h, w) in mm that holds all pixels of too steep a smooth slope; None if there are none.
+
+    A smooth slope is a mean of slopes from one pixel to the next, within REACH_PX, so no steeper than all of them.
+    """
     depth = np.asarray(depth_mm, np.float32)
     across = cv2.norm(depth[:, 1:], depth[:, :-1], cv2.NORM_INF) / mm_per_px[0]
     down = cv2.norm(depth[1:], depth[:-1], cv2.NORM_INF) / mm_per_px[1]
-    return float(np.hypot(across, down))
+    if np.hypot(across, down) <= CONTACT.strong_slope:
+        return None
+    if among is None:
+        return WHOLE
+    steps = np.zeros(depth.shape, np.uint8)  # a step of either direction has 1 / sqrt(2) of the limit, or more
+    limit = CONTACT.strong_slope / np.sqrt(2.0)
+    steps[:, 1:] |= ~(cv2.absdiff(depth[:, 1:], depth[:, :-1]) <= np.float32(limit * mm_per_px[0]))
+    steps[1:] |= ~(cv2.absdiff(depth[1:], depth[:-1]) <= np.float32(limit * mm_per_px[1]))
+    near = cv2.dilate(steps, np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8)).view(np.bool_) & among
+    return _widened(_bounds(near), depth.shape) if near.any() else None
 
 
 def _surely_mm(

@@ -101,4 +101,7 @@ def _scale(about: Any, path: Path) -> Pair | None:
 
 def masked(height: HeightMap) -> npt.NDArray[np.float32]:
     """Depth (H, W) in mm as float32 with NaN where it is not known."""
-    return np.where(height.valid, height.depth_mm, np.nan).astype(np.float32)
+    depth = height.depth_mm.astype(np.float32)
+    if not height.valid.all():
+        depth[~height.valid] = np.nan
+    return depth

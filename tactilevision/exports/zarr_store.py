@@ -5,8 +5,10 @@ Every frame is one chunk and so one file, written whole by whoever has it: many 
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import uuid
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -70,16 +72,21 @@ def begin_frames(
 
 
 def write_frame(scratch: Path, number: int, *, fields: Mapping[str, Singles]) -> None:
-    """One frame's fields; (rows, columns) each."""
+    """One frame's fields; (rows, columns) each. Written as zarr writes a chunk, without its threads."""
     with told_as_output(scratch):
         for name, values in fields.items():
-            made = (scratch / name / ".zarray").stat()  # a cluster's worker sees many runs into one place
-            _opened(str(scratch), name, (made.st_ino, made.st_mtime_ns))[number] = values
+            folder = scratch / name
+            made = (folder / ".zarray").stat()  # a cluster's worker sees many runs into one place
+            codec = _codec(str(folder), (made.st_ino, made.st_mtime_ns))
+            chunk = folder / ".".join([str(number)] + ["0"] * values.ndim)
+            partial = chunk.with_name(f"{chunk.name}.{uuid.uuid4().hex}.partial")
+            partial.write_bytes(codec.encode(np.ascontiguousarray(values, "<f4")))
+            os.replace(partial, chunk)
 
 
 def end_frames(scratch: Path, path: Path) -> None:
     """Put the finished store in its place, without what writers that were killed have left in it."""
-    _opened.cache_clear()
+    _codec.cache_clear()
     with told_as_output(path):
         for left in list(scratch.rglob("*.partial")):
             left.unlink()
@@ -87,12 +94,16 @@ def end_frames(scratch: Path, path: Path) -> None:
 
 
 @lru_cache(maxsize=16)
-def _opened(path: str, field: str, made: tuple[int, int]) -> Any:
-    return _zarr().open_group(path, mode="r+")[field]
+def _codec(folder: str, made: tuple[int, int]) -> Any:
+    """What packs a field's chunks. Raises InputError where zarr is missing."""
+    _zarr()
+    import numcodecs  # type: ignore[import-untyped]  # comes with zarr
+
+    return numcodecs.get_codec(json.loads((Path(folder) / ".zarray").read_text())["compressor"])
 
 
 def _new_group(scratch: Path, about: Mapping[str, Any]) -> Any:
-    _opened.cache_clear()
+    _codec.cache_clear()
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.parent.mkdir(parents=True, exist_ok=True)
     group = _zarr().open_group(str(scratch), mode="w", zarr_format=2)

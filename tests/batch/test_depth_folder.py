@@ -13,7 +13,7 @@ import pytest
 import tifffile
 import zarr
 
-from tactilevision.batch.folder import COLUMNS, Form, measure, reconstruct_folder, std_at
+from tactilevision.batch.folder import COLUMNS, Form, measure, peak_and_area, reconstruct_folder, std_at
 from tactilevision.batch.jobs import Journal
 from tactilevision.exports.tiff import read_tiff, write_tiff
 from tactilevision.photometric.protocols import PhotometricMethod
@@ -252,3 +252,12 @@ def test_deviations_are_kept_beside_the_depths(tmp_path: Path) -> None:
     store = zarr.open_group(str(tmp_path / "z" / "depth.zarr"), mode="r")
     assert np.allclose(np.asarray(store["depth_std_mm"]), 0.012)
     assert store["depth_mm"].shape == store["depth_std_mm"].shape == (2, 48, 64)
+
+
+def test_the_peak_is_the_percentile_of_all_depths() -> None:
+    rng = np.random.default_rng(5)
+    for size in ((30, 40), (101, 203), (320, 427)):
+        depth = np.asarray(rng.normal(size=size) ** 3, np.float32)
+        height = HeightMap(depth, np.ones(size, np.bool_), (0.05, 0.05))
+        peak_mm, _ = peak_and_area(height, np.zeros(size, np.bool_))
+        assert peak_mm == pytest.approx(np.percentile(depth, 99.9), rel=1e-6)
