@@ -69,4 +69,4 @@ def gain_map(law: ColourLaw, others: Sequence[ColourLaw], *, contact: Samples) -
     beyond = np.maximum(contact.place.min(axis=0) - place, 0.0) + np.maximum(
         place - contact.place.max(axis=0), 0.0
     )
-    return np.hypot(jackknife_std(maps), BEYOND * np.hypot(*beyond.T).reshape(PLACES[::-1]))
+    return np.asarray(np.hypot(jackknife_std(maps), BEYOND * np.hypot(*beyond.T).reshape(PLACES[::-1])))
