@@ -56,7 +56,7 @@ ShadowsOption = Annotated[
     bool,
     typer.Option(
         "--shadows/--no-shadows",
-        help="Undo cast shadows, where frames show them and balls tell the lamps; slower.",
+        help="Undo cast shadows, where frames show them and balls or the method's file tell the lamps; slower.",
     ),
 ]
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -69,7 +70,7 @@ def train(
     assert made.referenced is not None
     data = f"{source.name}: {len(source.balls)} ball presses, {len(source.flats)} flats"
     card = made.referenced.card.extended(_certified(source, made) | provenance(data, licence=licence))
-    _save(made.referenced.with_card(card), out, network=method == "network")
+    _save(_with_lamps(source, made, made.referenced.with_card(card)), out, network=method == "network")
     shown = {name: value for name, value in card.to_json().items() if not isinstance(value, dict | list)}
     console.say(*(f"  {name}: {f'{v:.4g}' if isinstance(v, float) else v}" for name, v in shown.items()))
     if guide:
@@ -128,6 +129,16 @@ def _certified(source: Recording, made: Reconstructor) -> dict[str, Any]:
     console.warn([doubt] if doubt else [])
     known: Mapping[str, Any] = told("flat_steps", steps) if steps else {"flat_steps": why}
     return {**known, "doubt_of_scale": doubt} if doubt else dict(known)
+
+
+def _with_lamps(source: Recording, made: Reconstructor, method: ReferencedMethod) -> ReferencedMethod:
+    """The method with the lamps that its balls tell, so that it undoes the shadows which frames show."""
+    from tactilevision.photometric.method import CalibratedMethod
+    from tactilevision.reconstruct.lamps import find_lamps
+
+    with console.progress_bar("looking for the lamps"):
+        lamps = find_lamps(source, made)
+    return replace(cast(CalibratedMethod, method), lamps=lamps)
 
 
 def _save(method: ReferencedMethod, out: Path, *, network: bool) -> None:

@@ -21,6 +21,7 @@ from tactilevision.photometric.illumination.colour_change import (
     missing_count,
     strips,
 )
+from tactilevision.photometric.illumination.lamps import Lamps
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import fill
 from tactilevision.photometric.methods.two_colours import TwoColourLaws, TwoColourReader
@@ -70,7 +71,8 @@ class CalibratedMethod:
 
     `relative_error` is the law's own held-out error as a part of the slope. `card` says what it was made from.
     `two_colours` read the pixels of which a colour is overexposed; None: nothing does, and they are not valid.
-    `light_law` says which colours slopes should have; None where no ball told it.
+    `light_law` says which colours slopes should have; None where no ball told it. `lamps` are where shadows come
+    from; None where they are not known.
     Not thread-safe: buffers are reused; make one for each thread.
     """
 
@@ -81,6 +83,7 @@ class CalibratedMethod:
     card: MethodCard = field(default_factory=MethodCard)
     two_colours: TwoColourLaws | None = None
     light_law: LightLaw | None = None
+    lamps: Lamps | None = None
 
     def __post_init__(self) -> None:
         self.name = self.law.name

@@ -23,6 +23,8 @@ from tactilevision.files import as_json, pack_arrays, replacing, write_json
 from tactilevision.photometric.background import SlopeBackground
 from tactilevision.photometric.ball.shading_fit import TERMS
 from tactilevision.photometric.card import MethodCard
+from tactilevision.photometric.illumination.kept_lamps import SHAPES as LAMP_SHAPES
+from tactilevision.photometric.illumination.kept_lamps import lamp_arrays, lamps_of
 from tactilevision.photometric.illumination.light_match import light_of
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.markers import find_marks
@@ -55,6 +57,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "light_terms": (len(TERMS), COLOURS),
     "light_noise": (COLOURS, 0, 0),
     "light_limits": (2,),
+    **LAMP_SHAPES,
 }  # sides of each array; 0: any
 
 
@@ -82,6 +85,8 @@ def pack_method(method: ReferencedMethod) -> dict[str, bytes]:
         arrays |= {f"two_colours_{name}": values for name, values in method.two_colours.arrays().items()}
     if method.light_law is not None and np.isfinite(method.light_law.limit):
         arrays |= {f"light_{name}": values for name, values in method.light_law.arrays().items()}
+    if (lamps := getattr(method, "lamps", None)) is not None:
+        arrays |= lamp_arrays(lamps)
     numbers = pack_arrays(arrays, small=True)
     files = {".npz": numbers}
     entries: dict[str, Any] = {
@@ -148,7 +153,10 @@ def _method(
     law, error = _law(card, arrays, network, path), float(arrays["relative_error"])
     if error < 0:
         raise InputError("the method's relative error is negative", where=path, value=error)
-    return CalibratedMethod(law, reference, error, background, card, _two_colours(arrays), _light_law(arrays))
+    lamps = lamps_of(arrays, where=path)
+    return CalibratedMethod(
+        law, reference, error, background, card, _two_colours(arrays), _light_law(arrays), lamps
+    )
 
 
 def _light_law(arrays: Mapping[str, npt.NDArray[Any]]) -> LightLaw | None:

@@ -16,11 +16,14 @@ BEST_MISFIT = 3.0  # stated deviations: balls that fit worse are lit by somethin
 
 
 def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | None:
-    """Three lamps that explain the balls; None where there are no balls, or other lamps than these.
+    """Three lamps that explain the balls, or those of the method's file; None where neither tells them.
 
     Raises InputError where a ball's picture can no longer be read.
     """
     method, calibration = reconstructor.referenced, reconstructor.calibration
+    kept: Lamps | None = getattr(method, "lamps", None)
+    if kept is not None:
+        return kept
     if method is None or calibration is None or len(recording.balls) != len(calibration.balls):
         return None
     change, rng, parts = ColourChange(method.reference), np.random.default_rng(0), []

@@ -33,12 +33,12 @@ def with_shadows(
 ) -> Reconstructor:
     """The reader itself, which from now on undoes cast shadows where `frames` (H, W, 3), rectified, show them.
 
-    None: FRAMES_READ of the recording's. Needs its balls, which tell the lamps; without them, or without shadows,
-    the reader stays as it is.
+    None: FRAMES_READ of the recording's. Needs its balls or a method's file that knows the lamps; without them, or
+    without shadows, the reader stays as it is.
     """
     method = reader.referenced
     frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
-    if method is None or not recording.balls:
+    if method is None or not (recording.balls or getattr(method, "lamps", None)):
         return reader
     peaks = [float(reader.rectified_map(rgb).depth_mm.max()) for rgb in frames]
     deepest = [frames[k] for k in np.argsort(peaks)[::-1][:FRAMES_TRIED] if peaks[k] > MIN_DEPTH_MM]

@@ -16,8 +16,10 @@ ONE_EACH = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 def field() -> LightField:
     """Three far lamps 27 degrees high, one a channel, the first to the right."""
-    lamps = tuple(Lamp(2 * np.pi * k / 3, 2000.0, 1000.0, 10.0, 0.0, colour) for k, colour in enumerate(ONE_EACH))
-    return LightField.of(Lamps(lamps, power=1.0, misfit=0.0), SHAPE, MM_PER_PX)
+    first, second, third = (
+        Lamp(2 * np.pi * k / 3, 2000.0, 1000.0, 10.0, 0.0, colour) for k, colour in enumerate(ONE_EACH)
+    )
+    return LightField.of(Lamps((first, second, third), power=1.0, misfit=0.0), SHAPE, MM_PER_PX)
 
 
 def wall(height_mm: float) -> tuple[Floats, Floats]:
