@@ -8,6 +8,7 @@ a worker was at.
 from __future__ import annotations
 
 import csv
+import ctypes
 import hashlib
 import io
 import json
@@ -40,6 +41,7 @@ TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten 
 MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
 AHEAD = 3  # tasks that wait for each worker, so that none is idle
 KEPT_BYTES = 31 << 20  # just below the 32 MB from which glibc maps every array anew (mallopt(3))
+GLIBC_KEEPS = ((-3, KEPT_BYTES), (-1, 2 * KEPT_BYTES))  # M_MMAP_, M_TRIM_THRESHOLD: a Dask nanny sets low ones
 FEW = 12  # frames that are done before a second process has started
 
 
@@ -162,10 +164,7 @@ def as_they_stand(recording: Recording) -> Iterator[str]:
 
 
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
-    """A hash of the first frame's map (H, W), in mm.
-
-    Another method, or another calibration of it, gives another one.
-    """
+    """A hash of the first frame's map (H, W), in mm: another method or calibration gives another one."""
     numbers = range(len(recording.frame_names))
     frame = next((frame for frame in _frames(recording, numbers) if isinstance(frame, Frame)), None)
     if frame is not None:
@@ -199,11 +198,13 @@ def _start_on_cluster(recording: Recording, job: Job) -> None:
 
 
 def _on_one_thread() -> None:
-    """Also keeps the memory of one frame for the next: glibc gives back what is smaller than the largest freed."""
+    """Also keeps the memory of one frame for the next: else glibc maps every array anew, and clears it."""
     import cv2
 
     cv2.setNumThreads(1)
-    np.empty(KEPT_BYTES, np.uint8)
+    with suppress(OSError, AttributeError, TypeError):  # another system's C library
+        for name, size in GLIBC_KEEPS:
+            ctypes.CDLL(None).mallopt(name, size)
 
 
 def _read_and_do(numbers: list[int]) -> list[Row]:
@@ -290,8 +291,7 @@ class _Flight:
 
     def landed(self) -> Iterator[Row]:
         """Rows of the tasks that are done, one at least."""
-        ready, _ = wait(self.pending, return_when=FIRST_COMPLETED)
-        for future in ready:
+        for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
             numbers = self.pending.pop(future)
             try:
                 rows, seconds = future.result()

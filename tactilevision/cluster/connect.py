@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import socket
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ from tactilevision.door.documents import read_json
 from tactilevision.errors import ClusterError
 
 ANSWER_S = 20.0  # s until a scheduler that says nothing counts as absent
+LATE_S = 1.0  # s more, for what answers but does not speak as a scheduler does
 WORKER_S = 60.0  # s until a scheduler without a worker counts as idle for good
 WHERE = "--cluster"
 
@@ -41,6 +45,7 @@ def open_client(where: str) -> Any:
         what = "a cluster needs dask.distributed, which is not installed"
         raise ClusterError(what, where=WHERE, remedy=remedy) from fault
     address = address_of(where)
+    _check_form(address)
     try:
         client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError) as fault:
@@ -52,6 +57,37 @@ def open_client(where: str) -> Any:
         client.close()
         raise
     return client
+
+
+def _check_form(address: str) -> None:
+    """Dask itself waits long for a host that cannot be there. Other schemes than these are its own affair."""
+    scheme, _, rest = address.rpartition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme not in ("", "tcp", "tls"):
+        return
+    if not host or not port.isdecimal():
+        remedy = "Give tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` wrote."
+        raise ClusterError("this is no scheduler's address", where=WHERE, value=address, remedy=remedy)
+    try:
+        socket.getaddrinfo(host.strip("[]"), int(port))
+    except (OSError, UnicodeError, OverflowError) as fault:
+        remedy = "Check its name, or give the number of its address."
+        raise ClusterError("no machine of that name is known", where=WHERE, value=host, remedy=remedy) from fault
+    if scheme != "tls":
+        with ThreadPoolExecutor(1) as aside:  # a notebook's own thread has a loop already
+            aside.submit(lambda: asyncio.run(_greet(address))).result()
+
+
+async def _greet(address: str) -> None:
+    """Raises ClusterError where something answers that is no Dask, as a web page does, which Dask waits for."""
+    from distributed.comm import connect
+
+    try:
+        comm = await asyncio.wait_for(connect(address, timeout=ANSWER_S), ANSWER_S + LATE_S)
+    except (OSError, ValueError) as fault:
+        remedy = "Start one with `dask scheduler`, or leave --cluster out. Its dashboard has another port."
+        raise ClusterError("no Dask scheduler answers", where=WHERE, value=address, remedy=remedy) from fault
+    comm.abort()
 
 
 def check_cluster(where: str) -> None:

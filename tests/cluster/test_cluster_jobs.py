@@ -270,7 +270,9 @@ def test_a_worker_without_the_library_is_refused() -> None:
     assert refusal(versions(), versions()) is None
 
 
-@pytest.mark.parametrize("where", ["tcp://127.0.0.1:1", "missing.json"])
+@pytest.mark.parametrize(
+    "where", ["tcp://127.0.0.1:1", "missing.json", "no address", "tcp://nohost.invalid:8786", "tcp://localhost"]
+)
 def test_a_cluster_out_of_reach_is_one_sentence_and_nothing_is_written(
     where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,6 +285,14 @@ def test_a_cluster_out_of_reach_is_one_sentence_and_nothing_is_written(
     assert main() == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not out.exists()
+
+
+def test_what_answers_but_is_no_scheduler_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connect, "ANSWER_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        where = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(ClusterError, match=r"no Dask scheduler answers .* dashboard has another port"):
+            connect.check_cluster(where)
 
 
 def test_a_scheduler_file_states_an_address(tmp_path: Path) -> None:
