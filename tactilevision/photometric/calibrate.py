@@ -57,6 +57,7 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, Pair
 
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
+MAX_GAP_DEG = 200.0  # degrees between colours' sides: five real sensors leave 131 to 184, two lamps 250
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
 
 
@@ -264,9 +265,19 @@ def _contact_in_reference(
 def _observability_warnings(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
     if light.worst < SLOPE_SOFTENING:
-        return []
+        return _dark_side_warnings(light)
     return [
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "
         f"{light.worst:.2g} changes the colours by a pixel's noise, across it {light.best:.2g} does. Do lamps of "
         "one colour face each other, or are all of one colour? Light each side in a colour of its own"
+    ]
+
+
+def _dark_side_warnings(light: Observability) -> list[str]:
+    """Gel that no colour lights from one side tells slopes to that side by how dark it is, and shadows as well."""
+    if light.gap_deg < MAX_GAP_DEG:
+        return []
+    return [
+        f"no colour lights the gel from the {light.gap_deg:.0f} degrees about {light.dark_deg:.0f} degrees (from "
+        "x, right, to y, down): two lamps? Slopes are told worse. Light that side in a third colour"
     ]

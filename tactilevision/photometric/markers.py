@@ -6,18 +6,23 @@ A mark is dark in every colour, whichever way the gel slopes; a shade is dark in
 
 and Otsu's threshold of the untouched picture parts marks from gel. A pattern counts as marks when there are enough
 of them, evenly spaced: dirt and grain are not. In a frame the same threshold finds them wherever the gel has
-carried them; patches much larger than a mark (grooves of what is pressed) are left alone. They are filled by push
-and pull over halved pictures: near the rim the colours beside it, deeper in those further off.
+carried them; patches much larger than a mark (grooves of what is pressed) are left alone.
+Each mark is filled by the quadratic in x and y that fits the gel round it best, weighed by a Gaussian of the
+distance from its centre, so that a dent's slopes go on through it. A mean of what lies round flattens dents.
+Larger holes are filled by such means, push and pull over halved pictures: near the rim the colours beside it,
+deeper in those further off.
 Assumes marks smaller than the closing, a nineteenth of the picture's height.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tactilevision.records import Bytes, Floats
 
@@ -28,7 +33,14 @@ MIN_AREA_PX = 4  # px of a spot; noise and hot pixels make smaller ones
 LARGEST = 2.5  # usual areas that a mark may have: larger patches are grooves of what is pressed
 FAINTEST = 0.05  # darker than the gel beside by less, noise and rounding are
 LEVELS = 4  # halvings: a hole of 16 pixels is bridged
+USUAL_PERCENT = 90  # percent of the marks for which the window of the quadratic is wide enough with its margin
+MARGIN_PX = 5  # px of gel beside a mark that its quadratic is fitted to, as on three real sets
+EVERY_PX = 2  # px between those that are fitted: all of them tell real dents no better and cost 1 ms
+RIDGE = 1e-4  # of the sum of weights, added to the normal equations: marks at the border lack a side
+MIN_GEL_PX = 12.0  # px of gel that are fitted, two for each coefficient: fewer tell no quadratic
+TERMS = 6  # coefficients of a quadratic in x and y, which is no judgement
 
+Indices = npt.NDArray[np.intp]
 Planes = npt.NDArray[np.float32]
 
 
@@ -99,6 +111,64 @@ def fill(planes: Planes, mask: Bytes) -> None:
             guess += sums[level] - share[level] * guess
         guess = cv2.pyrUp(guess, dstsize=plane.shape[::-1])
         np.copyto(plane, guess, where=hole)
+
+
+def fill_marks(planes: Planes, mask: Bytes) -> None:
+    """Fill `planes` (C, H, W) in place where `mask` (H, W) shows marks: slopes go on through them."""
+    count, labels, stats, centres = cv2.connectedComponentsWithStatsWithAlgorithm(
+        mask, 8, cv2.CV_16U, cv2.CCL_DEFAULT
+    )
+    if count < 2:
+        return
+    width = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    half = int(np.percentile(width[1:], USUAL_PERCENT)) // 2 + MARGIN_PX
+    x, y = np.rint(centres).astype(np.intp).T
+    gel = _around(np.asarray(1 - mask, np.float32), x, y, half)
+    told = (width < 2 * half) & (gel.sum(axis=1) > MIN_GEL_PX)
+    told[0] = True  # the gel itself, which is not filled
+    hole = mask.view(np.bool_)
+    if not told.all():
+        fill(planes, mask)
+        hole = told[labels] & hole
+    rows, columns = np.nonzero(hole)
+    mark, side = labels[rows, columns].astype(np.intp), 2 * half + 1
+    at = (mark * side + rows - y[mark] + half) * side + columns - x[mark] + half
+    surfaces = _quadratics([_around(plane, x, y, half) for plane in planes], gel, half)
+    for plane, surface in zip(planes, surfaces, strict=True):
+        plane[rows, columns] = surface.ravel().take(at)
+
+
+def _around(plane: Planes, x: Indices, y: Indices, half: int) -> Planes:
+    """Every EVERY_PX-th pixel (N, n) of `plane` (H, W) in windows about places x, y (N,); 0 beyond the border."""
+    padded = cv2.copyMakeBorder(plane, half, half, half, half, cv2.BORDER_CONSTANT, value=0)
+    windows = sliding_window_view(padded, (2 * half + 1, 2 * half + 1))
+    return np.asarray(windows[y, x, ::EVERY_PX, ::EVERY_PX].reshape(len(x), -1))
+
+
+def _quadratics(values: list[Planes], gel: Planes, half: int) -> list[Planes]:
+    """The quadratics (N, side * side) that fit each of `values` (N, n) best where `gel` (N, n) is 1."""
+    basis, weighted, products = _window(half)
+    first, second = np.triu_indices(TERMS)
+    normal = np.empty((len(gel), TERMS, TERMS), np.float32)
+    normal[:, first, second] = normal[:, second, first] = gel @ products
+    normal[:, range(TERMS), range(TERMS)] += RIDGE * (1.0 + normal[:, :1, 0])
+    known = np.stack([(one * gel) @ weighted for one in values], axis=2)
+    found = np.linalg.solve(normal, known)
+    return [np.asarray(np.ascontiguousarray(found[:, :, number]) @ basis) for number in range(len(values))]
+
+
+@lru_cache(4)
+def _window(half: int) -> tuple[Planes, Planes, Planes]:
+    """A quadratic's terms (6, side * side) in a window; these (n, 6) and their products (n, 21), weighed, where it
+    is fitted."""
+    y, x = np.indices((2 * half + 1, 2 * half + 1)) / half - 1.0
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    fitted = terms[:, ::EVERY_PX, ::EVERY_PX].reshape(TERMS, -1)
+    weighted = fitted * np.exp(-0.5 * (fitted[3] + fitted[5]))
+    first, second = np.triu_indices(TERMS)
+    tables = terms.reshape(TERMS, -1), weighted.T, (weighted[first] * fitted[second]).T
+    basis, at, products = (np.ascontiguousarray(table, np.float32) for table in tables)
+    return basis, at, products
 
 
 def _darkness(rgb: Bytes) -> Bytes:

@@ -18,7 +18,7 @@ from tactilevision.photometric import (
     save_method,
 )
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.markers import fill, find_marks, marked
+from tactilevision.photometric.markers import fill, fill_marks, find_marks, marked
 from tactilevision.sensors import get_sensor, may_have_marks
 
 SCALE = (MM_PER_PX, MM_PER_PX)
@@ -68,6 +68,27 @@ def test_a_smooth_field_is_filled_smoothly() -> None:
     assert np.array_equal(holed[:, mask == 0], field[:, mask == 0])
     inner = np.s_[:, 10:-10, 10:-10]
     assert np.abs(holed - field)[inner].max() < 0.02 * np.ptp(field)
+
+
+def test_curved_slopes_go_on_through_marks() -> None:
+    """A quadratic comes back where a mean flattens it, and a hole too wide for a window keeps the mean."""
+    x, y = places()
+    field = np.stack([0.3 * x - 0.2 * y + 0.05 * x * y - 0.02 * x**2, 0.1 * y**2]).astype(np.float32)
+    mask = (dots() < 0.95).astype(np.uint8)
+    holed, mean = (np.where(mask > 0, np.float32(9.0), field) for _ in range(2))
+    fill_marks(holed, mask)
+    fill(mean, mask)
+    assert np.array_equal(holed[:, mask == 0], field[:, mask == 0])
+    assert np.abs(holed - field).max() < 0.002 * np.ptp(field)
+    assert np.abs(mean - field).max() > 10 * np.abs(holed - field).max()
+    mask[50:120, 60:130] = 1
+    wide, mean = (np.where(mask > 0, np.float32(9.0), field) for _ in range(2))
+    fill_marks(wide, mask)
+    fill(mean, mask)
+    assert np.array_equal(wide[:, 70:100, 80:110], mean[:, 70:100, 80:110])
+    nothing = field.copy()
+    fill_marks(nothing, np.zeros_like(mask))
+    assert np.array_equal(nothing, field)
 
 
 def test_slopes_between_marks_carry_over_them() -> None:

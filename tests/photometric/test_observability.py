@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from lamp_room import LAMPS, MM_PER_PX, SHAPE, TINTS, ball, in_px, picture, presses
@@ -64,3 +66,29 @@ def test_the_slope_of_one_pixels_noise_is_exact_on_a_linear_light() -> None:
     assert told.best == pytest.approx(0.01 / 0.5, rel=1e-6)
     assert told.worst == pytest.approx(0.01 / 0.02, rel=1e-6)
     assert told.worst_deg == pytest.approx(30.0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_two_lamps_are_named_and_from_where_light_is_missing() -> None:
+    """Lamps at 188 and 312 degrees leave dark what lies about 70; it is 8.1 degrees off, by three lamps 6.7."""
+    found = made(LAMPS, np.array([TINTS[0], TINTS[1], np.zeros(3)]), seed=32)
+    (warning,) = [one for one in found.warnings if "two lamps?" in one]
+    assert re.search(r"the 2[345]\d degrees about (6|7)\d degrees", warning)
+
+
+@pytest.mark.parametrize(
+    ("sides_deg", "gap_deg", "dark_deg"),
+    [((0.0, 120.0, 240.0), 120.0, None), ((10.0, 100.0, 60.0), 270.0, 235.0), ((0.0, 90.0, 181.0), 179.0, 270.5)],
+)
+def test_the_widest_gap_between_lamps_is_exact(
+    sides_deg: tuple[float, float, float], gap_deg: float, dark_deg: float | None
+) -> None:
+    rng = np.random.default_rng(8)
+    slopes, sides = rng.normal(0.0, 0.3, (1000, 2)), np.deg2rad(sides_deg)
+    change = -slopes @ np.stack([np.cos(sides), np.sin(sides)])
+    noise = np.full((1000, 3), 0.01)
+    samples = Samples(change, rng.uniform(-1, 1, (1000, 2)), slopes, np.zeros(1000, int), noise)
+    told = slope_observability(samples)
+    assert told.gap_deg == pytest.approx(gap_deg, abs=1e-6)
+    assert dark_deg is None or told.dark_deg == pytest.approx(dark_deg, abs=1e-6)
+    assert slope_observability(samples.without(0)).gap_deg == 0.0, "overexposed, which says nothing of its lamp"

@@ -7,6 +7,8 @@ To first order in slope, and in place X, Y (from -1 to 1) for lamps that are nea
 Its smaller singular value s says in which direction a slope is hidden worst: one of 1/s stands out of a pixel's
 noise by one deviation. Two lamps of one colour opposite each other, or lamps of one colour all round, leave a
 direction without any change (s = 0), however bright they are, and no method can then read it.
+Where no colour lights the gel from more than half of the circle, two lamps are all there are: the widest gap
+between the directions in which colours grow brighter says so. Lamps of one colour that face each other have none.
 Samples are weighed as in the fit. What is of second order in slope is even in it, and does no harm: balls show all
 directions alike.
 """
@@ -18,20 +20,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactilevision.photometric.ball.samples import TYPICAL, Samples
+from tactilevision.records import Floats, Pair
 
 MAX_PLACES = 500  # places at which A is looked at
 MIN_NOISE = 1e-9  # relative noise of a colour that is not looked at, whose change is 0
+MIN_SHARE = 0.1  # of the greatest answer: a colour that answers less has no lamp of its own
 MIN_ANSWER = 1e-6  # change of colour in deviations per unit of slope: none
 
 
 @dataclass(frozen=True, slots=True)
 class Observability:
     """`best`, `worst`: the slopes that are one pixel's noise along the directions told best and worst, medians
-    over the balls' places; `worst_deg` that direction, from x towards y."""
+    over the balls' places; `worst_deg` that direction, from x towards y. `gap_deg`: the widest gap between sides
+    that colours light the gel from, about `dark_deg`; 0 where a colour is overexposed and was not looked at."""
 
     best: float
     worst: float
     worst_deg: float
+    gap_deg: float = 0.0
+    dark_deg: float = 0.0
 
 
 def slope_observability(samples: Samples) -> Observability:
@@ -46,4 +53,17 @@ def slope_observability(samples: Samples) -> Observability:
     changes = np.einsum("nm,mkc->nkc", where[:: max(1, len(x) // MAX_PLACES)], answers)
     best, worst = 1.0 / np.maximum(np.median(np.linalg.svd(changes, compute_uv=False), axis=0), MIN_ANSWER)
     least = np.linalg.eigh(np.einsum("nkc,nlc->kl", changes, changes))[1][:, 0]
-    return Observability(float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0))
+    gap = (0.0, 0.0) if np.any(samples.noise.max(axis=0) <= 0.0) else _dark_side(changes.mean(axis=0).T)
+    return Observability(
+        float(best), float(worst), float(np.degrees(np.arctan2(least[1], least[0])) % 180.0), *gap
+    )
+
+
+def _dark_side(changes: Floats) -> Pair:
+    """The widest gap between the sides colours of `changes` (3, 2) are lit from, and its middle, in degrees."""
+    answers = np.hypot(*changes.T)
+    x, y = -changes[answers > MIN_SHARE * answers.max()].T  # gel that faces a lamp rises away from it
+    sides = np.sort(np.degrees(np.arctan2(y, x)))
+    gaps = np.diff(sides, append=sides[0] + 360.0)
+    widest = int(np.argmax(gaps))
+    return float(gaps[widest]), float((sides[widest] + 0.5 * gaps[widest]) % 360.0)

@@ -24,7 +24,7 @@ from tactilevision.errors import InputError
 from tactilevision.photometric.illumination.block_means import means
 from tactilevision.photometric.illumination.camera_response import SOFTENING_GREY, Response
 from tactilevision.photometric.illumination.drift import Drift, DriftTracker, undo_drift
-from tactilevision.photometric.markers import fill, marked
+from tactilevision.photometric.markers import fill_marks, marked
 from tactilevision.photometric.reference import SATURATED, Reference, darkest_grey
 from tactilevision.records import Bools, Bytes, Floats
 
@@ -76,7 +76,7 @@ class ColourChange:
         self.tracker = DriftTracker(reference, response or Response())
         mean: Planes = np.array(reference.rgb.transpose(2, 0, 1), np.float32, order="C")
         if reference.marks is not None:
-            fill(mean, reference.marks.mask)
+            fill_marks(mean, reference.marks.mask)
         x, y = (np.linspace(-1, 1, n, dtype=np.float32) for n in reference.shape[::-1])
         self.maps = ChangeMaps(mean, x, y)
         self.noise: Planes = self.maps.scale * np.asarray(reference.noise_grey, np.float32)[:, None, None]
@@ -97,7 +97,7 @@ class ColourChange:
         for window in strips((slice(0, rgb.shape[0]), slice(0, rgb.shape[1]))):
             self.maps.changes(self.greys(window), window, out=self._whole[:, window[0]])
         if self.reference.marks is not None:
-            fill(self._whole, marked(rgb, self.reference.marks))
+            fill_marks(self._whole, marked(rgb, self.reference.marks))
         return self._whole, drift, valid
 
     @property
