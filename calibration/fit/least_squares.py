@@ -102,7 +102,10 @@ class Fit:
         Only the part that the noise brings has few degrees of freedom; what a prior brings is known as stated
         (Satterthwaite, Biometrics 2 (1946) 110).
         """
-        whole = float(gradient @ self.covariance @ gradient)
+        with np.errstate(over="ignore"):  # of a parameter that the data leave open
+            whole = float(gradient @ self.covariance @ gradient)
+        if not np.isfinite(whole):
+            return quantile95(self.noise.dof)
         precision = np.array([0.0 if p.prior is None else p.prior.std**-2 for p in self.parameters])
         stated = float(np.sum(precision * (self.covariance @ gradient) ** 2))
         share = (whole - stated) / whole if whole > 0 else 1.0

@@ -36,7 +36,9 @@ class Heights(EffectBase):
     def parameters(self) -> tuple[Parameter, ...]:
         """dH of each indenter with a std."""
         return tuple(
-            _small(f"{name}_mm", std, "error of the machined height") for name, std in self.stds if std > 0
+            _small(f"{name}_mm", std, f"error of the machined height of {name}")
+            for name, std in self.stds
+            if std > 0
         )
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:

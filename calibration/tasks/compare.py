@@ -153,10 +153,11 @@ def prepare(data: Observations, *, bulge: Estimate | None = None, bound: Pair | 
     return Prepared(stated, informed(stated, bulge, bound=bound))
 
 
-def plain_law(ready: Prepared, *, rng: np.random.Generator, of_gel: bool = True) -> Comparison:
+def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool = True) -> Comparison:
     """The base law alone, which `with_effect` adds to. Raises InputError where it cannot be fitted.
 
-    `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later.
+    `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
+    `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
     """
     found = Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
     return with_gel(found) if of_gel else found
@@ -168,18 +169,25 @@ def with_gel(found: Comparison) -> Comparison:
     return replace(found, models=tuple(said))
 
 
+def with_covariates(found: Comparison, rng: np.random.Generator) -> Comparison:
+    """The same with what the last model's residual depends on, among everything recorded."""
+    last = found.models[-1]
+    scored = score_test(last.fitted, (), rng=rng).covariates
+    return replace(found, models=(*found.models[:-1], replace(last, covariates=scored)))
+
+
 def with_effect(
     found: Comparison,
     effect: Effect,
     ready: Prepared,
     *,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     deadline: Deadline = NEVER,
     of_gel: bool = True,
 ) -> Comparison:
     """One more effect on top of those before; where that cannot be, the same with it named in `left_out`.
 
-    `of_gel` as for `plain_law`.
+    `of_gel` and `rng` as for `plain_law`.
     """
     last = found.models[-1]
     why = "the time was over" if deadline.passed else ""
@@ -276,7 +284,9 @@ def base_model(data: Observations) -> Model:
     return Model(FlatPunch(free_poisson_ratio=several and data.gel.poisson_ratio is None))
 
 
-def evaluate(model: Model, data: Observations, *, rng: np.random.Generator, on: Fit | None = None) -> Compared:
+def evaluate(
+    model: Model, data: Observations, *, rng: np.random.Generator | None, on: Fit | None = None
+) -> Compared:
     """Fit one model and look at what it leaves; `on` the fit that its last effect was added to.
 
     Of an effect with many starts only those are tried that promise most on that fit.
@@ -288,10 +298,10 @@ def evaluate(model: Model, data: Observations, *, rng: np.random.Generator, on: 
     return judge(refit_with_pure_noise(fit(model, data, starts=starts)), rng)
 
 
-def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
-    """What a fit leaves, in and out of sample."""
-    data = fitted.data
-    residual, errors = score_test(fitted, (), rng=rng), fit_errors(fitted)
+def judge(fitted: Fit, rng: np.random.Generator | None) -> Compared:
+    """What a fit leaves, in and out of sample, and with an `rng` what that depends on."""
+    data, errors = fitted.data, fit_errors(fitted)
+    covariates = () if rng is None else score_test(fitted, (), rng=rng).covariates
     slope = float(np.median(np.abs(fitted.about.slope_N_per_mm[data.depth_mm > 0])))
     keys = tuple(k for k in fitted.model.keys if k not in TOLERANCES)
     return Compared(
@@ -304,6 +314,6 @@ def judge(fitted: Fit, rng: np.random.Generator) -> Compared:
         percent=100 * fitted.rms_error_N / float(np.max(data.normal_N)),
         um=1e3 * fitted.rms_error_N / slope,
         chi2=fitted.chi2,
-        covariates=residual.covariates,
+        covariates=covariates,
         fitted=fitted,
     )

@@ -14,10 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration.session import History, steps_of_comparison
+from calibration.session import History, Labelled, steps_of_comparison
 from calibration.tasks.compare import suggest
 from calibration.tasks.history import HistoryRow, history
-from calibration.workbench.changes import Track, change, named_state
+from calibration.workbench.changes import Track, change, in_words, named_state, seconds_allowed
 from calibration.workbench.dropping import Dropping
 from calibration.workbench.evidence import Evidence, look, opened_card, with_pictures
 from calibration.workbench.models import Fitted, Models
@@ -166,9 +166,17 @@ class Bench:
     def work_once(self, *, until_idle: bool = True) -> bool:
         """Do the next action alone; False where there is none."""
         one = self._next(until_idle=until_idle)
-        if one is not None and not self._dropping.run(ACTION, lambda: self._do(*one)):
-            self._show(busy="", notice=f"{_words(*one)} was stopped; nothing is changed")
-        return one is not None
+        if one is None:
+            return False
+        began, limit = time.monotonic(), seconds_allowed(*one, self.opened)
+        over = threading.Timer(limit, self._dropping.drop, (ACTION,))
+        over.daemon = True
+        over.start()
+        if not self._dropping.run(ACTION, lambda: self._do(*one)):
+            why = f" after {limit:.0f} s" if time.monotonic() - began >= limit else ""
+            self._show(busy="", notice=f"{in_words(*one, self.opened)} was stopped{why}; nothing is changed")
+        over.cancel()
+        return True
 
     def _next(self, *, until_idle: bool) -> tuple[str, str] | None:
         """The next action, waited for; None where there is none any more."""
@@ -198,7 +206,7 @@ class Bench:
 
     def _do(self, action: str, value: str) -> None:
         """One action; what goes wrong is said on the page, and the state stays."""
-        self._show(busy=_words(action, value), since_s=time.monotonic(), notice="")
+        self._show(busy=in_words(action, value, self.opened), since_s=time.monotonic(), notice="")
         try:
             if action == "card":
                 self._open_card(value)
@@ -256,7 +264,7 @@ class Bench:
         place = self._place(shown.history)
         self._ask(shown, place)
         try:
-            if shown.now.found.models[-1].material is None:
+            if shown.now.rng is None or shown.now.found.models[-1].material is None:
                 self._show(busy="determining what it says of the gel", since_s=time.monotonic())
                 self._complete()
             if place not in self._suggested:
@@ -264,7 +272,7 @@ class Bench:
                 if place not in self._looks:
                     self._keep_look(place, look(self.opened, shown.now, seed=shown.history.seed))
                 with_pictures(shown.now, self._looks[place], tell=lambda table: self._keep_look(place, table))
-                self._suggested[place] = suggest(shown.now.found)
+                self._suggested[place] = suggest(self._fitted(shown.history).found)
             self._show(suggested=self._suggested[place], busy="")
             if len(self.opened.measured) > 1 and not shown.weeks:
                 self._show(busy="fitting each recording by itself", since_s=time.monotonic())
@@ -274,9 +282,16 @@ class Bench:
             self._show(notice=str(fault) or type(fault).__name__)
 
     def _complete(self) -> None:
-        """What the model that stands says of the gel."""
+        """What the model that stands says of the gel, and then what its residual depends on."""
         kept = self._shown.history
         self._show(now=self.models.with_gel(kept.left_out, [step.key for step in kept.steps]))
+        self._show(now=self._fitted(kept))
+
+    def _fitted(self, kept: History | Labelled) -> Fitted:
+        """All of a state."""
+        keys = [step.key for step in kept.steps]
+        self.models.with_gel(kept.left_out, keys)
+        return self.models.with_covariates(kept.left_out, keys)
 
     def _keep_look(self, place: tuple[object, ...], table: tuple[Evidence, ...]) -> bool:
         self._looks[place] = table
@@ -308,7 +323,7 @@ class Bench:
         if len(names) != 2:
             return None
         states = [named_state(self._shown.history, name) for name in names]
-        first, second = (self.models.with_gel(s.left_out, [step.key for step in s.steps]) for s in states)
+        first, second = (self._fitted(state) for state in states)
         return Sides((names[0], names[1]), (first, second))
 
     def _ask(self, shown: Shown, place: tuple[object, ...]) -> None:
@@ -332,18 +347,3 @@ class Bench:
         if self._asked is not None:
             self._asked.drop()
             self._asked = None
-
-
-def _words(action: str, value: str) -> str:
-    """What is at work, as a person says it."""
-    said = value.replace("_", " ")
-    return {
-        "open": "fitting the plain law",
-        "add": f"adding {said}",
-        "remove": f"removing {said}",
-        "card": f"fitting {said}",
-        "export": "writing the report",
-        "sides": "fitting both states",
-        "leave_out": f"fitting without {value}",
-        "put_back": f"fitting with {value}",
-    }.get(action, action)

@@ -20,6 +20,7 @@ from calibration.result.result import CalibrationResult
 from calibration.tasks.compare import Compared, Comparison
 from calibration.tasks.history import HistoryRow
 from calibration.workbench.bench import Bench, Shown
+from calibration.workbench.changes import seconds_anew
 from calibration.workbench.evidence import Evidence
 from calibration.workbench.opened import Opened
 from tactilevision.plots.diagnosis import Overlay
@@ -43,6 +44,7 @@ def state_view(bench: Bench) -> dict[str, Any]:
         "saved": shown.saved,
         "warnings": [*opened.warnings, *_changed(shown)],
         "model": _model_number(shown),
+        "looked": shown.now is not None and shown.now.rng is not None,
         "undo": bool(shown.track.past),
         "redo": bool(shown.track.future),
         "verdict": _verdict(shown),
@@ -71,7 +73,10 @@ def _model_number(shown: Shown) -> str:
     """Another text where the curves are others."""
     names = "" if shown.sides is None else "|".join(shown.sides.names)
     keys = "+".join(step.key for step in shown.history.steps)
-    return "" if shown.now is None else f"{keys}-{','.join(shown.history.left_out)}-{names}"
+    if shown.now is None:
+        return ""
+    looked = "" if shown.now.rng is None else "looked"
+    return f"{keys}-{','.join(shown.history.left_out)}-{names}-{looked}"
 
 
 def _verdict(shown: Shown) -> dict[str, Any]:
@@ -83,11 +88,18 @@ def _verdict(shown: Shown) -> dict[str, Any]:
         "with": kept,
         "asking": shown.asking,
         "troubled": shown.troubled,
+        "named": [] if found is None else _not_yet(found.named, shown),
         "next": [] if found is None else [
             {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
             for action, minutes, sigma in found.measure_next
         ],
     }  # fmt: skip
+
+
+def _not_yet(named: tuple[str, ...], shown: Shown) -> list[dict[str, str]]:
+    """Effects that the diagnosis names and that are not in the model."""
+    there = {step.key for step in shown.history.steps}
+    return [{"key": key, "title": in_words(key)} for key in named if key not in there]
 
 
 def _falls(found: Comparison) -> list[ErrorFall]:
@@ -199,6 +211,7 @@ def _card(one: Evidence, shown: Shown, opened: Opened) -> dict[str, Any]:
         "candidate": verdict is not None and effect.key in verdict.candidates and not named,
         "suggested": effect.key in shown.suggested,
         "why": one.why,
+        "slow_s": seconds_anew(effect.key, opened),
         "values": [] if one.fitted is None else [
             f"{p.meaning or p.name} {wording.number(float(v))}{'' if p.unit in ('', '1') else f' {p.unit}'}"
             for p, v in zip(effect.parameters, one.fitted.own_values, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from calibration.inputs.left_out import leave_out, press_names
 from calibration.session import History, load_history
 from calibration.tasks.compare import compare
 from calibration.workbench import bench as bench_module
+from calibration.workbench import changes
 from calibration.workbench.bench import Bench
 from calibration.workbench.changes import Track
 from calibration.workbench.curve_view import curve_view, tried_view
+from calibration.workbench.models import Models
 from calibration.workbench.opened import file_marks
 from calibration.workbench.state_view import state_view
 from tactilevision.errors import InputError
@@ -258,3 +261,28 @@ def test_two_tabs_are_said_to_each_and_one_is_not(made: Bench, monkeypatch: pyte
     assert "open in 2 tabs" in state_view(made)["warnings"][-1]
     monkeypatch.setattr(bench_module, "GONE_S", 0.0)
     assert made.wait(0, 0, tab="a").tabs == 1
+
+
+def test_the_error_falls_before_what_it_depends_on_is_drawn(made: Bench) -> None:
+    models = Models(made.opened)
+    quick = models.fitted((), ("force_bias",))
+    assert quick.rng is None
+    assert not quick.found.models[-1].covariates
+    assert np.isfinite(quick.found.models[-1].held_out_N)
+    assert models.with_covariates((), ("force_bias",)).found.models[-1].covariates
+
+
+def test_a_change_that_takes_too_long_is_stopped_and_said(made: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(changes, "FIT_S", 0.02)
+    shown = do(made, "add", "thickness")
+    assert "was stopped after" in shown.notice
+    assert not shown.history.steps
+
+
+def test_a_card_says_that_its_effect_reads_the_frames_anew(made: Bench) -> None:
+    points: Any = SimpleNamespace(points=range(10))
+    frames: Any = SimpleNamespace()
+    opened = replace(made.opened, measured=(points,), frames=(frames,))
+    assert changes.seconds_anew("cast_shadow", opened) == 10 * changes.PRESS_S
+    assert "read anew" in changes.in_words("add", "cast_shadow", opened)
+    assert changes.seconds_allowed("add", "cast_shadow", opened) > changes.seconds_allowed("add", "tilt", opened)

@@ -43,7 +43,7 @@ def workbench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, P
         try:
             yield found[0], out
             process.terminate()
-            _, said = process.communicate(timeout=30)
+            _, said = process.communicate(timeout=WAIT_MS / 1000)
         finally:
             process.kill()  # a server that goes on would be waited for
     assert "Traceback" not in said

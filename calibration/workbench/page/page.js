@@ -95,12 +95,14 @@ function tick() {
 
 function showVerdict([verdict, falls, modulus]) {
   const withWords = verdict.with.length ? `With ${verdict.with.join(" and ")} in the model` : "With the plain law alone";
-  const clean = verdict.word === "ADEQUATE";
+  const clean = verdict.word === "ADEQUATE" && falls.every(([, reached]) => reached);
   $("verdict").className = verdict.word ? (clean ? "clean" : "found") : "";
   fill("verdict",
     verdict.word ? h("p", { class: "lead" }, h("b", {}, verdict.word), `. ${verdict.sentence}`)
       : h("p", { class: "lead" }, verdict.troubled ? `No verdict: ${verdict.troubled}` : "Looking for what is missing",
         verdict.asking ? h("span", { class: "soft" }, ` (${verdict.asking} …)`) : ""),
+    verdict.named.length ? h("p", {}, verdict.named.map((one) => h("button", { class: "main", "data-cure": one.key,
+      onclick: () => { act("add", one.key); toTop(); } }, `Add ${one.title}`)), " and watch the error fall.") : "",
     h("p", { class: "soft" }, `${withWords}.`),
     falls.map(([sentence, reached]) => h("p", { class: reached ? "good" : "" }, sentence)),
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
@@ -188,6 +190,7 @@ function cardOf(card) {
       onclick: () => { act("add", card.key); toTop(); } }, "Add")),
     card.about ? h("p", {}, card.about) : "",
     h("p", { class: card.stands_out ? "" : "soft" }, card.evidence, card.kind === "effect" ? "" : ` · ${card.kind}`, card.of === "the force" ? "" : ` · acts on ${card.of}`, " ", badge(card)),
+    card.slow_s ? h("p", { class: "soft" }, `Add reads the frames anew: about ${card.slow_s < 90 ? `${card.slow_s.toFixed(0)} s` : `${(card.slow_s / 60).toFixed(0)} minutes`}. Stop ends it.`) : "",
     card.why ? h("p", { class: "bad" }, card.why) : "",
     card.overlay ? [h("div", { class: "chart small", "data-overlay": card.key, role: "img", "aria-label": `What ${card.title} would leave` }),
       h("p", { class: "soft" }, h("span", { class: "dot", style: "background: var(--first)" }), "left now; ", h("span", { class: "dot", style: "background: var(--ink)" }),
@@ -266,7 +269,7 @@ function drawChosen() {
 
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
-  if (!strip) { $("strip-words").textContent = "Too few presses to look for a pattern."; return; }
+  if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to look for a pattern." : "What it depends on is being looked for."; return; }
   $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: mean of a bin with its 95 % interval; pale: single readings. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
