@@ -36,10 +36,12 @@ def covariate(name: str) -> str:
 
 
 def number(value: float | None, std: float | None = None) -> str:
-    """A number to two digits of its standard deviation, or to four significant digits."""
+    """A number to two digits of its standard deviation, in full where that is 0, or to four significant digits."""
     if value is None or not math.isfinite(value):
         return "–"
-    if std is None or not math.isfinite(std) or std <= 0:
+    if std == 0:
+        return f"{value:.10g}"
+    if std is None or not math.isfinite(std) or std < 0:
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(std)))
     return f"{value:.{min(digits, 8)}f}"
@@ -55,7 +57,7 @@ def estimate(content: Mapping[str, Any] | Estimate) -> str:
         span = ""
     else:
         low, high = interval
-        fine = spread if spread else (abs(high - low) / 4 if high != low else None)
+        fine = spread if spread else abs(high - low) / 4
         span = f"{number(low, fine)} to {number(high, fine)}{unit}"
     if record["value"] is None:
         why = record.get("why") or "these data cannot tell"

@@ -195,8 +195,8 @@ def step_errors(step: Step) -> str:
 
     if step.unit == "mm":
         held = 1e3 * step.held_out_before_N, 1e3 * step.held_out_after_N
-        return f"from {held[0]:.1f} to error of the picture's depth on presses left out {held[1]:.1f} um"
+        return f"error of the picture's depth on presses left out from {held[0]:.1f} to {held[1]:.1f} um"
     if not isfinite(step.held_out_after_N):
         return f"rms {1e3 * step.rms_before_N:.2f} -> {1e3 * step.rms_after_N:.2f} mN"
-    after = wording.fit_error(step.held_out_after_N, step.rms_after_N)
-    return f"from {1e3 * step.held_out_before_N:.1f} to {after}, {wording.repeatability(step.repeatability_N)}"
+    fall = f"from {1e3 * step.held_out_before_N:.1f} to {1e3 * step.held_out_after_N:.1f} mN"
+    return f"error on presses left out {fall}, {wording.repeatability(step.repeatability_N)}"

@@ -9,19 +9,41 @@ from __future__ import annotations
 import struct
 
 from tactilevision.door.limits import check
+from tactilevision.errors import InputError
 
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_TIFF = {b"II+\0": "<", b"MM\0+": ">"}
 _FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of JPEG that state a size
-_WHOLE = {1: "B", 3: "H", 4: "I", 16: "Q"}  # types of TIFF that hold whole numbers
+_WHOLE = {1: "B", 3: "H", 4: "I", 6: "b", 8: "h", 9: "i", 16: "Q", 17: "q"}  # types of TIFF for whole numbers
+_GREY = frozenset((0, 4))  # colour types of PNG: grey, without and with transparency
+_OS2_HEADER = 12  # bytes of BMP's oldest header, whose sides have 16 bits
+
+
+class UnknownPictureError(InputError):
+    """The bytes are no picture of a kind that is read, or their header is damaged."""
 
 
 def check_picture(data: bytes, *, where: object) -> None:
-    """Raise InputError where a picture's header states more pixels than the limit; an unknown header passes."""
+    """Raise InputError where a picture's header states more pixels than the limit.
+
+    Raises UnknownPictureError where there is no header that states a size: decoders of other kinds (GIF, WebP,
+    JPEG 2000) take gigabytes for a few bytes.
+    """
     size = picture_size(data)
-    if size is not None:
-        check(size[0] * size[1], "MAX_PIXELS", what=f"a picture of {size[0]} x {size[1]} pixels", where=where)
+    if size is None:
+        raise UnknownPictureError(
+            "the picture is no PNG, JPEG, TIFF or BMP, or its header is damaged",
+            where=where,
+            value=bytes(data[:8]),
+            remedy="Save it as PNG, or copy it again from where it came.",
+        )
+    check(size[0] * size[1], "MAX_PIXELS", what=f"a picture of {size[0]} x {size[1]} pixels", where=where)
+
+
+def is_grey(data: bytes) -> bool:
+    """Whether a PNG holds no colours; decoders make colours of grey with transparency."""
+    return data.startswith(_PNG) and len(data) > 25 and data[25] in _GREY
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
@@ -33,7 +55,8 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
         if data.startswith(_JPEG):
             return _jpeg(data)
         if data.startswith(_BMP):
-            width, height = struct.unpack_from("<ii", data, 18)
+            old = struct.unpack_from("<I", data, 14)[0] == _OS2_HEADER
+            width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
             return abs(int(width)), abs(int(height))
         if data[:4] in _TIFF or data[:4] in _BIG_TIFF:
             return _tiff(data)
@@ -58,8 +81,9 @@ def is_cut(data: bytes) -> bool:
 def _jpeg(data: bytes) -> tuple[int, int] | None:
     place = 2
     while place + 9 < len(data):
-        if data[place] != 0xFF:
-            return None
+        if data[place] != 0xFF:  # stray bytes, which decoders pass over
+            place += 1
+            continue
         marker = data[place + 1]
         if marker in _FRAME_STARTS:
             height, width = struct.unpack_from(">HH", data, place + 5)
@@ -70,7 +94,7 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Of the largest of the pictures that the file holds."""
+    """Of the first picture in the file, which is the one that is read; of a tag that stands twice, the first."""
     big = data[:4] in _BIG_TIFF
     order = _BIG_TIFF[data[:4]] if big else _TIFF[data[:4]]
     start = struct.unpack_from(order + ("Q" if big else "I"), data, 8 if big else 4)[0]
@@ -81,5 +105,5 @@ def _tiff(data: bytes) -> tuple[int, int] | None:
         at = start + first + entry * k
         tag, kind, _ = struct.unpack_from(order + "HH" + number, data, at)
         if tag in (256, 257):
-            found[tag] = struct.unpack_from(order + _WHOLE[kind], data, at + 4 + (8 if big else 4))[0]
+            found.setdefault(tag, struct.unpack_from(order + _WHOLE[kind], data, at + 4 + (8 if big else 4))[0])
     return (int(found[256]), int(found[257])) if len(found) == 2 else None

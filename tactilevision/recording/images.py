@@ -18,7 +18,7 @@ from tactilevision.door.arrays import DamagedArrayError, read_array
 from tactilevision.door.decoding import decode
 from tactilevision.door.limits import check
 from tactilevision.door.opening import read_bytes
-from tactilevision.door.pictures import check_picture, is_cut
+from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, is_grey
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
 
@@ -63,8 +63,13 @@ def _stored(data: bytes, path: Path) -> npt.NDArray[Any]:
         raise TornImageError("the picture is empty", where=path, remedy=_REMEDY_TORN)
     if path.suffix.lower() == ".npy":
         return _array(data, path)
-    check_picture(data, where=path)
+    try:
+        check_picture(data, where=path)
+    except UnknownPictureError as fault:
+        raise TornImageError(fault.what, where=path, value=fault.value, remedy=fault.remedy) from fault
     picture = _decoded(data, path)
+    if is_grey(data):
+        return picture[..., 0] if picture.ndim == 3 else picture
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         picture = picture[..., 2::-1]
     return picture
@@ -84,7 +89,7 @@ def as_rgb(picture: npt.NDArray[Any], path: Path, *, white_level: float | None =
         )
     if picture.ndim != 3 or picture.shape[2] not in (3, 4):
         raise RecordingError("a picture has the shape (height, width, 3)", where=path, value=picture.shape)
-    picture = picture[..., :3]
+    picture = picture[..., :3].astype(picture.dtype.newbyteorder("="), copy=False)
     if picture.dtype == np.uint8:
         return np.ascontiguousarray(picture)
     if picture.dtype == np.uint16:
@@ -118,6 +123,8 @@ def _array(data: bytes, path: Path) -> npt.NDArray[Any]:
     except DamagedArrayError as fault:
         raise TornImageError(fault.what, where=path, remedy=_REMEDY_TORN) from fault
     check(array.size / 3, "MAX_PIXELS", what="the array's pixels", where=path)
+    if not array.size:
+        raise TornImageError("the picture is empty", where=path, value=array.shape, remedy=_REMEDY_TORN)
     return array
 
 

@@ -48,10 +48,9 @@ def find_frames(root: Path) -> Path | None:
     folder = root / layout.FRAMES
     if _image_names(folder):
         return folder
-    videos = [root / (layout.FRAMES + suffix) for suffix in layout.VIDEO_SUFFIXES]
-    inside = sorted(folder.iterdir()) if folder.is_dir() else []
-    videos += [path for path in inside if path.suffix.lower() in layout.VIDEO_SUFFIXES]
-    found = [path for path in videos if path.is_file()]
+    here = [path for path in sorted(root.glob("*")) if path.stem == layout.FRAMES]
+    here += sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [path for path in here if path.suffix.lower() in layout.VIDEO_SUFFIXES and path.is_file()]
     if len(found) > 1:
         raise RecordingError(
             f"there are {len(found)} videos of frames: {found[0].name}, {found[1].name}",
@@ -104,8 +103,9 @@ def _check_present(
 
 
 def _check_indices(table: Table, video: Path) -> None:
-    """Frames of a video are listed by number, from 0, rising."""
+    """Frames of a video are listed by number, from 0, rising; 12.0 is written as 12."""
     last = -1
+    table.words["frame"] = [re.sub(r"\.0*$", "", name) for name in table.words["frame"]]
     for row, name in enumerate(table.words["frame"]):
         if not (name.isascii() and name.isdigit()):
             raise table.fault(row, f"frames of a video ({video.name}) are numbers, from 0", value=name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -95,7 +96,7 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
     times, warnings, extra = np.zeros(0), names, dict[str, Columns]()
     if frames_path is None:
         _check_no_frames_needed(recording)
-    elif (root / layout.FRAME_TABLE).is_file() or _is_calibration(root):
+    elif _named(root, layout.FRAME_TABLE) or _is_calibration(root):
         table, warnings = pictures.list_frames(root, frames_path)
         names, times, extra = tuple(table.words["frame"]), table.numbers["time_s"], _extra(table)
         warnings += table.warnings
@@ -126,13 +127,13 @@ def _with_pictures(recording: Recording, settings: Settings, toml: Path) -> Reco
 def _check_no_frames_needed(recording: Recording) -> None:
     """Without pictures there must be curves or points; a list of pictures must not be there."""
     root = recording.path
-    if (root / layout.FRAME_TABLE).is_file():
+    if _named(root, layout.FRAME_TABLE):
         raise RecordingError(
             "frames are listed, but there are no pictures",
             where=root / layout.FRAMES,
             remedy=f"Put them there, or remove {layout.FRAME_TABLE}.",
         )
-    if not any((root / name).is_file() for name in (layout.CURVES, layout.POINTS)):
+    if not _named(root, layout.CURVES, layout.POINTS):
         raise RecordingError(
             "the recording holds nothing to work on: neither frames nor curves nor points",
             where=root,
@@ -142,7 +143,12 @@ def _check_no_frames_needed(recording: Recording) -> None:
 
 def _is_calibration(root: Path) -> bool:
     """Whether times matter: then a missing frames.csv is a fault at once."""
-    return any((root / name).is_file() for name in (layout.FORCES, layout.PRESSES))
+    return _named(root, layout.FORCES, layout.PRESSES)
+
+
+def _named(root: Path, *names: str) -> bool:
+    """Whether one of these stands in the folder, be it a pipe or a link to nowhere: its reader says so."""
+    return any(os.path.lexists(root / name) for name in names)
 
 
 def _unlisted(frames_path: Path) -> tuple[tuple[str, ...], npt.NDArray[np.float64], tuple[str, ...]]:
@@ -159,25 +165,22 @@ def _with_tables(recording: Recording, settings: Settings, toml: Path) -> Record
     root, tables = recording.path, list[Table]()
     found: dict[str, Any] = {}
 
-    def present(name: str) -> bool:
-        return (root / name).is_file()
-
     def keep(name: str, read: tuple[Any, Table]) -> None:
         found[name] = read[0]
         tables.append(read[1])
 
-    if present(layout.FORCES):
+    if _named(root, layout.FORCES):
         keep("forces", read_forces(root / layout.FORCES, settings.force, toml=toml))
         found["force_std_N"] = found["forces"].std_N
         if not settings.force.std_N:
             found["warnings"] = (f"{toml.name}: [force] std_N is left out: it was estimated from {layout.FORCES}",)
-    if present(layout.PRESSES):
+    if _named(root, layout.PRESSES):
         keep("presses", read_presses(root / layout.PRESSES, recording.indenters))
-    if present(layout.STAGE):
+    if _named(root, layout.STAGE):
         keep("stage", read_stage(root / layout.STAGE))
-    if present(layout.CURVES):
+    if _named(root, layout.CURVES):
         keep("curves", read_curves(root / layout.CURVES))
-    if present(layout.POINTS):
+    if _named(root, layout.POINTS):
         keep("points", read_points(root / layout.POINTS, recording.indenters))
     notes = tuple(note for table in tables for note in table.warnings) + found.pop("warnings", ())
     extra = dict(recording.extra)

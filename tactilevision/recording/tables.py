@@ -6,6 +6,7 @@ import csv
 import io
 import itertools
 import math
+import re
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from tactilevision.recording.names import nearest
 from tactilevision.records import Floats
 
 _ROWS_AT_ONCE = 4096  # rows read at once
+_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+\s*")  # a number with a decimal comma
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +169,9 @@ def _numbers(path: Path, name: str, cells: Sequence[str], lines: list[int], empt
             f"column {name} holds no finite number",
             where=f"{path}, line {lines[first]}",
             value=cells[first],
-            remedy="Correct the cell, or remove the row.",
+            remedy="Write it with a decimal point, not a comma."
+            if _COMMA.fullmatch(cells[first])
+            else "Correct the cell, or remove the row.",
         )
     check_numbers(values, what=f"a number of column {name}", where=f"{path}, lines {lines[0]} to {lines[-1]}")
     return values

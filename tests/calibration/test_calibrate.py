@@ -13,12 +13,13 @@ from made_recordings import HEIGHTS_MM, Made, Truth, draw, points_of
 
 from calibration.inputs.observations import Measured
 from calibration.laws.theory.sticking import sticking_surplus
+from calibration.report import wording
 from calibration.tasks.calibrate import calibrate
 from calibration.tasks.history import history
 from tactilevision.errors import InputError, NothingCertified
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
-from tactilevision.records import Curve, Gel, Indenter, Material, Press, Sensor
+from tactilevision.records import Curve, Estimate, Gel, Indenter, Material, Press, Sensor
 
 PAPER = Path(__file__).parents[3] / "shared" / "reference" / "paper_points.csv"
 LUBRICATED = {"lubricated": 1.0}
@@ -349,3 +350,8 @@ def test_rejected_presses_are_listed() -> None:
     result = calibrate(replace(measured, points=points))
     assert result.as_json()["presses_rejected"] == [{"press": "1", "reason": "tilt"}]
     assert result.presses_accepted == ("2", "3", "4", "5")
+
+
+def test_a_clock_that_is_stated_is_said_in_full() -> None:
+    stated = Estimate(1234.5678, 0.0, (1234.5678, 1234.5678), "s")
+    assert wording.estimate(stated) == "1234.5678 s (95 %: 1234.5678 to 1234.5678 s)"

@@ -21,7 +21,7 @@ from tactilevision.door.limits import limit
 from tactilevision.door.names import inside
 from tactilevision.door.numbers import check_numbers, number, read_cells
 from tactilevision.door.opening import open_regular, read_bytes
-from tactilevision.door.pictures import check_picture, is_cut, picture_size
+from tactilevision.door.pictures import UnknownPictureError, check_picture, is_cut, picture_size
 from tactilevision.errors import InputError
 
 OUTWARD = ["../a.png", "a/../../b.png", "/etc/passwd", "~/a.png", "C:\\a.png", "..\\a.png", "a\0.png", ""]
@@ -219,3 +219,35 @@ def test_a_picture_without_its_end_is_cut(suffix: str) -> None:
 def test_a_chunk_longer_than_its_file_is_cut() -> None:
     data = cv2.imencode(".png", np.zeros((9, 7, 3), np.uint8))[1].tobytes()
     assert is_cut(data[:33] + b"\xfe" + data[34:])
+
+
+# a GIF of 35 bytes that a decoder gives 7 GB
+BOMB = b"GIF89a" + struct.pack("<HHBBB", 30_000, 30_000, 0xF0, 0, 0) + b"\0\0\0\xff\xff\xff,"
+
+
+@pytest.mark.parametrize(
+    "data", [BOMB, b"RIFF\0\0\0\0WEBPVP8L", b"P6 30000 30000 255\n", b"<html>", png(9, 9)[:20]]
+)
+def test_a_picture_that_states_no_size_never_reaches_a_decoder(data: bytes) -> None:
+    with pytest.raises(UnknownPictureError, match="is no PNG, JPEG, TIFF or BMP"):
+        check_picture(data, where="a.png")
+
+
+def tiff(*entries: tuple[int, int, bytes]) -> bytes:
+    """The start of a TIFF with these entries: tag, type, value."""
+    listed = b"".join(struct.pack("<HHI", tag, kind, 1) + value.ljust(4, b"\0") for tag, kind, value in entries)
+    return b"II*\0" + struct.pack("<IH", 8, len(entries)) + listed
+
+
+@pytest.mark.parametrize("kind", [4, 9])
+def test_the_size_of_a_tiff_is_the_one_that_libtiff_takes(kind: int) -> None:
+    large, small = struct.pack("<i", 30_000), struct.pack("<H", 8)
+    data = tiff((256, kind, large), (257, kind, large), (256, 3, small), (257, 3, small))
+    with pytest.raises(InputError, match="30000 x 30000"):
+        check_picture(data, where="a.tiff")
+
+
+def test_stray_bytes_do_not_hide_the_size_of_a_jpeg() -> None:
+    data = cv2.imencode(".jpg", np.zeros((9, 7, 3), np.uint8))[1].tobytes()
+    stray = data[:2] + b"\x00\x17" + data[2:]
+    assert picture_size(stray) == picture_size(data) == (7, 9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 from small_recording import edit, picture, write_small
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import read_recording, write_image
 
 HEAD = "time_s,fx_N,fy_N,fz_N\n"
@@ -34,6 +35,7 @@ EDITS = [
         "forces.csv, line 4: the row has 2 cells, the header 4",
     ),
     ("forces.csv", "\n0.02,0.1", "\n0,02,0.1", "a decimal comma makes cells too many"),
+    ("forces.csv", "0.02,0.1", '0.02,"0,1"', "(got '0,1'). Write it with a decimal point"),
     ("forces.csv", "fz_N", "fz", "column fz_N is missing; there are time_s, fx_N, fy_N, fz"),
     ("forces.csv", "fz_N", "fz", "Rename fz to fz_N"),
     ("forces.csv", "fy_N", "fx_N", "column fx_N stands twice"),
@@ -127,6 +129,14 @@ def test_a_spoilt_cell_is_named(folder: Path, name: str, old: str, new: str, sai
 def test_a_spoilt_file_is_named(folder: Path, name: str, content: bytes, said: str) -> None:
     (folder / name).write_bytes(content)
     assert said in message(folder)
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "forces.csv", "presses.csv", "stage.csv"])
+def test_a_table_that_is_a_pipe_is_not_taken_for_absent(folder: Path, name: str) -> None:
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    with pytest.raises(InputError, match=f"{name}: is a pipe, not a file"):
+        read_recording(folder)
 
 
 def test_forces_shorter_than_the_presses_end_early_whatever_the_clocks(folder: Path) -> None:

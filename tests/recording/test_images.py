@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from PIL import Image
 from small_recording import edit, picture, write_small
 
 from tactilevision.errors import InputError, RecordingError
@@ -88,12 +89,26 @@ def test_transparency_is_dropped(tmp_path: Path, suffix: str) -> None:
         (np.full((4, 4, 3), np.nan), ".npy", "runs from 0 to 1"),
         (np.zeros((3, 24, 32), np.uint8), ".npy", r"has the shape \(height, width, 3\)"),
         (np.array([{}]), ".npy", "the array is damaged"),
+        (np.zeros((0, 5, 3), np.float32), ".npy", "the picture is empty"),
     ],
 )
 def test_pictures_of_no_use_are_named(tmp_path: Path, array: npt.NDArray[Any], suffix: str, said: str) -> None:
     path = save(array, tmp_path / f"a{suffix}")
     with pytest.raises(RecordingError, match=f"a{suffix}: .*{said}"):
         read_image(path)
+
+
+@pytest.mark.parametrize("mode", ["LA", "L"])
+def test_grey_with_transparency_is_grey(tmp_path: Path, mode: str) -> None:
+    """OpenCV makes four equal channels of it."""
+    Image.fromarray(picture()).convert(mode).save(tmp_path / "a.png")
+    with pytest.raises(RecordingError, match="the picture is grey"):
+        read_image(tmp_path / "a.png")
+
+
+def test_numbers_of_another_processor_are_read(tmp_path: Path) -> None:
+    path = save(picture().astype(">u2") * 257, tmp_path / "a.npy")
+    np.testing.assert_array_equal(read_image(path), picture())
 
 
 def test_a_picture_that_is_not_there_is_named(tmp_path: Path) -> None:

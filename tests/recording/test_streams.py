@@ -188,6 +188,13 @@ def test_a_video_may_be_listed_with_gaps(folder: Path) -> None:
     assert [int(frame.rgb[0, 0, 0]) for frame in frames] == [18, 42, 82]
 
 
+def test_whole_numbers_may_be_written_as_a_spreadsheet_does(folder: Path) -> None:
+    make_video_recording(folder, "frames.mkv", "FFV1")
+    (folder / "frames.mkv").rename(folder / "frames.MKV")
+    (folder / "frames.csv").write_text("frame,time_s\n1.0,1e-1\n4.0,0.4\n")
+    assert read_recording(folder).frame_names == ("1", "4")
+
+
 @pytest.mark.parametrize(
     ("listed", "said"),
     [
