@@ -193,8 +193,6 @@ def _labelled(row: dict[str, Any]) -> Labelled:
 def _step(row: dict[str, Any]) -> Step:
     def error(name: str) -> float:
         found = number(row.get(name), what=name, where="history.json")
-        if found is None and row.get(name) is not None:
-            raise TypeError(f"{name} is no number")
         return nan if found is None else found
 
     key = _text(row["key"])

@@ -108,8 +108,8 @@ def common_assumptions(fitted: Fit) -> list[str]:
         lines.append("the depth is the stage's: the rig's give counts as the gel's unless an effect takes it out")
     if not data.is_curves and not data.shared.heights:
         lines.append(
-            "the rig comes to each touch at one pace (as stated, where speeds are; by the motion stage, where its "
-            "place was recorded): depths lie on the ruler this makes, whose scale the bevels fix within "
+            "the rig comes to each contact event at one pace (as stated, where speeds are; by the motion stage, "
+            "where its place was recorded): depths lie on the travel scale this makes, fixed by the bevels within "
             f"{100 * data.shared.rise:.1f} % (std)"
         )
     thickness = next((p.prior for p in fitted.parameters if p.name == "thickness.relative"), None)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from calibration.tasks.validate import Validation
     from tactilevision.records import Estimate, Material, Pair
 
+CALIBRATION = "calibration.json"
+
 
 def validate(
     path: Annotated[
@@ -40,6 +42,7 @@ def validate(
     from calibration.tasks.validate import validate as compare
     from tactilevision.files import staged, write_json
 
+    _check_presses(path)
     taken, bulge = beside_the_punch(take([path])[0])
     data = observe([taken.measured])
     material = _material(taken, calibration, bulge)
@@ -56,11 +59,25 @@ def validate(
     console.hand_over(content, json)
 
 
+def _check_presses(path: Path) -> None:
+    """Raise for what `calibrate` wrote of curves: it holds E and nu, and no presses."""
+    from tactilevision.errors import InputError
+    from tactilevision.recording import layout
+
+    tables = (layout.POINTS, layout.CURVES, layout.FRAME_TABLE)
+    if (path / CALIBRATION).is_file() and not any((path / name).exists() for name in tables):
+        raise InputError(
+            "the presses are not here: this was calibrated from curves",
+            where=path,
+            remedy=f"Name the recording itself, with --calibration {path / CALIBRATION}.",
+        )
+
+
 def _material(taken: Taken, calibration: Path | None, bulge: Estimate | None) -> Material:
     """As stated, as found beside the points, or calibrated now: at the middle of what is not fixed."""
     from tactilevision.force.calibrated import read_material
 
-    beside = taken.recording.path / "calibration.json"
+    beside = taken.recording.path / CALIBRATION
     if calibration is not None or beside.is_file():
         return read_material(calibration or beside)
     from calibration.tasks.calibrate import calibrate

@@ -54,12 +54,22 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
     """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
     check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
-        content = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_finite)
+        content = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_finite,
+                             object_pairs_hook=_once)  # fmt: skip
     except (ValueError, RecursionError) as fault:
         raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
     if not isinstance(content, dict):
         raise InputError("is not a table of JSON", where=where, value=type(content).__name__)
     return content
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table whose keys stand there once: of two values nobody knows which is meant."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
+        raise ValueError(f"the key {twice[:40]!r} stands there twice")
+    return table
 
 
 def _finite(text: str) -> float:

@@ -13,12 +13,14 @@ from tactilevision.errors import InputError
 
 
 def number(value: object, *, what: str, where: object) -> float | None:
-    """A number of a parsed document, in its unit; None where the value is none.
+    """A number of a parsed document, in its unit; None where there is none (null).
 
-    Raises InputError where it is not finite, or beyond the limit MAX_NUMBER.
+    Raises InputError where it is text, a truth value or a list, not finite, or beyond the limit MAX_NUMBER.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if value is None:
         return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{what} is no number", where=where, value=str(value)[:40])
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{what} is no finite number", where=where, value=value)
     check(abs(value), "MAX_NUMBER", what=what, where=where)

@@ -17,6 +17,7 @@ from tactilevision.records import Floats, Gel, HeightMap, Material, ShearMap, Tr
 
 MAX_POISSON = 0.4999  # Poisson's ratio beyond which a layer counts as incompressible
 SAME_GEL = 0.01  # of the thickness: gels that differ by more are not the same
+_UNITS = {"youngs_modulus_MPa": ("MPa",), "poisson_ratio": ("1", "")}  # as `calibrate` writes them
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,10 @@ def material_of(content: Mapping[str, Any], *, where: object) -> Material:
         covariance = np.diag([modulus_std**2, poisson_std**2])
     check_numbers(covariance, what="the covariance of E and nu", where=where)
     incompressible = MAX_POISSON < poisson <= 0.5
-    return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
+    try:
+        return Material(modulus, MAX_POISSON if incompressible else poisson, covariance)
+    except InputError as fault:
+        raise InputError(fault.what, where=where, value=fault.value, remedy=fault.remedy) from fault
 
 
 def material_sensitivity(
@@ -115,10 +119,13 @@ def _both(ends_N: Floats, values: Floats, covariance: Floats) -> Sensitivity:
 
 def _estimate(content: Mapping[str, Any], key: str, path: object) -> tuple[float, float]:
     entry = content.get(key)
-    alone = number(entry, what=key, where=path)
-    if alone is not None:
-        return alone, 0.0
-    if isinstance(entry, dict):
+    if not isinstance(entry, dict):
+        alone = number(entry, what=key, where=path)
+        if alone is not None:
+            return alone, 0.0
+    else:
+        if entry.get("unit", _UNITS[key][0]) not in _UNITS[key]:
+            raise InputError(f"{key} has another unit", where=path, value=str(entry["unit"])[:40])
         value = number(entry.get("value"), what=key, where=path)
         if value is not None:
             return value, number(entry.get("std"), what=f"the std of {key}", where=path) or 0.0
@@ -158,8 +165,10 @@ def _covariance(content: Mapping[str, Any], path: object) -> Floats | None:
         places = [0, 1]
     try:
         matrix = np.asarray(entry, dtype=float)[np.ix_(places, places)]
-    except (TypeError, ValueError, IndexError):
-        return None
+    except (TypeError, ValueError, IndexError) as fault:
+        if entry is None:
+            return None
+        raise InputError("the covariance is no matrix of numbers", where=path, value=str(entry)[:40]) from fault
     if not np.isfinite(matrix).all():
         return None
     if np.diag(matrix).min() < 0 or abs(matrix[0, 1]) > 1.000001 * np.sqrt(matrix[0, 0] * matrix[1, 1]):
@@ -187,7 +196,7 @@ def check_gel(path: Path | str, gel: Gel) -> None:
 def read_thickness_mm(path: Path | str) -> float | None:
     """Thickness of the gel that calibration.json was made on; None: not in it."""
     made_on = read_calibration(path).get("gel")
-    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else None
+    thickness = made_on.get("thickness_mm") if isinstance(made_on, dict) else made_on
     return number(thickness, what="the thickness of the gel", where=path)
 
 

@@ -221,7 +221,8 @@ def _record(kind: Callable[..., T], content: Mapping[str, Any], path: Path) -> T
         for one in value if isinstance(value, list) else [value]:
             if one is not None and (key in _WORDS) != isinstance(one, str):
                 raise InputError(f"{key} is of another kind", where=path, value=one)
-            number(one, what=key, where=path)
+            if key not in _WORDS:
+                number(one, what=key, where=path)
     return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
 
 

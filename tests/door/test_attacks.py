@@ -119,6 +119,36 @@ def test_a_covariance_that_is_none_is_refused_where_it_stands(
         read_material(path)
 
 
+SOUND = {"youngs_modulus_MPa": {"value": 0.2, "std": 0.01, "interval95": [0.1, 0.4], "unit": "MPa"}}
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "why"),
+    [
+        ({"youngs_modulus_MPa": {"value": "0.2", "interval95": [0.1, 0.4]}}, "youngs_modulus_MPa is no number"),
+        ({"youngs_modulus_MPa": {"value": 200.0, "unit": "kPa"}}, "has another unit .got 'kPa'"),
+        ({"youngs_modulus_MPa": -1.0}, "calibration.json: Young's modulus lies above 0"),
+        ({"covariance": "none"}, "no matrix of numbers"),
+        ({"covariance": [[1.0], [2.0, 3.0]]}, "no matrix of numbers"),
+    ],
+)
+def test_a_material_of_another_kind_is_refused_and_not_passed_over(
+    spoilt: dict[str, object], why: str, tmp_path: Path
+) -> None:
+    """The interval beside a value that is text, or the deviations beside a broken covariance, never stand in."""
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps(SOUND | {"poisson_ratio": 0.48} | spoilt))
+    with pytest.raises(InputError, match=why):
+        read_material(path)
+
+
+def test_a_key_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_text('{"poisson_ratio": 0.48, "youngs_modulus_MPa": 0.2, "poisson_ratio": 0.3}')
+    with pytest.raises(InputError, match="'poisson_ratio' stands there twice"):
+        read_material(path)
+
+
 def test_a_clock_offset_that_is_no_number_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text('{"clock_offset_s": {"value": NaN}}')

@@ -190,7 +190,10 @@ def test_json_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
 
 def test_truth_values_and_text_are_no_numbers() -> None:
     assert number(3, what="x", where="a") == 3.0
-    assert [number(value, what="x", where="a") for value in (True, "3", None, [3])] == [None] * 4
+    assert number(None, what="x", where="a") is None
+    for value in (True, "3", [3], {"value": 3}):
+        with pytest.raises(InputError, match="a: x is no number"):
+            number(value, what="x", where="a")
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e13, 10**250])

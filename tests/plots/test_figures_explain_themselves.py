@@ -50,9 +50,9 @@ def height_map() -> HeightMap:
     return HeightMap(depth, x > 3, (0.1, 0.1), name="a", time_s=1.0)
 
 
-def press(height: HeightMap | None) -> Figure:
+def press(height: HeightMap | None, *, certain: bool = True) -> Figure:
     onset = Onset(0.3, 0.01, 1.0, 0.1, Growth(), 1.0, 0.01, 100.0, 1.0)
-    event = None if height is None else ContactEvent(0.3, 0.01, 0.3, "bevel", onset)
+    event = None if height is None or not certain else ContactEvent(0.3, 0.01, 0.3, "bevel", onset)
     signal = None if height is None else 1e-3 * X
     footprint = Footprint(
         np.ones((30, 40), dtype=bool), (0.0, 0.0), 0.01, 0.8, 0.01, (0.0, 0.0), 0.01, 0.3, 0.01, 0.01
@@ -274,3 +274,9 @@ def test_pixels_of_unknown_depth_have_a_legend_entry(drawn: dict[str, Figure]) -
     assert {"depth not known", "punch face", "window on the bevel", "contact event"} <= set(labels)
     assert len(labels) == len(set(labels))
     assert any(isinstance(one, AxesImage) for axes in drawn["press"].axes for one in axes.images)
+
+
+def test_a_press_without_a_contact_event_shows_none() -> None:
+    said = [axes.get_title("left") for axes in press(height_map(), certain=False).axes]
+    assert "Frame of the press" in said
+    assert not any("event" in title for title in said)
