@@ -46,7 +46,8 @@ def _judged(recording: Recording, press: Press, missing_s: float, said: str) -> 
         raise RecordingError(
             said,
             where=recording.path / layout.FORCES,
-            remedy="Copy the whole file, or take the presses without force out of presses.csv.",
+            remedy="Copy the whole file, or take the presses without force out of presses.csv"
+            + (f"; or correct [clock] offset_s in {layout.SETTINGS}." if recording.clock_offset_s else "."),
         )
     # the last reading comes up to one step before the last press ends
     return (f"{layout.FORCES}: {said}",) if missing_s > 2 * step_s else ()
