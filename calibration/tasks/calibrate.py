@@ -17,6 +17,7 @@ from calibration.inputs.gather import observe_curves, observe_points
 from calibration.inputs.observations import Measured, Observations
 from calibration.laws import FLAT, default_law, get_law, shape_of
 from calibration.laws.flat_punch import OPEN_NU, SILICONE_NU, FlatPunch
+from calibration.laws.theory.plausible import apart_from_stated
 from calibration.model.composition import Model
 from calibration.model.stages import Law
 from calibration.repeats.pure_error import allow_for_indenters
@@ -81,6 +82,9 @@ def calibrate(
         result = allow_for_edge(_with_routes(result, (*of_bulge(bulge), *known)))
         if stated.gel.poisson_ratio is None and contradicts(bulge, bound):
             result = _below_bound(result)
+    apart = apart_from_stated(result.youngs_modulus, stated.gel)
+    if apart:
+        result = replace(result, warnings=(*result.warnings, apart))
     rejected = tuple((p.press, p.reason or "rejected") for m in sets for p in m.points if not p.accepted)
     return replace(result, presses_rejected=rejected, clock_offset=clock_offset or NO_CLOCK)
 

@@ -170,6 +170,8 @@ def _seen(
     for name, seen in tracks.items():
         if seen is None or seen.footprint is None or not np.nanmax(seen.depth_mm) > 0:
             continue
+        if np.isnan(seen.indenter.radius_mm):  # a cone has no face
+            continue
         bevel_contact, window = bevel_contacts.get(name), windows.get(name)
         level = float("nan")
         if bevel_contact is not None and window is not None:

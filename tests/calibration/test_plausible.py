@@ -36,3 +36,12 @@ def test_an_open_modulus_is_judged_by_its_interval() -> None:
     assert outside_gels(replace(across, interval95=None)) == ""
     assert outside_gels(Estimate(1.01 * low, None, None, "MPa")) == ""
     assert outside_gels(Estimate(0.99 * low, None, None, "MPa"))
+
+
+def test_a_stated_modulus_that_the_result_contradicts_is_told() -> None:
+    found = calibrate(points_of(DEPTHS, FORCES, gel=GEL)).youngs_modulus.value or 0.0
+    for stated, told in ((found, False), (3 * found, True)):
+        gel = replace(GEL, youngs_modulus_MPa=stated, youngs_modulus_std_MPa=0.01 * found)
+        result = calibrate(points_of(DEPTHS, FORCES, gel=gel))
+        assert any("apart from the" in line for line in result.warnings) is told
+        assert result.youngs_modulus.value == pytest.approx(found)

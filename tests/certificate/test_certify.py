@@ -14,7 +14,7 @@ from shared_scenes import scenes, shared
 
 from tactilevision.certificate import certify
 from tactilevision.errors import RecordingError
-from tactilevision.records import REASONS, Frame, HeightMap
+from tactilevision.records import REASONS, Frame, HeightMap, Indenter
 
 FAULTS = list(REASONS)
 
@@ -242,3 +242,10 @@ def test_presses_at_another_clock_say_so_and_not_that_the_force_is_saturated(tmp
     assert [point.reason for point in others] == [""] * 5
     assert first.reason == "dropped_frames"
     assert "another offset of the clocks" in first.details.findings
+
+
+def test_a_cone_has_no_bevel_and_its_presses_are_rejected_for_that(tmp_path: Path) -> None:
+    given, reconstruct = recording(tmp_path, line_up([Made(0.3), Made(0.4)]), seed=4)
+    cones = {name: Indenter(name, "cone", half_angle_deg=70.0) for name in given.indenters}
+    points = certify(replace(given, indenters=cones), reconstruct).points
+    assert [point.reason for point in points] == ["bevel_not_touched"] * 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactilevision.records import Estimate, Pair
+from tactilevision.records import Estimate, Gel, Pair
 
 # From the softest casting gels (Shore 000, some 5 kPa) to silicone of Shore A 80, 9.4 MPa by Gent's relation
 # E = .0981 (56 + 7.62336 S) / (.137505 (254 - 2.54 S)) MPa (A. N. Gent, Rubber Chem. Technol. 31, 1958, 896)
@@ -21,4 +21,18 @@ def outside_gels(modulus: Estimate) -> str:
     return (
         f"E = {found} MPa is that of no gel ({GEL_MODULUS_MPA[0]:g} to {GEL_MODULUS_MPA[1]:g} MPa): are forces "
         "in N, and depths, radii and thickness in mm?"
+    )
+
+
+def apart_from_stated(modulus: Estimate, gel: Gel) -> str:
+    """A sentence where the E of recording.toml, with twice its std, lies outside of the interval found."""
+    stated, half = gel.youngs_modulus_MPa, 2 * (gel.youngs_modulus_std_MPa or 0.0)
+    if stated is None or modulus.interval95 is None:
+        return ""
+    low, high = modulus.interval95
+    if stated + half >= low and stated - half <= high:
+        return ""
+    return (
+        f"E lies in {low:.3g} to {high:.3g} MPa, apart from the {stated:.3g} MPa that [sensor.gel] states, which "
+        "takes no part in the fit: check its unit, the thickness and the radii"
     )
