@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.door.limits import check
 from tactilevision.door.opening import check_regular
 from tactilevision.errors import RecordingError
 from tactilevision.records import Bytes
@@ -80,6 +81,8 @@ def _open(path: Path) -> cv2.VideoCapture:
             where=path,
             remedy="FFV1 in .mkv or .avi is read everywhere and loses nothing.",
         )
+    pixels = capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    check(pixels, "MAX_PIXELS", what="the pixels of its pictures", where=path)
     return capture
 
 

@@ -188,6 +188,15 @@ def test_a_video_may_be_listed_with_gaps(folder: Path) -> None:
     assert [int(frame.rgb[0, 0, 0]) for frame in frames] == [18, 42, 82]
 
 
+def test_a_video_of_huge_pictures_is_refused_before_one_is_decoded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_video_recording(folder, "frames.mkv", "FFV1")
+    monkeypatch.setenv("TACTILEVISION_MAX_PIXELS", str(48 * 48 - 1))
+    with pytest.raises(InputError, match=r"frames.mkv: the pixels of its pictures is beyond the limit"):
+        read_recording(folder)
+
+
 def test_whole_numbers_may_be_written_as_a_spreadsheet_does(folder: Path) -> None:
     make_video_recording(folder, "frames.mkv", "FFV1")
     (folder / "frames.mkv").rename(folder / "frames.MKV")
