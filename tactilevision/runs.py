@@ -15,7 +15,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExec
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tactilevision.errors import OutputError, TactilevisionError
 from tactilevision.files import clear_unfinished, make_folder, process_runs, told_as_output
@@ -27,7 +27,10 @@ LOCK = ".lock"  # in a folder of results while a run writes there
 _ENDING_S = 10.0  # s: the workers of a killed run have ended long before
 _LINGERING_S = 1.0  # s that a process is still listed after the system has freed its locks
 _PAUSE_S = 0.05  # s between two looks at a lock whose run has ended
+_THREADS = Path("/proc/self/task")  # of this process, those of libraries too, one entry each
+_THREAD_ENDS_S = 0.1  # s after which a thread that was joined is no longer listed
 
+_tickers: set[Ticker] = set()  # that are at work here
 _held: dict[Path, tuple[int, int]] = {}  # lock files, and the process and thread here that hold each
 
 
@@ -40,6 +43,11 @@ def output_lock(target: Path | str, *, file: bool = False) -> Iterator[None]:
     disk without flock the file of a process that has ended counts for nothing. The thread that holds a folder
     may ask again. Raises OutputError where another process or thread writes there.
     """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise TactilevisionError(
+            "a worker process imports the script that started it, and so begins the same run again. "
+            'Put the call under `if __name__ == "__main__":`, or give workers=1.'
+        )
     target = Path(target)
     folder = target.parent if file else target
     path = folder.resolve() / (f".{target.name}{LOCK}" if file else LOCK)
@@ -162,16 +170,56 @@ def _busy(target: Path, owner: list[str]) -> OutputError:
     return OutputError(what, where=target, remedy="Wait for it, or give another --out.")
 
 
+class Ticker:
+    """Calls `act` every so many seconds in a thread of its own, which rests while this process is forked."""
+
+    def __init__(self, act: Callable[[], object], every_s: float) -> None:
+        self._act, self._every_s = act, every_s
+        self._ended = threading.Event()
+        self._next_s = time.monotonic() + every_s
+
+    def __enter__(self) -> Self:
+        _tickers.add(self)
+        self.go_on()
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        _tickers.discard(self)
+        self.rest()
+
+    def rest(self) -> None:
+        """End the thread."""
+        self._ended.set()
+        self._thread.join()
+
+    def go_on(self) -> None:
+        """Begin the thread, or begin it again: what is due next stays so."""
+        self._ended.clear()
+        self._thread = threading.Thread(target=self._tick, daemon=True)
+        self._thread.start()
+
+    def _tick(self) -> None:
+        while not self._ended.wait(max(0.0, self._next_s - time.monotonic())):
+            self._next_s += self._every_s
+            self._act()
+
+
 @contextmanager
 def worker_pool(count: int, start: Callable[..., None] | None = None, *given: Any) -> Iterator[Executor]:
     """So many processes on this machine; `start(*given)` is called once in each.
 
     They hear no Ctrl-C: the parent does, and its workers end with it, in the midst of what they were at. What
-    they write must therefore be whole at every moment.
+    they write must therefore be whole at every moment. Where no other thread runs in this process they are
+    copies of it, which is safe then and saves them every import; else they are started anew.
     """
-    context = multiprocessing.get_context("spawn")
-    reader, writer = context.Pipe(duplex=False)
-    pool = _DeafPool(count, context, initializer=_start, initargs=(reader, start, given))
+    with _one_thread() as alone:
+        context = multiprocessing.get_context("fork" if alone else "spawn")
+        reader, writer = context.Pipe(duplex=False)
+        pool = _DeafPool(
+            count, context, initializer=_start, initargs=(reader, writer if alone else None, start, given)
+        )
+        if alone:
+            pool.submit(int)  # all are copied now
     try:
         with pool:
             try:
@@ -190,6 +238,30 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, *given: An
         reader.close()
 
 
+@contextmanager
+def _one_thread() -> Iterator[bool]:
+    """Whether this process has no second thread, of a library neither: tickers and OpenCV's rest meanwhile."""
+    if not _THREADS.is_dir():  # another system: told by nothing
+        yield False
+        return
+    cv2, tickers = sys.modules.get("cv2"), list(_tickers)
+    threads = 1 if cv2 is None else cv2.getNumThreads()
+    for ticker in tickers:
+        ticker.rest()
+    if cv2 is not None:
+        cv2.setNumThreads(1)
+    try:
+        until = time.monotonic() + _THREAD_ENDS_S
+        while (alone := len(os.listdir(_THREADS)) == 1) is False and time.monotonic() < until:
+            time.sleep(_THREAD_ENDS_S / 100)
+        yield alone
+    finally:
+        if cv2 is not None:
+            cv2.setNumThreads(threads)
+        for ticker in tickers:
+            ticker.go_on()
+
+
 class _DeafPool(ProcessPoolExecutor):
     """Its processes are started deaf to Ctrl-C, which a terminal sends to every process of a command."""
 
@@ -204,7 +276,14 @@ class _DeafPool(ProcessPoolExecutor):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start(parent: Connection, start: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+def _start(
+    parent: Connection, copied: Connection | None, start: Callable[..., None] | None, given: tuple[Any, ...]
+) -> None:
+    if copied is not None:  # the parent's end of the pipe, and what else only the parent is to have
+        copied.close()
+        _held.clear()
+        _tickers.clear()
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

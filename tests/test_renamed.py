@@ -32,6 +32,7 @@ GONE = {  # the module stands; what it lost was of use to the package alone
     "tactilevision.cli.source.open_source",
     "tactilevision.mechanics.tables.tabulate.cluster",
     "tactilevision.streaming.clear_leftovers",
+    "tactilevision.streaming.fingerprint_of",
     "tactilevision.photometric.calibrate.locate",
     "tactilevision.photometric.method.Evaluator",
     "tactilevision.photometric.response.response_in",

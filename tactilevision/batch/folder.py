@@ -18,7 +18,8 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.batch.jobs import Journal, Row, fingerprint_of, run_job, way_of_reading
+from tactilevision.batch.fingerprint import fingerprint_of
+from tactilevision.batch.jobs import Journal, Row, run_job, way_of_reading
 from tactilevision.certificate.depth.face_depth import NO_CORRECTION, FaceDepthCorrection
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.contact.region import at_border, find_contact

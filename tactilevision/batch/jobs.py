@@ -11,7 +11,6 @@ import csv
 import ctypes
 import hashlib
 import io
-import json
 import os
 import time
 from collections import deque
@@ -36,6 +35,7 @@ Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
 CHUNK = 16  # frames that a worker reads for itself, one ahead of the other
+LEAST_CHUNK = 4  # frames of a task in a short run, so that each worker has some
 SHIPMENT = 4  # frames of the first tasks for a cluster, until it is known how long one takes
 TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten milliseconds
 MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
@@ -144,25 +144,6 @@ def run_job(
     return [done[name] for name in names]
 
 
-def fingerprint_of(recording: Recording, *parts: object) -> str:
-    """Of the recording's place and frames as they stand there, and of what else decides the result."""
-    about = [str(recording.path.resolve()), *recording.frame_names, *as_they_stand(recording), *map(repr, parts)]
-    return hashlib.sha256(json.dumps(about).encode()).hexdigest()
-
-
-def as_they_stand(recording: Recording) -> Iterator[str]:
-    """Size and time of every picture, or of the video: of one that was changed nothing is taken over."""
-    path, names = recording.frames_path, recording.frame_names
-    pictures = () if path is None else [path / name for name in names] if path.is_dir() else [path]
-    for file in (*pictures, *recording.flats):
-        try:
-            about = file.stat()
-        except OSError:
-            yield "gone"
-        else:
-            yield f"{about.st_size} {about.st_mtime_ns}"
-
-
 def way_of_reading(recording: Recording, height_map: Callable[[Frame], HeightMap]) -> str:
     """A hash of the first frame's map (H, W), in mm: another method or calibration gives another one."""
     numbers = range(len(recording.frame_names))
@@ -242,9 +223,9 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
         for number, frame in zip(left, _frames(recording, left), strict=True):
             yield _do(number, frame, *what)
         return
-    with worker_pool(workers, _start_worker, recording, *what) as pool:
+    with worker_pool(min(workers, -(-len(left) // LEAST_CHUNK)), _start_worker, recording, *what) as pool:
         pending: set[Future[list[Row]]] = set()
-        for future in _tasks(pool, recording, left):
+        for future in _tasks(pool, recording, left, chunk=_chunk(len(left), workers)):
             pending.add(future)
             if len(pending) >= 3 * workers:
                 ready, pending = wait(pending, return_when=FIRST_COMPLETED)
@@ -322,12 +303,17 @@ def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
     return do(*given), time.perf_counter() - start
 
 
-def _tasks(pool: Executor, recording: Recording, left: list[int]) -> Iterator[Future[list[Row]]]:
+def _chunk(count: int, workers: int) -> int:
+    """Frames of a task, so that workers end at about the same time."""
+    return min(max(LEAST_CHUNK, count // (4 * workers)), CHUNK)
+
+
+def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:
     """Pictures are read by the workers themselves; a video can be read by one process only."""
     assert recording.frames_path is not None
     if recording.frames_path.is_dir():
-        for start in range(0, len(left), CHUNK):
-            yield pool.submit(_read_and_do, left[start : start + CHUNK])
+        for start in range(0, len(left), chunk):
+            yield pool.submit(_read_and_do, left[start : start + chunk])
         return
     for number, frame in zip(left, _frames(recording, left), strict=True):
         yield pool.submit(_do_all, number, frame)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from tactilevision.batch.fingerprint import fingerprint_of
 from tactilevision.batch.folder import COLUMNS, TABLE, Form, FrameResult, reconstruct_folder, table
-from tactilevision.batch.jobs import fingerprint_of
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.door.documents import read_text
 from tactilevision.errors import ClusterError, InputError, OutputError, RecordingError

@@ -70,6 +70,8 @@ class Newest:
         with self._turn:
             if self.every:
                 self._turn.wait_for(lambda: self._shot is None or self._stopped)
+                if self._stopped:
+                    return False
             self.came += 1
             self.dropped += self._shot is not None
             self._shot = shot

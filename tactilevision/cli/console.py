@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ import typer
 
 from tactilevision.errors import TactilevisionError
 from tactilevision.files import write_json
+from tactilevision.runs import Ticker
 
 
 class FigureFormat(StrEnum):
@@ -47,6 +47,7 @@ PriorOption = Annotated[
 
 INTERRUPTED = 130  # exit code: 128 and the number of Ctrl-C's signal
 TERMINATED = 143  # exit code: 128 and the number of SIGTERM
+BAR_EVERY_S = 0.2  # s between two looks at a bar
 LINE_EVERY_S = 10.0  # s between two lines of progress where there is no terminal: none for what is done sooner
 _FIRST = 10  # lines of a long list that are printed; more would hide the summary above them
 
@@ -69,7 +70,8 @@ def progress_bar(title: str) -> Iterator[Progress]:
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+    bar = Bar(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+    with bar, Ticker(bar.refresh, BAR_EVERY_S):
         task = bar.add_task(title, total=None)
 
         def advance(done: int, total: int, what: str = "") -> None:
@@ -84,23 +86,14 @@ def progress_bar(title: str) -> Iterator[Progress]:
 @contextmanager
 def _progress_lines(title: str) -> Iterator[Progress]:
     """A line now and then, also while nothing is told: what is at work, how far, and since when."""
-    began, state, ended = time.monotonic(), [title], threading.Event()
+    began, state = time.monotonic(), [title]
 
     def tell(done: int, total: int, what: str = "") -> None:
         counted = f": {done} of {total}" if total > done + 1 or done >= total else ""
         state[0] = f"{title} {what}".rstrip() + counted
 
-    def watch() -> None:
-        while not ended.wait(LINE_EVERY_S):
-            typer.echo(f"{state[0]}, {time.monotonic() - began:.0f} s", err=True)
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
+    with Ticker(lambda: typer.echo(f"{state[0]}, {time.monotonic() - began:.0f} s", err=True), LINE_EVERY_S):
         yield tell
-    finally:
-        ended.set()
-        thread.join()
 
 
 def say(*lines: str) -> None:

@@ -58,7 +58,7 @@ def depth(
 
     warned: list[str] = []
     chosen = source.Choice(sensor, reference, method, mm_per_px, shadows, even_so)
-    light = _teller(chosen, warned)
+    light = _teller(chosen, warned, path)
     how: dict[str, Any] = {"form": form.value, "workers": workers, "cluster": cluster, "with_std": with_std}
     maps = "depth.zarr" if form is Form.ZARR else "depth/NAME.tiff"
     if source.is_tree(path):
@@ -91,11 +91,13 @@ def depth(
         )
 
 
-def _teller(chosen: source.Choice, warned: list[str]) -> Callable[[Recording], Reconstructor]:
-    """What makes the light of a recording ready, says what it warns of, and adds that to `warned`."""
+def _teller(chosen: source.Choice, warned: list[str], root: Path) -> Callable[[Recording], Reconstructor]:
+    """What makes the light of a recording below `root` ready, says what it warns of, and adds that to `warned`."""
 
     def tell(recording: Recording, lines: tuple[str, ...]) -> None:
-        words = [f"{recording.name}: {line}" for line in lines]
+        below = recording.path != root and recording.path.is_relative_to(root)
+        name = recording.path.relative_to(root).as_posix() if below else recording.name
+        words = [f"{name}: {line}" for line in lines]
         console.warn(words)
         warned.extend(words)
 

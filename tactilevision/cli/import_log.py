@@ -36,14 +36,27 @@ def import_log(
     console.say(f"{found.frames} frames over {found.seconds:.3f} s, {found.readings} readings of force: {out}")
     if sensor is None:
         console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
+    console.warn(found.warnings)
     console.hand_over(asdict(found), json)
 
 
 def _rotation(text: str | None) -> tuple[tuple[float, float, float], ...] | None:
+    import numpy as np
+
+    from tactilevision.recording.series import turns
+
     if text is None:
         return None
     try:
         a, b, c, d, e, f, g, h, i = (float(part) for part in text.split(","))
     except ValueError as fault:
         raise InputError("nine numbers with commas between are needed", where="--rotation", value=text) from fault
-    return (a, b, c), (d, e, f), (g, h, i)
+    rows = (a, b, c), (d, e, f), (g, h, i)
+    if not turns(np.array(rows)):
+        raise InputError(
+            "these nine numbers do not turn without stretching",
+            where="--rotation",
+            value=text,
+            remedy="Rows have length 1 and stand at right angles: the picture's x, y and z in the wrench's axes.",
+        )
+    return rows

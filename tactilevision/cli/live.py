@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -102,12 +103,22 @@ def _open(
     from tactilevision.camera.sources import Played, open_camera
     from tactilevision.live import Stream
 
-    if camera.isdecimal():
-        device = open_camera(int(camera), form=None if form is None else form.value)
+    numbered = re.fullmatch(r"(?:/dev/video)?(\d+)", camera)
+    if numbered:
+        device = open_camera(int(numbered[1]), form=None if form is None else form.value)
         first = list(islice(device.shots(), FRAMES))
         return _Opened(device, first, Stream(_calibrated(chosen, indenter), even_so=chosen.even_so), device.doubts)
     if form is not None:
-        raise InputError("only a camera is told what to send", where="--format", value=form.value)
+        raise InputError(
+            "only a camera is told what to send", where="--format", value=form.value, remedy="Leave it out."
+        )
+    if "://" in camera:
+        raise InputError(
+            "streams of a network are not read",
+            where="--camera",
+            value=camera,
+            remedy="Name a camera's number, a video or a folder of pictures; in code, hand frames to Stream.",
+        )
     recording = chosen.open(Path(camera))
     plain = chosen.profile is None
     stream = Stream(chosen.light(recording) if plain else _calibrated(chosen, indenter), even_so=chosen.even_so)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tactilevision.cli import console, source
+from tactilevision.cli.maps import Maps, find_maps, is_tiff, read_map
 from tactilevision.records.flags import MEANING
 
 if TYPE_CHECKING:
@@ -27,7 +28,10 @@ TRIED = 12  # frames to find the deepest among where none is named
 
 def view(
     path: Annotated[
-        Path, typer.Argument(help="A depth TIFF, a recording, a video, a frame, or a folder of frames.")
+        Path,
+        typer.Argument(
+            help="A depth TIFF, what `depth` wrote, a recording, a video, a frame, or a folder of frames."
+        ),
     ],
     out: console.OutOption = Path("view_out"),
     frame: Annotated[str | None, typer.Option(help="Name of the frame; the deepest of a few if left out.")] = None,
@@ -64,11 +68,15 @@ def view(
     from tactilevision.plots import style
 
     _check_known(export or [])
+    if window:
+        style.check_screen()
     rgb: Bytes | None = None
-    opened: _Opened | None = None
+    opened: _Opened | Maps | None = find_maps(path, mm_per_px)
     filmed: list[int] = []
-    if _is_tiff(path):
-        height = _read_tiff(path, mm_per_px)
+    if is_tiff(path):
+        height = read_map(path, mm_per_px)
+    elif opened is not None:
+        height, rgb = opened.best() if frame is None else opened.named(frame)
     else:
         opened = _Opened(path, source.Choice(sensor, reference, method, mm_per_px))
         filmed = [] if film is None else opened.stretch(film)
@@ -96,16 +104,16 @@ def view(
     if film is not None:
         _film(opened, film, filmed, out)
     if window:
-        style.show([_window(height, opened, other).figure])
+        style.show([_window(height, opened, other).figure], title=f"tactilevision: {path}")
 
 
-def _window(height: HeightMap, opened: _Opened | None, other: HeightMap | None) -> Window:
+def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap | None) -> Window:
     """The window on all frames beside this one; on a depth TIFF alone there is one frame."""
     from tactilevision.plots.window import Window
 
     if opened is None:
         return Window([height.name], lambda _: height, marked=other)
-    names = opened.recording.frame_names
+    names = opened.names
     return Window(names, lambda n: opened.named(names[n])[0], number=opened.number(height.name), marked=other)
 
 
@@ -139,12 +147,12 @@ def _draw(height: HeightMap, rgb: Bytes | None, other: HeightMap | None) -> dict
     return figures
 
 
-def _terms(height: HeightMap, opened: _Opened | None) -> dict[str, npt.NDArray[np.float32]]:
+def _terms(height: HeightMap, opened: _Opened | Maps | None) -> dict[str, npt.NDArray[np.float32]]:
     """The terms of a map's deviation, told on the way. Raises InputError where nothing is known of them."""
     from tactilevision.errors import InputError
     from tactilevision.uncertainty.depth import contributions_mm
 
-    found = {} if opened is None else opened.reconstructor.depth_terms(height)
+    found = opened.reconstructor.depth_terms(height) if isinstance(opened, _Opened) else {}
     if not found:
         raise InputError(
             "nothing is known of what the depth's deviation is made of",
@@ -163,6 +171,11 @@ class _Opened:
     def __init__(self, path: Path, chosen: source.Choice) -> None:
         self.recording: Recording = chosen.open(path)
         self.chosen = chosen
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all frames."""
+        return self.recording.frame_names
 
     @cached_property
     def reconstructor(self) -> Reconstructor:
@@ -241,35 +254,25 @@ class _Opened:
         return self.named(self.recording.frame_names[max(found)[1]])
 
 
-def _is_tiff(path: Path) -> bool:
-    return path.suffix.lower() in (".tif", ".tiff")
-
-
-def _read_tiff(path: Path, mm_per_px: float | None) -> HeightMap:
-    from tactilevision.exports.tiff import read_tiff
-
-    return read_tiff(path, mm_per_px=None if mm_per_px is None else (mm_per_px, mm_per_px))
-
-
-def _other(minus: str, opened: _Opened | None, mm_per_px: float | None) -> HeightMap:
+def _other(minus: str, opened: _Opened | Maps | None, mm_per_px: float | None) -> HeightMap:
     from tactilevision.errors import InputError
 
-    if _is_tiff(Path(minus)) and Path(minus).is_file():
-        return _read_tiff(Path(minus), mm_per_px)
+    if is_tiff(Path(minus)) and Path(minus).is_file():
+        return read_map(Path(minus), mm_per_px)
     if opened is None:
         raise InputError("is not a depth TIFF", where="--minus", value=minus)
     return opened.named(minus)[0]
 
 
-def _film(opened: _Opened | None, what: str, numbers: list[int], out: Path) -> None:
+def _film(opened: _Opened | Maps | None, what: str, numbers: list[int], out: Path) -> None:
     from tactilevision.errors import InputError
     from tactilevision.force.readings import Readings
     from tactilevision.plots.film import Shot, draw_film, write_film
     from tactilevision.recording import iter_frames
     from tactilevision.records import Frame
 
-    if opened is None:
-        raise InputError("a film needs frames, not one depth TIFF", where="--film", value=what)
+    if not isinstance(opened, _Opened):
+        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
     recording, readings, shots = opened.recording, Readings(opened.recording), []
     part = replace(
         recording,

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactilevision.batch.jobs import Journal, fingerprint_of, run_job, way_of_reading
+from tactilevision.batch.fingerprint import fingerprint_of
+from tactilevision.batch.jobs import Journal, run_job, way_of_reading
 from tactilevision.cluster.connect import check_cluster
 from tactilevision.errors import InputError
 from tactilevision.files import write_text

@@ -22,6 +22,7 @@ from tactilevision.recording import layout
 from tactilevision.recording.write_tables import write_forces, write_frame_table
 from tactilevision.records import Floats, ForceSeries
 
+MAX_USUAL_N = 200.0  # N: pads of tactile sensors are pressed with some tens, their force sensors end before
 MAX_LISTED = 40  # topics that one sentence can name; robots log hundreds
 Rotation = tuple[tuple[float, float, float], ...]
 
@@ -45,13 +46,21 @@ class ImportSettings:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """What was found: counts, seconds, and the frames of reference of pictures and wrench."""
+    """What was found: counts, seconds, the frames of reference of pictures and wrench, and the largest force."""
 
     frames: int
     readings: int
     seconds: float
     frame_id: str
     wrench_frame_id: str | None
+    largest_N: float = 0.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful about it."""
+        if self.largest_N <= MAX_USUAL_N:
+            return ()
+        return (f"the wrench reaches {self.largest_N:.4g} N, which no gel stands: is its topic in newtons?",)
 
 
 def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> Imported:
@@ -62,6 +71,8 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     """
     if (Path(out) / layout.FRAMES).exists():
         raise OutputError("holds frames already", where=out, remedy="Choose an empty folder with --out.")
+    if settings.frames == settings.wrench:
+        raise InputError("is the topic of the frames, too", where="--wrench", value=settings.wrench)
     log, sensor = Log(Path(path)), SensorTable.of(settings.sensor, mm_per_px=settings.mm_per_px)
     with staged(out) as folder:
         names, stamps, readings = _messages(log, folder, settings)
@@ -75,7 +86,8 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
         sensor.write_maps(folder)
         _write_settings(folder, log.path, settings, sensor=sensor.table, origin_ns=origin_ns)
     turned = readings[0].stamp.frame_id if readings else None
-    return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned)
+    largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
+    return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N)
 
 
 def _messages(

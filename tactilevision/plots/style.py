@@ -137,8 +137,8 @@ def data_uri(path: Path | str) -> str:
     return "data:image/png;base64," + base64.b64encode(Path(path).read_bytes()).decode()
 
 
-def show(figures: list[Figure]) -> None:
-    """Show figures in windows until they are closed. Raises InputError where there is no screen."""
+def check_screen() -> None:
+    """Raise InputError where there is no screen to open a window on."""
     import matplotlib.pyplot as plt
 
     if plt.get_backend().lower() == "agg":
@@ -147,9 +147,17 @@ def show(figures: list[Figure]) -> None:
             where="--window",
             remedy="Leave it out and look at the PNG files.",
         )
+
+
+def show(figures: list[Figure], *, title: str = "") -> None:
+    """Show figures in windows until they are closed. Raises InputError where there is no screen."""
+    import matplotlib.pyplot as plt
+
+    check_screen()
     for figure in figures:
-        manager = plt.figure(figsize=tuple(figure.get_size_inches())).canvas.manager
+        manager = plt.figure(figsize=tuple(figure.get_size_inches()), dpi=figure.dpi).canvas.manager
         assert manager is not None
         manager.canvas.figure = figure
         figure.set_canvas(manager.canvas)
+        manager.set_window_title(title or "tactilevision")
     plt.show()

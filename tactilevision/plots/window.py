@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 KEPT = 32  # maps in memory, so that going back and forth costs nothing
 COARSE = 72  # points along a side of the turned surface: more make it lag behind the mouse
 PROFILE_POINTS = 400  # of a profile: closer than any map's pixels
+SIZE_IN = (12.0, 7.2)  # inches: with SCREEN_DPI it fits a screen of 1280 x 800
+SCREEN_DPI = 100.0  # points an inch of the layout: a page's 150 makes letters that cover each other
 PALE = "#e6e6e6"  # of the profile's grid lines
 SHORTEST_PX = 2.0  # of a drag that is a profile, and not a click
 HELP = (
@@ -106,7 +108,7 @@ class Window:
         from matplotlib.figure import Figure
         from matplotlib.widgets import Slider
 
-        self.figure: Figure = Figure(figsize=(12, 7.2))
+        self.figure: Figure = Figure(figsize=SIZE_IN, dpi=SCREEN_DPI)
         at = self.figure.add_axes
         self.map, self.bar = at((0.06, 0.2, 0.42, 0.7)), at((0.49, 0.3, 0.012, 0.5))
         self.profile = at((0.65, 0.62, 0.32, 0.29))

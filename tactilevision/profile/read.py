@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,12 +27,14 @@ from tactilevision.profile.model import Followed, Profile
 from tactilevision.recording import decode_image
 from tactilevision.recording.sensor import maps_of
 from tactilevision.records import Gel, Indenter, Material, Sensor
+from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
     from tactilevision.certificate.depth.depth_scale import DepthScale
     from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 
 MAX_SIDE = 100_000  # px of a picture's side; no camera has as many
+_MAKE = "Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`."
 _AGAIN = "Make it again with `tactilevision calibrate-sensor`."
 _CHANNELS = 3  # red, green and blue of a lamp
 _WORDS = ("name", "shape", "bevel")  # of gels and indenters: all else are numbers
@@ -44,6 +47,7 @@ def read_profile(path: Path | str) -> Profile:
     Raises InputError where there is none, where it is of a newer version, damaged or changed by hand, and where
     its parts do not fit together.
     """
+    _check_kind(path)
     path = Path(path)
     try:
         files = read_archive(path)
@@ -51,11 +55,24 @@ def read_profile(path: Path | str) -> Profile:
         raise InputError(
             "there is no such sensor profile",
             where=path,
-            remedy="Make one with `tactilevision calibrate-sensor PATH --out my_sensor.tvs`.",
+            remedy=_MAKE,
         ) from fault
     except OSError as fault:
         raise InputError(f"cannot be read: {fault.strerror}", where=path) from fault
     return unpack_profile(files, path)
+
+
+def _check_kind(path: Path | str) -> None:
+    """Raise InputError for what is plainly no profile: a kind of sensor, a folder, another kind of file."""
+    what = None
+    if str(path) in SENSORS and not Path(path).exists():
+        what = "this is a kind of sensor; a profile holds one that was calibrated"
+    elif Path(path).is_dir():
+        what = "this is a folder, not a sensor profile"
+    elif Path(path).is_file() and Path(path).suffix.lower() != contents.SUFFIX and not zipfile.is_zipfile(path):
+        what = "this is no sensor profile"
+    if what is not None:
+        raise InputError(what, where=path, remedy=_MAKE)
 
 
 def unpack_profile(files: Mapping[str, bytes], path: Path) -> Profile:

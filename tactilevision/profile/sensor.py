@@ -58,6 +58,7 @@ class CalibratedSensor:
         self.profile = profile
         self.reconstructor = Reconstructor(profile.sensor, profile.method)
         self.reconstructor.warnings = profile.warnings
+        self.reconstructor.frame_size_px = profile.frame_size_px
         self.indenter = _chosen(profile, indenter)
         self.shadows = shadows and profile.lamps is not None
         self._undo_shadows()
@@ -140,6 +141,7 @@ class CalibratedSensor:
             shadows=self.shadows,
         )
         made.warnings = (*profile.warnings, *made.warnings)
+        made.frame_size_px = profile.frame_size_px
         fresh.reconstructor = made
         fresh._undo_shadows()
         return fresh

@@ -187,7 +187,11 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
     if own is not None:
         return own
     if ready is None:
-        missing = "ball presses to calibrate the light from" if flats else "picture of the untouched gel"
+        missing = (
+            "ball presses to calibrate the light from, and too few contacts in the frames"
+            if flats
+            else "picture of the untouched gel"
+        )
         named = "--method FILE.npz or --sensor FILE.tvs" if flats else "--reference"
         raise InputError(
             f"no {missing}",
@@ -196,10 +200,21 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             remedy=f"Name what was calibrated before with {named}."
             + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
             + (f" Or take in {MIN_CONTACTS} frames or more in which something touches the gel." if flats else "")
-            + ("" if bare else " Or add them to the recording."),
+            + ("" if bare else " Or add them to the recording.")
+            + _doubt_of_guess(recording),
         )
     ready.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
     return ready
+
+
+def _doubt_of_guess(recording: Recording) -> str:
+    """What else may be wrong where a frame was taken for untouched gel, or is all there is."""
+    names = recording.frame_names
+    if len(names) == 1 and recording.frames_path is not None:
+        return f" Or name its folder, {recording.frames_path}, whose other frames tell the light."
+    if recording.flat_frames:
+        return f" If {names[recording.flat_frames[0]]} shows a contact, name an untouched one with --reference."
+    return ""
 
 
 def _on_own_contacts(

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.errors import InputError
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import LEAN, PunchEdge, find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
@@ -85,6 +86,7 @@ class Reconstructor:
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
         self.light_check: LightCheck | None = None
         self.inconsistency: Inconsistency | None = None
+        self.frame_size_px: tuple[int, int] | None = None  # of raw frames, where it is known
 
     def height_map(self, frame: Frame) -> HeightMap:
         """Depth (H, W) float32 of a raw frame in the rectified picture, positive into the gel, 0 where untouched.
@@ -96,7 +98,15 @@ class Reconstructor:
         return self.rectified_map(self.rectified(frame), time_s=frame.time_s, name=frame.name)
 
     def rectified(self, frame: Frame) -> Bytes:
-        """The rectified picture of a raw frame."""
+        """The rectified picture of a raw frame. Raises InputError for one of another size."""
+        size, known = (frame.rgb.shape[1], frame.rgb.shape[0]), self.frame_size_px
+        if known is not None and size != known:
+            raise InputError(
+                "the frame has another size than those that the sensor was calibrated on",
+                where=frame.name or "frame",
+                value=f"{size[0]} x {size[1]} px",
+                remedy=f"Hand over frames of {known[0]} x {known[1]} px, as the camera gave them then.",
+            )
         return rectify(self.sensor, frame.rgb)
 
     def rectified_map(self, rgb: Bytes, *, time_s: float = float("nan"), name: str = "") -> HeightMap:

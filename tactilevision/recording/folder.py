@@ -12,7 +12,7 @@ from tactilevision.errors import RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.guess import guess_flats, guess_scale
 from tactilevision.recording.model import Recording
-from tactilevision.recording.pictures import check_references, find_frames, first_look, list_images
+from tactilevision.recording.pictures import check_references, find_frames, first_look, list_images, most_sizes
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.sensor import build_sensor
 from tactilevision.recording.video import count_frames, stated_frames
@@ -21,6 +21,10 @@ from tactilevision.sensors import SENSORS
 
 if TYPE_CHECKING:
     from tactilevision.recording.settings import SensorSettings
+
+MAX_LOOKED = 1000  # files and folders below a folder that are looked at for pictures
+MAX_NAMED = 5  # endings of files that one sentence names
+_READ = f"Read are {', '.join(layout.IMAGE_SUFFIXES)}, and videos: {', '.join(layout.VIDEO_SUFFIXES)}."
 
 
 def read_folder(
@@ -56,8 +60,9 @@ def read_folder(
     settings, place, warnings = (None, root, ()) if isinstance(sensor, Sensor) else _sensor_settings(sensor)
     white_level = settings.white_level if settings else white_level
     size, seen = first_look(frames_path, names, white_level=white_level)
-    warnings += seen + _cut_short(frames_path, len(names))
-    found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else ())
+    size, first, odd = most_sizes(frames_path, names, size)
+    warnings += seen + odd + _cut_short(frames_path, len(names))
+    found = (flats, (), ()) if flats else guess_flats(root, frames_path, names if guess else (), first=first)
     check_references(size, found[0][:1])
     if settings is not None:
         sensor, notes = _built(settings, place, size, mm_per_px)
@@ -104,14 +109,23 @@ def _frames_of(root: Path) -> tuple[Path, tuple[str, ...]]:
 def _names(root: Path) -> tuple[str, ...]:
     if root.is_file() and root.suffix.lower() in layout.VIDEO_SUFFIXES:
         return tuple(str(index) for index in range(count_frames(root)))
+    if root.is_file():
+        raise RecordingError("is neither a picture nor a video that is read", where=root, remedy=_READ)
     if not root.is_dir():
         raise RecordingError("there is no such folder of pictures, nor such a video", where=root)
     names = tuple(list_images(root))
     if not names:
-        raise RecordingError(
-            "the folder holds no pictures", where=root, remedy="Read are " + ", ".join(layout.IMAGE_SUFFIXES) + "."
-        )
+        raise RecordingError("the folder holds no pictures", where=root, remedy=_elsewhere(root) + _READ)
     return names
+
+
+def _elsewhere(root: Path) -> str:
+    """Where below a folder without pictures some lie, or what lies there instead."""
+    folders = [path for path in sorted(root.rglob("*"))[:MAX_LOOKED] if path.is_dir() and list_images(path)]
+    if folders:
+        return f"There are some in {folders[0]}. "
+    others = sorted({path.suffix.lower() for path in root.iterdir() if path.is_file() and path.suffix})
+    return f"It holds {', '.join(others[:MAX_NAMED])}. " if others else ""
 
 
 def _cut_short(video: Path, count: int) -> tuple[str, ...]:

@@ -49,11 +49,12 @@ def guess_scale(settings: SensorSettings, size_px: tuple[int, int]) -> tuple[Sen
 
 
 def guess_flats(
-    root: Path, frames_path: Path, names: Sequence[str]
+    root: Path, frames_path: Path, names: Sequence[str], *, first: int = 0
 ) -> tuple[tuple[Path, ...], tuple[int, ...], Notes]:
     """Pictures of the untouched gel, or the number of the frame that is taken for one, and what was guessed.
 
-    Of no frame `names` nothing is guessed: what the folder `reference` holds is all.
+    It is the `first` by number where none is named so. Of no frame `names` nothing is guessed: what the folder
+    `reference` holds is all.
     """
     found = find_flats(root)
     if found or not names:
@@ -63,5 +64,5 @@ def guess_flats(
         if named:
             note = f"guessed: {named[0]} shows the untouched gel, by its name; --reference states it"
             return (folder / named[0],), (), (note,)
-    note = f"guessed: the first frame, {names[0]}, shows the untouched gel; --reference states it"
-    return (), (0,), (note,)
+    note = f"guessed: the first frame, {names[first]}, shows the untouched gel; --reference states it"
+    return (), (first,), (note,)

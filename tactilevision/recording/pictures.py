@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.door.names import inside
-from tactilevision.errors import RecordingError
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.images import TornImageError, as_rgb, read_stored
 from tactilevision.recording.model import BallPress
@@ -23,6 +24,7 @@ from tactilevision.recording.series import read_frame_table
 from tactilevision.recording.tables import Table, read_table
 from tactilevision.recording.video import count_frames, iter_video, stated_frames
 
+_SIZED = 7  # pictures of a bare folder whose sizes are compared
 _MAX_TRIALS = 10  # pictures to try before their size is given up
 _MAX_MISSING = 0.5  # share of the listed pictures that may be missing
 
@@ -190,6 +192,36 @@ def first_look(
         where=frames_path,
         remedy="Copy them again from where they came.",
     )
+
+
+def most_sizes(
+    frames_path: Path, names: Sequence[str], first_px: tuple[int, int]
+) -> tuple[tuple[int, int], int, tuple[str, ...]]:
+    """(width, height) that most of some pictures have, the number of the first such, and a warning if others come
+    before. `first_px` is the size of the first that can be read; it stands where no other is the more usual."""
+    if frames_path.is_file():
+        return first_px, 0, ()
+    looked = dict.fromkeys(np.linspace(0, len(names) - 1, _SIZED).astype(int).tolist())
+    sizes = {row: size for row in looked if (size := _size_of(frames_path / names[row])) is not None}
+    usual = Counter(sizes.values()).most_common(1)[0][0] if sizes else first_px
+    if usual == first_px or list(sizes.values()).count(usual) <= list(sizes.values()).count(first_px):
+        return first_px, 0, ()
+    first = next(row for row in range(len(names)) if _size_of(frames_path / names[row]) == usual)
+    was, now = (f"{width} x {height}" for width, height in (first_px, usual))
+    return (
+        usual,
+        first,
+        (f"the first pictures are {was}, most others {now}: {names[first]} and those alike are read",),
+    )
+
+
+def _size_of(path: Path) -> tuple[int, int] | None:
+    """Width and height of a picture; None for one that cannot be read."""
+    try:
+        height, width = read_stored(path).shape[:2]
+    except (InputError, OSError):
+        return None
+    return width, height
 
 
 def check_references(frame_size_px: tuple[int, int], references: Sequence[Path]) -> None:

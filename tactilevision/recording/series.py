@@ -103,7 +103,7 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
     if settings.rotation is None:
         return None
     turn = np.array(settings.rotation, dtype=float)
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3):
+    if not turns(turn):
         raise RecordingError(
             "[force] rotation must turn without stretching: rows of length 1, at right angles",
             where=toml,
@@ -111,6 +111,11 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
             remedy="Its rows are the frame's x (right), y (down) and z (into the gel) in the F/T sensor's axes.",
         )
     return turn
+
+
+def turns(rotation: Floats) -> bool:
+    """Whether a matrix (3, 3) turns without stretching."""
+    return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3))
 
 
 def step_noise(readings: Floats) -> Floats:

@@ -32,8 +32,29 @@ class Frame:
                 "a frame is an array (H, W, 3) of uint8, colours in the order red, green, blue",
                 where=self.name or "Frame",
                 value=f"{rgb.shape} {rgb.dtype}" if kind else type(rgb).__name__,
-                remedy="Read it with tactilevision.recording, or convert it first.",
+                remedy=_remedy(rgb),
             )
+
+
+def _remedy(given: Any) -> str:
+    """What makes a frame of what was handed over instead of one."""
+    if isinstance(given, Frame):
+        return "Hand over its pixels: frame.rgb."
+    if isinstance(given, list | tuple):
+        return "Make one array of it: numpy.stack(frames) is a batch."
+    if not isinstance(given, np.ndarray):
+        return "Read a file with tactilevision.recording.read_image."
+    if given.ndim == 2 or given.shape[-1:] == (1,):
+        return "Record in colour: grey pictures tell no slopes."
+    if given.ndim == 3 and given.shape[-1] == 4:
+        return "Leave the fourth channel out: rgb[..., :3]."
+    if given.ndim == 3 and given.shape[0] == 3 and given.shape[-1] != 3:
+        return "Put colours last: rgb.transpose(1, 2, 0)."
+    if given.dtype == np.uint16:
+        return "Make 8 bits of 16: (rgb >> 8).astype(numpy.uint8)."
+    if given.size and given.dtype.kind == "f" and given.max() <= 1.0:
+        return "Make grey levels of shares: (255 * rgb).astype(numpy.uint8)."
+    return "Convert it to grey levels from 0 to 255: rgb.astype(numpy.uint8)."
 
 
 @dataclass(frozen=True, slots=True)

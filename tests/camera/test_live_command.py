@@ -138,7 +138,7 @@ def test_a_camera_of_another_size_without_a_profile_or_told_wrongly_is_refused(
 ) -> None:
     with_camera(monkeypatch, [free(0)[:90]] * 60)
     assert run("live", "--camera", 0, "--sensor", profile) == 2
-    assert "not as its sensor" in capsys.readouterr().err
+    assert "another size than those" in capsys.readouterr().err
     assert run("live", "--camera", 0) == 2
     assert "a camera needs a calibrated sensor" in capsys.readouterr().err
     assert run("live", "--camera", folder(tmp_path / "f"), "--sensor", profile, "--format", "raw") == 2
@@ -248,3 +248,26 @@ def test_ctrl_c_ends_with_the_sums_of_what_was_read(
     assert run("live", *words) == 130
     assert "3 frames read of " in capsys.readouterr().out
     assert len(rows(tmp_path / "out" / "live.csv")) == 3
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        ("/dev/video93", r"no camera of that number can be opened (got 93)"),
+        ("rtsp://127.0.0.1/x", "streams of a network are not read"),
+    ],
+)
+def test_a_camera_by_its_device_and_a_stream_are_told(
+    profile: Path, capsys: pytest.CaptureFixture[str], camera: str, said: str
+) -> None:
+    assert run("live", "--camera", camera, "--sensor", profile) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_no_frame_counts_as_dropped_where_every_one_is_read(profile: Path, tmp_path: Path) -> None:
+    told = tmp_path / "told.json"
+    assert (
+        run("live", "--camera", folder(tmp_path), "--sensor", profile, "--every", "--frames", 3, "--json", told)
+        == 0
+    )
+    assert (json.loads(told.read_text())["frames"], json.loads(told.read_text())["dropped"]) == (3, 0)

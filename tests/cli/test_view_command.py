@@ -33,7 +33,8 @@ def test_a_frame_is_drawn_compared_exported_and_filmed(tmp_path: Path, monkeypat
             opened.append(self)
 
     monkeypatch.setattr(window, "Window", Kept)
-    monkeypatch.setattr(style, "show", lambda figures: None)
+    monkeypatch.setattr(style, "check_screen", lambda: None)
+    monkeypatch.setattr(style, "show", lambda figures, title: None)
     out = tmp_path / "out"
     wanted = (
         "--frame",

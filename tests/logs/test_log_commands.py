@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_logs import Draw, drawer
+from drawn_logs import Draw, Drawn, drawer, image, pictures, time_ns
 from rosbags.highlevel import AnyReader
 
 from tactilevision.cli import main
 from tactilevision.exports.tiff import write_tiff
+from tactilevision.logs.write import open_writer, wrench_message
 from tactilevision.records import HeightMap
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "profile"))
@@ -78,3 +79,30 @@ def test_axes_are_nine_numbers(draw: Draw, tmp_path: Path, capsys: pytest.Captur
     assert run("import", draw(), *taken, "--out", tmp_path / "rec") == 2
     assert f"--rotation: nine numbers with commas between are needed (got '{axes}')" in capsys.readouterr().err
     assert not (tmp_path / "rec").exists()
+
+
+def test_a_rotation_that_stretches_and_one_topic_for_both_are_refused(
+    draw: Draw, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, rec = draw("bag"), tmp_path / "rec"
+    taken = ["--frames", "/camera", "--out", rec]
+    assert run("import", log, *taken, "--wrench", "/ft", "--rotation", "1,0,0,0,1,0,0,0,2") == 2
+    assert "--rotation: these nine numbers do not turn without stretching" in capsys.readouterr().err
+    assert run("import", log, *taken, "--wrench", "/camera") == 2
+    assert "--wrench: is the topic of the frames, too" in capsys.readouterr().err
+    assert not rec.exists()
+
+
+@pytest.mark.parametrize(("unit", "told"), [(1.0, False), (1000.0, True)])
+def test_forces_that_no_gel_stands_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: float, *, told: bool
+) -> None:
+    path = tmp_path / "log.mcap"
+    with open_writer(path) as (put, kind):
+        for number, rgb in enumerate(pictures(3)):
+            at_ns = time_ns(number)
+            put("/camera", image(rgb, at_ns=at_ns, drawn=Drawn(), kind=kind), at_ns)
+            force, moment = np.array([0.0, 0.0, -4.0 * unit]), np.zeros(3)
+            put("/ft", wrench_message(force, moment, time_ns=at_ns, frame_id="tool", encoding=kind), at_ns)
+    assert run("import", path, "--frames", "/camera", "--wrench", "/ft", "--out", tmp_path / "rec") == 0
+    assert ("the wrench reaches 4000 N, which no gel stands" in capsys.readouterr().err) == told

@@ -126,3 +126,12 @@ def test_a_profile_is_exact_on_a_plane_and_unknown_next_to_unknown_pixels() -> N
     _, value = along(field, ((0.0, 0.0), (0.4, 0.0)), mm_per_px=SCALE)
     assert np.isnan(value[0])
     assert value[-1] == pytest.approx(0.8)
+
+
+def test_on_the_screens_dots_no_words_cover_others(window: Window) -> None:
+    FigureCanvasAgg(window.figure).draw()  # type: ignore[no-untyped-call]
+    legend = window.map.get_legend()
+    assert legend is not None
+    title = window.surface.title
+    for one, other in ((window.profile.xaxis.label, title), (window.map.xaxis.label, legend)):
+        assert not one.get_window_extent().overlaps(other.get_window_extent())

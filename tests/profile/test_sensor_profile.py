@@ -119,7 +119,7 @@ def test_a_batch_is_its_frames(sensor: CalibratedSensor) -> None:
 
 
 def test_a_frame_of_another_kind_is_refused(sensor: CalibratedSensor) -> None:
-    with pytest.raises(InputError, match="not as its sensor"):
+    with pytest.raises(InputError, match="another size"):
         sensor.read(free()[:-2])
     with pytest.raises(InputError, match="uint8"):
         sensor.read(free().astype(np.float32))
@@ -385,7 +385,7 @@ def test_what_is_no_profile_is_told(path: Path, tmp_path: Path) -> None:
             packed.writestr("profile.json", "{}")
     with pytest.raises(InputError, match="or one twice"):
         load_sensor(there)
-    with pytest.raises(InputError, match="is a folder, not a file"):
+    with pytest.raises(InputError, match="is a folder, not a sensor profile"):
         load_sensor(tmp_path)
 
 
@@ -432,3 +432,22 @@ def test_reading_frames_keeps_nothing(sensor: CalibratedSensor) -> None:
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 20_000
+
+
+def test_frames_of_another_size_are_refused_also_where_the_rectification_would_take_them() -> None:
+    made = profile()
+    maps = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in SHAPE[::-1]))
+    made = replace(made, sensor=replace(made.sensor, rectification=(maps[0], maps[1])))
+    larger = np.pad(free(), ((0, 20), (0, 20), (0, 0)), mode="edge")
+    for one in (CalibratedSensor(made), CalibratedSensor(made).with_reference([free(5)])):
+        assert not read_one(one, free()).contact.any()
+        for take in (one.read, lambda rgb, one=one: Stream(one).take(Frame(rgb))):
+            with pytest.raises(InputError, match=f"Hand over frames of {SHAPE[1]} x {SHAPE[0]} px"):
+                take(larger)
+
+
+def test_what_is_no_profile_is_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"no picture")
+    for given, said in (("digit", "a kind of sensor"), (tmp_path, "a folder"), (tmp_path / "a.png", "no sensor")):
+        with pytest.raises(InputError, match=f"{said}.*Make one with `tactilevision calibrate-sensor"):
+            load_sensor(given)

@@ -1,0 +1,55 @@
+"""Folders as people have them: a first picture of another size, pictures further down, none that is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactilevision.errors import RecordingError
+from tactilevision.recording import read_folder, write_image
+
+
+def pictures(folder: Path, sizes: list[tuple[int, int]]) -> Path:
+    folder.mkdir(parents=True)
+    for number, (width, height) in enumerate(sizes):
+        rgb = np.random.default_rng(number).integers(60, 200, (height, width, 3), dtype=np.uint8)
+        write_image(folder / f"{number}.png", rgb)
+    return folder
+
+
+def test_the_size_that_most_pictures_have_counts_not_that_of_the_first(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(64, 48), (64, 48), *[(32, 24)] * 6])
+    found = read_folder(folder, "gelsight_mini", guess=True)
+    assert found.frame_size_px == (32, 24)
+    assert found.flat_frames == (2,)
+    said = " ".join(found.warnings)
+    assert "the first pictures are 64 x 48, most others 32 x 24: 2.png and those alike are read" in said
+    assert "the first frame, 2.png, shows the untouched gel" in said
+
+
+@pytest.mark.parametrize("sizes", [[(32, 24)] * 5 + [(64, 48)] * 2, [(32, 24), (64, 48)], [(32, 24)]])
+def test_the_first_size_stands_where_no_other_is_more_usual(tmp_path: Path, sizes: list[tuple[int, int]]) -> None:
+    found = read_folder(pictures(tmp_path / "a", sizes), "gelsight_mini", guess=True)
+    assert (found.frame_size_px, found.flat_frames) == ((32, 24), (0,))
+    assert "first pictures" not in " ".join(found.warnings)
+
+
+def test_torn_pictures_have_no_say_in_the_size(tmp_path: Path) -> None:
+    folder = pictures(tmp_path / "a", [(32, 24)] * 8)
+    for number in (0, 3, 5):
+        (folder / f"{number}.png").write_bytes(b"")
+    assert read_folder(folder, "gelsight_mini").frame_size_px == (32, 24)
+
+
+def test_a_folder_without_pictures_says_where_some_lie_or_what_it_holds(tmp_path: Path) -> None:
+    below = pictures(tmp_path / "day 0" / "trial ü", [(32, 24)])
+    with pytest.raises(RecordingError, match=f"holds no pictures. There are some in {below}. Read are .png"):
+        read_folder(tmp_path, "gelsight_mini")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "x.webp").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"holds no pictures. It holds .webp. Read are .*videos: .mp4"):
+        read_folder(tmp_path / "b", "gelsight_mini")
+    with pytest.raises(RecordingError, match="is neither a picture nor a video that is read"):
+        read_folder(tmp_path / "b" / "x.webp", "gelsight_mini")
