@@ -24,6 +24,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -159,7 +160,7 @@ def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool 
     `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
     `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
     """
-    found = Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
+    found = Comparison((judge(base_fit(base_model(ready.data), ready.data), rng),))
     return with_gel(found) if of_gel else found
 
 
@@ -194,7 +195,7 @@ def with_effect(
     try:
         unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
         if not unseen:
-            one = evaluate(last.fitted.model + effect, ready.data, rng=rng, on=last.fitted)
+            one = evaluate(last.fitted.model + effect, last.fitted.data, rng=rng, on=last.fitted)
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
             longer = replace(found, models=more, suggested=())
             return with_gel(longer) if of_gel else longer
@@ -276,6 +277,15 @@ def fit_alone(model: Model, data: Observations) -> Fit:
             where=model.name,
             remedy="Look at depth and force in a figure; leave out the effects added by hand.",
         ) from fault
+
+
+def base_fit(model: Model, data: Observations) -> Fit:
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
+    of the touch by as much as these presses' zeros scatter.
+    """
+    first = fit_alone(model, data)
+    shaped = clear_of_own_touch(first, with_sample_noise(first))
+    return first if shaped is first.data else fit_alone(model, shaped)
 
 
 def base_model(data: Observations) -> Model:

@@ -38,14 +38,12 @@ from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
-from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import beyond_stated
-from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
-from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.compare import base_fit, base_model
 from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
@@ -115,15 +113,6 @@ def _diagnosed(
         sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     return _determine(force, sight, catalogue, rng)
-
-
-def base_fit(model: Model, data: Observations) -> Fit:
-    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
-    of the touch by as much as these presses' zeros scatter.
-    """
-    first = fit_alone(model, data)
-    shaped = clear_of_own_touch(first, with_sample_noise(first))
-    return first if shaped is first.data else fit_alone(model, shaped)
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:

@@ -15,9 +15,9 @@ from tactilevision.cli.analysis import (
     Seed,
     Settings,
     TimeLimit,
-    compare_command,
     keep_history,
     named_effects,
+    next_commands,
     observed,
     treated,
     with_nu,
@@ -70,10 +70,7 @@ def compare(
         found = method.compare(
             data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
-    added = [step.key for step in steps_of_comparison(found, files)]
-    commands = [
-        compare_command(recordings, [*added, key], files, prior=prior, left_out=aside) for key in found.suggested
-    ]
+    commands = next_commands(recordings, found, files, prior=prior, left_out=aside)
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
     passed_over = [f"{key} is left out: {why}" for key, why in found.left_out]
     with staged(out) as stage:
@@ -82,7 +79,7 @@ def compare(
         keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, left_out=aside))
     forget_found(out)
     console.warn(passed_over)
-    console.say(*lines_of(found), *passed_over, *(f"to try next: {text}" for text in commands))
+    console.say(*lines_of(found), *passed_over, *(f"{words}: {text}" for words, text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content_of(found), json)
 

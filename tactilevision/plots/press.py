@@ -74,7 +74,7 @@ def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
         evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=4, color=style.BLUE, label="one frame's bevel signal"
     )
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.depth_seen_mm, color=style.RED, lw=1.4, label="contact event")
+        axes.axvline(evidence.touch.depth_seen_mm, color=style.ORANGE, lw=1.4, label="contact event")
 
 
 def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
@@ -82,6 +82,6 @@ def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
     for name, colour, column in labels:
         axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.2, label=name)
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.4, label="contact event")
-        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=6, label="certified force")
+        axes.axvline(evidence.touch.time_s, color=style.ORANGE, lw=1.4, label="contact event")
+        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.ORANGE, ms=6, label="certified force")
     axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, tared")

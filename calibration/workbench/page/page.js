@@ -79,7 +79,7 @@ function show() {
   part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
   part("falls", state.falls, showFalls);
   part("components", [state.components, state.material], showComponents);
-  part("cards", state.cards, showCards);
+  part("cards", [state.cards, state.verdict.word], showCards);
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
@@ -108,7 +108,7 @@ function showVerdict([verdict, falls, modulus]) {
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
-      one.gain ? `, expected to part the candidates by ${one.gain} std)` : ")")))] : "");
+      one.gain ? `, expected to tell the candidates apart by ${one.gain} std)` : ")")))] : "");
 }
 
 function showFalls(falls) {
@@ -166,16 +166,18 @@ function badge(card) {
   return card.suggested ? h("span", { class: "badge" }, "worth a try") : "";
 }
 
-function showCards(cards) {
+function showCards([cards, word]) {
   const far = cards.filter((one) => !one.stands_out && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not looked at");
-  const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one));
+  const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.stands_out && !one.named && !one.candidate) : [];
+  const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one) && !weak.includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|far|cannot|weeks shut)$/.test(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
   fill("cards",
     cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
-    cards.length && !near.length ? h("p", {}, "Nothing stands out any more.") : "",
+    cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "Nothing stands out any more.") : "",
     near.slice(0, FIRST).map(cardOf),
     near.length > FIRST ? h("details", { open: open.has("near"), ontoggle: (e) => keepOpen("near", e.target.open) }, h("summary", {}, `Others that stand out (${near.length - FIRST})`), near.slice(FIRST).map(cardOf)) : "",
+    weak.length ? h("details", { open: open.has("weak"), ontoggle: (e) => keepOpen("weak", e.target.open) }, h("summary", {}, `Stand out, but the diagnosis does not name them (${weak.length})`), weak.map(cardOf)) : "",
     far.length ? h("details", { open: open.has("far"), ontoggle: (e) => keepOpen("far", e.target.open) }, h("summary", {}, `May be chance (${far.length})`), far.map(cardOf)) : "",
     cannot.length ? h("details", { open: open.has("cannot"), ontoggle: (e) => keepOpen("cannot", e.target.open) }, h("summary", {}, `Not testable with these data (${cannot.length})`),
       cannot.map((one) => h("div", { class: "box" }, h("h3", {}, one.title), h("p", { class: "soft" }, one.why)))) : "");
@@ -261,7 +263,8 @@ function drawChosen() {
     return;
   }
   const press = curves.presses[place];
-  $("press-title").textContent = `Press ${press.name}: ${press.indenter}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
+  $("press-title").textContent = `Press ${press.name}: ${punch}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
@@ -270,7 +273,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to look for a pattern." : "What it depends on is being looked for."; return; }
-  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: mean of a bin with its 95 % interval; pale: single readings. Choose a point to see its press.";
+  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
