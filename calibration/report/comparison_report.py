@@ -67,7 +67,7 @@ def _head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
     lines = [page.paragraph(text, kind="lead") for text in (fall_sentence(fall) for fall in falls) if text]
     lines += [page.paragraph(state)] if state else []
     lines += [page.paragraph(f"{in_words(key).capitalize()} is left out: {why}.") for key, why in found.left_out]
-    explained = all(fall.band is not None and fall.error[-1] <= fall.band[1] for fall in falls)
+    explained = all(fall.reached for fall in falls)
     pattern = pattern_sentence(found, explained=explained)
     lines += [page.paragraph(pattern)] if pattern else []
     return page.block("verdict clean" if explained and not pattern else "verdict", *lines)
@@ -89,7 +89,12 @@ def fall_sentence(fall: ErrorFall) -> str:
     of = "the force" if fall.unit == "N" else "the depth that the picture reads"
     added = " and ".join(name.removeprefix("+ ") for name in fall.models[1:])
     if not added:
-        said = f"The plain law's error of {of} on {what} is {first:.1f} {unit}"
+        whose = (
+            "The plain law's error of the force"
+            if fall.unit == "N"
+            else "As read, the error of the picture's depth"
+        )
+        said = f"{whose} on {what} is {first:.1f} {unit}"
     else:
         way = "takes" if last < first else "does not lower"
         to = f"from {first:.1f} to {last:.1f} {unit}"

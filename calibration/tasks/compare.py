@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.alternative_explanation import suggested
-from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.refit import CANNOT_FIT, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
@@ -93,8 +94,8 @@ class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
     `left_out` the effects that could not be added to those before, and why; `pictured` the same of effects on the
-    depth that the picture gives, held against the certified one, from what is read on; `suggested` keys of plain
-    errors that would take more off the last model's error than they cost.
+    depth that the picture gives, held against the certified one, from what is read on, where there are both;
+    `suggested` keys of plain errors that would take more off the last model's error than they cost.
     """
 
     models: tuple[Compared, ...]
@@ -160,8 +161,17 @@ def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool 
     `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
     `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
     """
-    found = Comparison((judge(base_fit(base_model(ready.data), ready.data), rng),))
+    alone = judge(base_fit(base_model(ready.data), ready.data), rng)
+    found = Comparison((alone,), pictured=_of_picture(ready.stated))
     return with_gel(found) if of_gel else found
+
+
+def _of_picture(data: Observations) -> tuple[Compared, ...]:
+    """The depth that the picture reads, beside the certified one; nothing where there are not both."""
+    with suppress(*CANNOT_FIT):
+        seen = fit_vision_depth(data)
+        return () if seen is None else (_as_read(seen, ()),)
+    return ()
 
 
 def with_gel(found: Comparison) -> Comparison:
@@ -216,14 +226,15 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
 
 def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
     """The models of the picture's depth with the effect added; None where no such depth shows it."""
-    seen = pictured[-1].fitted if pictured else fit_vision_depth(ready.stated)
-    shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
-    if seen is None or shown is None or shown.missing(seen.data):
+    if not pictured:
+        return None
+    seen = pictured[-1].fitted
+    shown = {one.key: one for one in in_picture(seen.data)}.get(effect.key)
+    if shown is None or shown.missing(seen.data):
         return None
     treatment = getattr(effect, "treatment", "")
     fitted = _read_anew(seen, ready.treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
-    before = pictured or (_as_read(seen, ()),)
-    return (*before, _as_read(fitted, (*before[-1].effects, effect.key)))
+    return (*pictured, _as_read(fitted, (*pictured[-1].effects, effect.key)))
 
 
 def _read_anew(seen: Fit, data: Observations | None) -> Fit:

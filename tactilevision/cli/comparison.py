@@ -29,7 +29,7 @@ def write_comparison(
 
     write_json(folder.path / "comparison.json", content_of(found))
     both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
-    falls = sorted(both, key=lambda fall: len(fall.models) == 1)  # what changes first
+    falls = sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
     page = comparison_page(
         title, found, falls, pictures=_pictures(found, falls, folder), try_next=try_next, state=state
     )

@@ -116,7 +116,7 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
             )
         axes.plot([], [], "-", lw=1.2, color="black", label="the model, each press")
         axes.set(xlabel="depth over thickness, w / h", ylim=(bottom, top), title=curves.models[k])
-    places[0].set_ylabel("force over depth, P / w (N/mm)")
+        axes.set_ylabel("force over depth, P / w (N/mm)")
     style.legend_below(figure, columns=2 if len(colours) > 1 else 3)
     return figure
 

@@ -122,10 +122,17 @@ function showComponents([components, material]) {
   fill("components", components.map((one) => h("div", { class: "box" },
     h("div", { class: "bar" }, h("h3", {}, one.title), one.key ? h("button", { onclick: () => { act("remove", one.key); toTop(); }, "data-remove": one.key }, "Remove") : ""),
     one.about ? h("p", { class: "soft" }, one.about) : "",
-    one.parameters.map((p) => h("div", {}, `${p.words}: ${p.text}`)), sliders(one))));
+    one.parameters.filter((p) => !p.aside).map((p) => h("div", {}, `${p.words}: ${p.text}`)), tolerances(one), sliders(one))));
   fill("material", material.length ? h("details", { open: open.has("sliders gel"), ontoggle: (e) => keepOpen("sliders gel", e.target.open) }, h("summary", {}, "What it says of the gel"), h("table", {},
     h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "plain law"), h("th", { scope: "col" }, "now"))),
     h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now)))))) : "");
+}
+
+/** What the measurements are allowed to be off by, as stated; few want to see it. */
+function tolerances(component) {
+  const aside = component.parameters.filter((p) => p.aside), name = `tolerances ${component.key}`;
+  return !aside.length ? "" : h("details", { open: open.has(name), ontoggle: (e) => keepOpen(name, e.target.open) }, h("summary", {}, "Tolerances of the measurement"),
+    aside.map((p) => h("div", { class: "soft" }, `${p.words}: ${p.text}`)));
 }
 
 /** One slider a value that is fitted; folded away, since it only shows. */
@@ -157,7 +164,8 @@ function letGo() {
 /** The error falls above: there the eye should be. */
 function toTop() {
   $("fall-title").focus({ preventScroll: true });
-  scrollTo({ top: 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
+  const narrow = matchMedia("(max-width: 760px)").matches;
+  scrollTo({ top: narrow ? $("fall").offsetTop - 8 : 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
 }
 
 function badge(card) {
@@ -171,7 +179,7 @@ function showCards([cards, word]) {
   const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.stands_out && !one.named && !one.candidate) : [];
   const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one) && !weak.includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^tolerances |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
   fill("cards",
     cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
     cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "Nothing stands out any more.") : "",
