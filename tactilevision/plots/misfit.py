@@ -210,7 +210,7 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     """The error of each model as a bar, and the band in which the presses repeat."""
     count, scale = len(fall.models), 1e3
     unit = "mN" if fall.unit == "N" else "µm"
-    figure, (axes,) = style.new_figure(min(3.6 + 1.2 * count, style.WIDTH_IN), 3.6)
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.2)
     values = scale * np.array(fall.error)
     bars = axes.bar(range(count), values, color=model_colours(count), width=BAR)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
@@ -222,7 +222,7 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     axes.set_xticks(range(count), list(fall.models), rotation=15 if count > 3 else 0)
     what = "left out" if fall.held_out else "fitted"
     title = "How the error falls" if count > 1 else "The error, and how presses repeat"
-    axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, count - 0.3))
+    axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, max(count, 3) - 0.3))
     axes.margins(y=0.2)
     axes.grid(visible=False, axis="x")
     style.legend_below(figure)

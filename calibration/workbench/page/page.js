@@ -2,7 +2,7 @@
 // The page: shows what the server says stands, and hands over what a person does. It holds no physics and no statistics.
 
 const $ = (id) => document.getElementById(id);
-let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null;
+let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
 const FIRST = 4;  // cards that are shown at once
 const TAB = Math.random().toString(36).slice(2);  // so that the server can count its tabs
 const drawn = {};
@@ -116,6 +116,8 @@ function showFalls(falls) {
     h("p", { class: "soft" }, `Error of ${fall.of} on presses ${fall.held_out ? "left out of the fit" : "fitted"}. Dashed: how far like presses repeat`,
       fall.band ? ", shaded its 95 % interval." : ".")]));
   [...$("falls").querySelectorAll(".chart")].forEach((node, k) => drawFall(node, falls[k]));
+  if (watching && matchMedia("(max-width: 760px)").matches) $("fall").scrollIntoView();
+  watching = false;
 }
 
 function showComponents([components, material]) {
@@ -164,8 +166,8 @@ function letGo() {
 /** The error falls above: there the eye should be. */
 function toTop() {
   $("fall-title").focus({ preventScroll: true });
-  const narrow = matchMedia("(max-width: 760px)").matches;
-  scrollTo({ top: narrow ? $("fall").offsetTop - 8 : 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
+  watching = true;
+  scrollTo({ top: 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
 }
 
 function badge(card) {
