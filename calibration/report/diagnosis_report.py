@@ -47,7 +47,10 @@ def next_sentence(found: Diagnosis) -> str:
 def summary(found: Diagnosis) -> list[str]:
     """What a person at the terminal needs to see."""
     lines = [f"{found.verdict}: {verdict_sentence(found)}", *stopped_sentence(found), *reading_sentence(found)]
-    lines += [f"  {_values(effect)}; p {wording.p_value(effect.p_adjusted)}" for effect in found.effects]
+    lines += [
+        f"  {in_words(effect.key)}: {_values(effect)}; p {wording.p_value(effect.p_adjusted)}"
+        for effect in found.effects
+    ]
     lines += [
         f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
         for w in found.would_have_to_be
@@ -208,7 +211,7 @@ def _size(one: InadmissibleBeta) -> str:
 def _in_plain_words(added: Added) -> str:
     about = _about(added.key)
     said = about.title if about is not None and about.title else in_words(added.key)
-    return f"{in_words(added.key).capitalize()}: {said}.{_values(added).removeprefix(in_words(added.key))[1:]}."
+    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}."
 
 
 def _parameter(name: str) -> str:
@@ -226,9 +229,8 @@ def _meaning(key: str, name: str) -> str:
 
 
 def _values(added: Added) -> str:
-    """An effect and what its parameters are, in words."""
-    said = ", ".join(f"{_meaning(added.key, name)} {wording.estimate(value)}" for name, value in added.parameters)
-    return f"{in_words(added.key)}: {said}"
+    """An effect's parameters, in words."""
+    return ", ".join(f"{_meaning(added.key, name)} {wording.estimate(value)}" for name, value in added.parameters)
 
 
 def _about(key: str) -> EffectBase | None:

@@ -15,7 +15,8 @@ div.verdict { border-left: 6px solid var(--soft); background: #f6f6f4; padding: 
 div.verdict.found { border-color: var(--bad); } div.verdict.clean { border-color: var(--good); }
 div.verdict b { letter-spacing: .04em; } div.verdict p { margin: .35rem 0; }
 div.card { border: 1px solid var(--line); padding: .3rem 1rem .6rem; margin: .8rem 0; break-inside: avoid; }
-div.card h3 { font-size: 1.02rem; margin: .5rem 0; } div.card figure { float: right; max-width: 46%; margin: 0; }
+div.card h3 { font-size: 1.02rem; margin: .5rem 0; }
+div.card figure { float: right; max-width: 46%; margin: 0 0 0 1.5rem; }
 div.card::after { content: ""; display: block; clear: both; }
 .soft { color: var(--soft); } .good { color: var(--good); } .bad { color: var(--bad); }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
@@ -32,7 +33,7 @@ figure input:focus-visible + img { outline: 2px solid var(--soft); }
   figure label:has(:checked) img { width: max(100%, 56rem); max-width: none; cursor: zoom-out; } }
 @media (max-width: 45rem) {
   body { margin: 1rem auto; } th, td { padding: .25rem .35rem; } table { font-size: .93em; }
-  div.card figure { float: none; max-width: 100%; }
+  div.card figure { float: none; max-width: 100%; margin: 0; }
   figcaption::after { content: " Tap the picture to enlarge it."; } }
 details { margin: .8rem 0; } summary { cursor: pointer; font-weight: 600; }
 pre { background: #f6f6f4; padding: .5rem .9rem; overflow-x: auto; font-size: .9em; }

@@ -104,7 +104,7 @@ function showVerdict([verdict, falls, modulus]) {
     verdict.named.length ? h("p", {}, verdict.named.map((one) => h("button", { class: "main", "data-cure": one.key,
       onclick: () => { act("add", one.key); toTop(); } }, `Add ${one.title}`)), " and watch the error fall.") : "",
     h("p", { class: "soft" }, `${withWords}.`),
-    falls.map(([sentence, reached]) => h("p", { class: reached ? "good" : "" }, sentence)),
+    falls.map(([sentence, reached]) => h("p", { class: clean && reached ? "good" : "" }, sentence)),
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
