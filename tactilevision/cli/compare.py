@@ -91,8 +91,8 @@ def lines_of(found: Comparison) -> list[str]:
     return [
         *(_model_line(column(model), model) for model in found.models),
         *(
-            f"{column(model):24s} error on presses left out {1e3 * model.held_out_N:.1f} um, "
-            f"repeatability {1e3 * model.repeatability_N:.1f} um"
+            f"{column(model):24s} error on presses left out {1e3 * model.held_out_N:.1f} µm, "
+            f"repeatability {1e3 * model.repeatability_N:.1f} µm"
             for model in found.pictured
         ),
     ]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+ASIDE = 0.008  # of an axis: as read lies left and corrected right of its place, so that neither hides the other
+
+
 @dataclass(frozen=True, slots=True)
 class Offsets:
     """Each press's own depth zero in the order of pressing: its label, its offset in um, and whether it is odd;
@@ -160,11 +163,13 @@ def draw_sighting(seen: Sighting) -> Figure:
     every = np.concatenate([ratio for ratio, *_ in shown])
     low, high = min(float(np.quantile(every, 0.005)), 1.0), max(float(np.quantile(every, 0.995)), 1.0)
     for axes, (label, values) in zip(places, seen.against, strict=False):
-        for ratio, colour, name in shown:
+        across = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+        for place, (ratio, colour, name) in enumerate(shown):
+            aside = ASIDE * across * (2 * place - 1) if len(shown) > 1 else 0.0
             for mine, mark, what in ((seen.face, "s", "punch faces"), (~seen.face, ".", "slopes beside them")):
                 if mine.any():
                     axes.plot(
-                        values[mine],
+                        values[mine] + aside,
                         ratio[mine],
                         mark,
                         ms=4,
