@@ -64,9 +64,9 @@ def compare(
     deadline, aside = Deadline.after(time_limit), tuple(left_out or ())
     effects, files = named_effects(chosen)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
+    data, again = observed(taken, aside), treated(taken, effects, aside)
     with console.progress_bar("fitting") as progress:
-        data, rng, bound = observed(taken, aside), np.random.default_rng(seed), elastomer_bound(prior)
-        again = treated(taken, effects, aside)
+        rng, bound = np.random.default_rng(seed), elastomer_bound(prior)
         found = method.compare(
             data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
