@@ -233,7 +233,7 @@ def _figure() -> Figure:
     def drawn() -> Figure:
         figure, (lines, nus) = style.new_figure(11.0, 4.4, columns=2)
         strain = DEPTHS_MM / THICKNESS_MM
-        lines.plot(strain, published() / DEPTHS_MM, "o-", color=style.RED, label="published")
+        lines.plot(strain, published() / DEPTHS_MM, "o-", color=style.ORANGE, label="published")
         for (case, secant), colour in zip(_drawn(), style.CYCLE, strict=False):
             lines.plot(strain[: len(secant)], _stiffness_matched(case) * secant, color=colour, label=_name(case))
         lines.set(xlabel="w / h", ylabel="P / w (N/mm)", title="Gels of equal initial stiffness")

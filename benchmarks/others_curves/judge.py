@@ -72,8 +72,7 @@ def _screened(data: Observations) -> Row:
     from calibration.diagnosis.score_test import score_test
     from calibration.effects import EFFECTS
     from calibration.inputs.checks import clear_of_touch, usable
-    from calibration.tasks.compare import base_model
-    from calibration.tasks.diagnose import base_fit
+    from calibration.tasks.compare import base_fit, base_model
 
     data = clear_of_touch(usable(data))
     fitted = base_fit(base_model(data), data)

@@ -10,6 +10,7 @@ Source: Ogden, Roxburgh, Proc. R. Soc. A 455 (1999) 2861, eq. 41.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from calibration.model.parameters import Parameter
 from calibration.model.stages import EffectBase, Stage, State
 from tactilevision.records import Floats
 
+KEPT = 8  # data sets of which a history is kept: a fit asks at every step
 SPOT_MM = 0.5  # presses nearer than this share what the gel went through
 
 
@@ -60,9 +62,14 @@ class Mullins(EffectBase):
         """Soften below the past maximum."""
         from scipy.special import erf
 
-        level = data.shifted(nominal_depth(data) - data.depth_mm)  # the largest reading is the luckiest
-        below = largest_past_depth(level) ** 2 - np.maximum(level.depth_mm, 0) ** 2
-        return replace(state, force_N=state.force_N * (1 - values[0] * erf(below / values[1] ** 2)))
+        return replace(state, force_N=state.force_N * (1 - values[0] * erf(_below(data) / values[1] ** 2)))
+
+
+@lru_cache(maxsize=KEPT)
+def _below(data: Observations) -> Floats:
+    """How far each sample (N,) lies below the largest past depth of its spot, as a difference of squares, mm^2."""
+    level = data.shifted(nominal_depth(data) - data.depth_mm)  # the largest reading is the luckiest
+    return np.asarray(largest_past_depth(level) ** 2 - np.maximum(level.depth_mm, 0) ** 2)
 
 
 def spots(data: Observations) -> list[tuple[float, float]]:

@@ -12,10 +12,12 @@ Vanishes at A = 0. Source: the state equation of a Maxwell element, e.g. Christe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import exp
 
 import numpy as np
 
-from calibration.effects.mullins import spots
+from calibration.effects.mullins import KEPT, spots
 from calibration.effects.support.hereditary import relaxed
 from calibration.inputs.observations import Observations
 from calibration.model.parameters import Parameter
@@ -71,21 +73,32 @@ class Recovery(EffectBase):
 def carried(force_N: Floats, time_s: float, *, data: Observations) -> Floats:
     """q (N,) of a branch that each spot keeps from press to press."""
     fresh = relaxed(force_N, time_s, data=data)
+    since_s, earlier = _course(data)
+    largest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12).tolist()
     ends = np.append(data.first[1:], data.size) - 1
-    largest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12)
-    spot = spots(data)
-    last: dict[tuple[float, float], tuple[int, float]] = {}
-    found = fresh.copy()
-    for k, (start, end) in enumerate(zip(data.first, ends, strict=True)):
-        left = 0.0
-        if spot[k] in last:
-            before, full = last[spot[k]]
-            rest = _rest(data, before, k)
-            left = full * float(np.exp(-rest / time_s) * largest[k] / largest[before])
-        since = data.time_s[start : end + 1] - data.time_s[start]
-        found[start : end + 1] += left * np.exp(-np.where(np.isfinite(since), np.maximum(since, 0), 0) / time_s)
-        last[spot[k]] = k, float(found[end])
-    return found
+    decay = np.exp(-since_s / time_s)
+    whole, kept = fresh[ends].tolist(), decay[ends].tolist()  # at the end of each press
+    left = [0.0] * data.count
+    for k, (before, rest_s) in enumerate(earlier):
+        if before >= 0:
+            left[k] = whole[before] * exp(-rest_s / time_s) * largest[k] / largest[before]
+            whole[k] += left[k] * kept[k]
+    return fresh + np.array(left)[data.press] * decay
+
+
+@lru_cache(maxsize=KEPT)
+def _course(data: Observations) -> tuple[Floats, list[tuple[int, float]]]:
+    """Seconds of each sample since its press began (N,); for each press the last one on its spot, -1 for none,
+    and the seconds of rest since.
+    """
+    since = data.time_s - data.time_s[data.first][data.press]
+    last: dict[tuple[float, float], int] = {}
+    earlier = []
+    for k, spot in enumerate(spots(data)):
+        before = last.get(spot, -1)
+        earlier.append((before, _rest(data, before, k) if before >= 0 else 0.0))
+        last[spot] = k
+    return np.where(np.isfinite(since), np.maximum(since, 0), 0), earlier
 
 
 def _rest(data: Observations, before: int, now: int) -> float:

@@ -93,7 +93,7 @@ def covariates(data: Observations) -> tuple[Covariate, ...]:
         ("x", "mm", presses.x_mm[press], True),
         ("y", "mm", presses.y_mm[press], True),
         ("azimuth", "rad", np.arctan2(presses.y_mm, presses.x_mm)[press], True),
-        ("T", "C", data.temperature_C, True),
+        ("T", "°C", data.temperature_C, True),
         ("indenter", "", presses.indenter[press].astype(float), True),
     ]
     if data.slopes is not None:  # what is wrong with them scales them

@@ -12,6 +12,8 @@ from calibration.report.verdict import in_words
 from calibration.tasks.compare import Compared, Comparison
 from tactilevision.records.misfit import ErrorFall
 
+PATTERN = 0.01  # p of a dependence, below which the page says that something is left; as for plain errors
+NAMED = 2  # things that the residual depends on which are named
 LAW = {"beta": "slope β"}  # parameters of the law, as a person says them
 OF_MATERIAL = (
     "youngs_modulus_MPa",
@@ -36,10 +38,10 @@ def comparison_page(
     falls: Sequence[ErrorFall],
     *,
     pictures: Pictures,
-    try_next: Sequence[str] = (),
+    try_next: Sequence[tuple[str, str]] = (),
     state: str = "",
 ) -> str:
-    """The whole page. `try_next`: commands, ready to run; `state`: what was taken back, in a sentence."""
+    """The whole page. `try_next`: what for, and the command; `state`: what was taken back, in a sentence."""
     folded = page.folded(
         f"Every press ({len(found.models[0].fitted.data.presses.label)})", *_figures(pictures.every_press)
     )
@@ -51,7 +53,9 @@ def comparison_page(
         page.section("What is left, and on what it depends", *_figures(pictures.strips)),
         page.section("Parameters", _parameters(found)),
         page.section("What it does to the material", *_figures(pictures.moduli), _material(found)),
-        page.section("To try next", *(page.command(text) for text in try_next)),
+        page.section(
+            "To try next", *(page.paragraph(f"{words}:") + page.command(text) for words, text in try_next)
+        ),
     )
 
 
@@ -63,8 +67,18 @@ def _head(found: Comparison, falls: Sequence[ErrorFall], state: str) -> str:
     lines = [page.paragraph(text, kind="lead") for text in (fall_sentence(fall) for fall in falls) if text]
     lines += [page.paragraph(state)] if state else []
     lines += [page.paragraph(f"{in_words(key).capitalize()} is left out: {why}.") for key, why in found.left_out]
-    explained = all(fall.band is not None and fall.error[-1] <= fall.band[1] for fall in falls)
-    return page.block("verdict clean" if explained else "verdict", *lines)
+    explained = all(fall.reached for fall in falls)
+    pattern = pattern_sentence(found, explained=explained)
+    lines += [page.paragraph(pattern)] if pattern else []
+    return page.block("verdict clean" if explained and not pattern else "verdict", *lines)
+
+
+def pattern_sentence(found: Comparison, *, explained: bool) -> str:
+    """What the last model's residual still depends on, in a sentence; empty where on nothing that shows."""
+    keys = [one.key for one in found.models[-1].covariates if one.p_adjusted < PATTERN]
+    on = list(dict.fromkeys(wording.covariate(key) for key in keys))[:NAMED]
+    begin = "Something is left all the same: it" if explained else "What is left"
+    return f"{begin} depends on {' and '.join(on)}." if on else ""
 
 
 def fall_sentence(fall: ErrorFall) -> str:
@@ -75,7 +89,12 @@ def fall_sentence(fall: ErrorFall) -> str:
     of = "the force" if fall.unit == "N" else "the depth that the picture reads"
     added = " and ".join(name.removeprefix("+ ") for name in fall.models[1:])
     if not added:
-        said = f"The plain law's error of {of} on {what} is {first:.1f} {unit}"
+        whose = (
+            "The plain law's error of the force"
+            if fall.unit == "N"
+            else "As read, the error of the picture's depth"
+        )
+        said = f"{whose} on {what} is {first:.1f} {unit}"
     else:
         way = "takes" if last < first else "does not lower"
         to = f"from {first:.1f} to {last:.1f} {unit}"

@@ -37,7 +37,7 @@ def next_sentence(found: Diagnosis) -> str:
         return ""
     best = found.measure_next[0]
     gain = (
-        f", expected to part the candidates by {best.separation_sigma:.0f} std"
+        f", expected to tell the candidates apart by {best.separation_sigma:.0f} std"
         if best.separation_sigma > 0
         else ""
     )
@@ -47,9 +47,10 @@ def next_sentence(found: Diagnosis) -> str:
 def summary(found: Diagnosis) -> list[str]:
     """What a person at the terminal needs to see."""
     lines = [f"{found.verdict}: {verdict_sentence(found)}", *stopped_sentence(found), *reading_sentence(found)]
-    for effect in found.effects:
-        values = ", ".join(f"{name} = {wording.estimate(value)}" for name, value in effect.parameters)
-        lines.append(f"  {in_words(effect.key)}: {values}; p {wording.p_value(effect.p_adjusted)}")
+    lines += [
+        f"  {in_words(effect.key)}: {_values(effect)}; p {wording.p_value(effect.p_adjusted)}"
+        for effect in found.effects
+    ]
     lines += [
         f"  {w.key}: {w.parameter} would have to be {_size(w)} (R^2 {w.r_squared:.4f})"
         for w in found.would_have_to_be
@@ -154,7 +155,7 @@ def _explains(found: Diagnosis) -> str:
 
 def _plain(drawn: Drawn) -> str:
     """The plain error nearest to what no effect explains."""
-    rows = [(_parameter(name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
+    rows = [(_meaning(drawn.card.key, name), _with_unit(v, unit)) for name, v, unit in drawn.card.values]
     effect = PLAIN[drawn.card.key]
     words = getattr(effect, "words", in_words(effect.key))
     said = page.paragraph(
@@ -210,8 +211,7 @@ def _size(one: InadmissibleBeta) -> str:
 def _in_plain_words(added: Added) -> str:
     about = _about(added.key)
     said = about.title if about is not None and about.title else in_words(added.key)
-    values = ", ".join(f"{_parameter(name)} {wording.estimate(value)}" for name, value in added.parameters)
-    return f"{in_words(added.key).capitalize()}: {said}; {values}."
+    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}."
 
 
 def _parameter(name: str) -> str:
@@ -219,6 +219,18 @@ def _parameter(name: str) -> str:
     for unit in ("_mm_per_N", "_N_per_mm", "_per_mm", "_rad", "_days", "_mm", "_N", "_s"):
         name = name.removesuffix(unit)
     return name.replace("_", " ")
+
+
+def _meaning(key: str, name: str) -> str:
+    """What an effect's parameter means, as every page says it."""
+    effect = PLAIN.get(key) or _about(key)
+    known = {} if effect is None else {p.name: p.meaning for p in effect.parameters}
+    return known.get(name) or _parameter(name)
+
+
+def _values(added: Added) -> str:
+    """An effect's parameters, in words."""
+    return ", ".join(f"{_meaning(added.key, name)} {wording.estimate(value)}" for name, value in added.parameters)
 
 
 def _about(key: str) -> EffectBase | None:
@@ -232,17 +244,17 @@ def _about(key: str) -> EffectBase | None:
 def _card(drawn: Drawn, found: Diagnosis) -> str:
     key = drawn.card.key
     about = _about(key)
-    rows = [(_parameter(name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
+    rows = [(_meaning(key, name), _with_unit(value, unit)) for name, value, unit in drawn.card.values]
     for added in found.effects:
         if added.key == key:
-            rows = [(_parameter(name), wording.estimate(value)) for name, value in added.parameters]
+            rows = [(_meaning(key, name), wording.estimate(value)) for name, value in added.parameters]
             rows += [
-                ("could be chance (p, for all looks)", wording.p_value(added.p_adjusted)),
+                ("chance that it is none (p)", wording.p_value(added.p_adjusted)),
                 *_fall_of(found, key),
             ]
     if about is not None:
         rows += [
-            ("seen against", ", ".join(about.seen_in)),
+            ("seen against", ", ".join(dict.fromkeys(wording.covariate(name) for name in about.seen_in))),
             ("confused with", ", ".join(in_words(k) for k in about.confused_with)),
             ("told apart by", "; ".join(about.separated_by)),
             ("source", about.source),
@@ -293,11 +305,17 @@ def _outside(found: Diagnosis) -> str:
 
 
 def _next(found: Diagnosis) -> str:
+    parted = any(a.separation_sigma > 0 for a in found.measure_next)
     rows = [
-        (a.action, f"{a.minutes:.0f}", f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–")
+        (
+            a.action,
+            f"{a.minutes:.0f}",
+            *([f"{a.separation_sigma:.1f}" if a.separation_sigma > 0 else "–"] * parted),
+        )
         for a in found.measure_next
     ]
-    return page.table(("do", "minutes", "expected separation (std)"), rows, numbers=(1, 2))
+    head = ("do", "minutes", *(["tells the candidates apart by (std; 3 are enough)"] * parted))
+    return page.table(head, rows, numbers=(1, 2))
 
 
 def _untestable(found: Diagnosis) -> str:

@@ -15,18 +15,26 @@ div.verdict { border-left: 6px solid var(--soft); background: #f6f6f4; padding: 
 div.verdict.found { border-color: var(--bad); } div.verdict.clean { border-color: var(--good); }
 div.verdict b { letter-spacing: .04em; } div.verdict p { margin: .35rem 0; }
 div.card { border: 1px solid var(--line); padding: .3rem 1rem .6rem; margin: .8rem 0; break-inside: avoid; }
-div.card h3 { font-size: 1.02rem; margin: .5rem 0; } div.card figure { float: right; max-width: 46%; margin: 0; }
+div.card h3 { font-size: 1.02rem; margin: .5rem 0; }
+div.card figure { float: right; max-width: 46%; margin: 0 0 0 1.5rem; }
 div.card::after { content: ""; display: block; clear: both; }
 .soft { color: var(--soft); } .good { color: var(--good); } .bad { color: var(--bad); }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .25rem .7rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
 th { font-weight: 600; } td.number { text-align: right; white-space: nowrap; }
 figure { margin: .8rem 0; } figcaption { color: var(--soft); }
-figure img { max-width: min(100%, 45rem); height: auto; cursor: zoom-in; }
+figure img { max-width: 100%; height: auto; display: block; cursor: zoom-in; }
 figure input { position: absolute; opacity: 0; }
 figure input:focus-visible + img { outline: 2px solid var(--soft); }
-@media screen { figure input:checked + img { position: fixed; inset: 0; z-index: 1; width: 100vw; height: 100vh;
-       max-width: none; object-fit: contain; background: white; cursor: zoom-out; } }
+@media (min-width: 62rem) {
+  body > figure, details > figure { display: grid; grid-template-columns: 45rem 1fr; gap: 1.5rem; } }
+@media screen {
+  figure label:has(:checked) { position: fixed; inset: 0; z-index: 1; overflow: auto; background: white; }
+  figure label:has(:checked) img { width: max(100%, 56rem); max-width: none; cursor: zoom-out; } }
+@media (max-width: 45rem) {
+  body { margin: 1rem auto; } th, td { padding: .25rem .35rem; } table { font-size: .93em; }
+  div.card figure { float: none; max-width: 100%; margin: 0; }
+  figcaption::after { content: " Tap the picture to enlarge it."; } }
 details { margin: .8rem 0; } summary { cursor: pointer; font-weight: 600; }
 pre { background: #f6f6f4; padding: .5rem .9rem; overflow-x: auto; font-size: .9em; }
 div.table { overflow-x: auto; }

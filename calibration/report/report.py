@@ -13,12 +13,16 @@ from calibration.report import page, wording
 from calibration.result.result import CalibrationResult
 from tactilevision.records import CertifiedPoint
 
+DEPTHS = (
+    "As machined: how far the bevel stands back from the punch's face. Certified: that, less what the gel "
+    "rises to meet the bevel."
+)
 PRESS_COLUMNS = (
     "press",
     "indenter",
     "verdict",
-    "depth (mm)",
-    "taken as machined (mm)",
+    "certified depth (mm)",
+    "as machined (mm)",
     "force (N)",
     "sideways (N)",
 )
@@ -79,25 +83,36 @@ def calibration_page(
         head = page.paragraph("The presses of this recording fix no material: " + why, kind="lead bad")
         details = page.section("Notes", page.listing(notes))
     else:
-        head, details = _head(result), _details(result, notes)
+        head, details = _lead(result) + _head(result), _details(result, notes)
     return page.page(
         title,
         head,
         page.section("Force against depth", *(page.figure(p.data_uri, p.caption) for p in figures)),
         details,
-        page.section("Presses", _press_table(points)),
-        page.section("Each press", *(page.figure(p.data_uri, p.caption) for p in presses)),
+        page.section("Presses", _press_table(points), page.paragraph(DEPTHS, kind="soft")),
+        page.folded(
+            f"Pictures of each press ({len(presses)}): frame, height map, signal of the bevel, force",
+            *(page.figure(p.data_uri, p.caption) for p in presses),
+        ),
     )
+
+
+def _lead(result: CalibrationResult) -> str:
+    """What a reader in a hurry takes away."""
+    E, nu = wording.estimate(result.youngs_modulus), wording.estimate(result.poisson_ratio)
+    kept = len(result.presses_accepted)
+    presses = f"{kept} of {kept + len(result.presses_rejected)} presses"
+    return page.paragraph(f"Young's modulus E is {E}, Poisson's ratio ν {nu}, from {presses}.", kind="lead")
 
 
 def _head(result: CalibrationResult) -> str:
     rows = [
         ("Young's modulus E", wording.estimate(result.youngs_modulus), ""),
         ("Poisson's ratio ν", wording.estimate(result.poisson_ratio), f"from {source_in_words(result)}"),
-        ("initial stiffness c = lim P/w", wording.estimate(result.c), "what one punch fixes"),
-        ("slope β of P/w over w/h", wording.estimate(result.beta), ""),
-        ("reduced modulus E/(1 − ν²)", wording.estimate(result.reduced_modulus), ""),
-        ("F/T clock − camera clock", wording.estimate(result.clock_offset), ""),
+        ("stiffness c", wording.estimate(result.c), "force over depth P/w at first touch: what one punch fixes"),
+        ("slope β", wording.estimate(result.beta), "how P/w grows with depth over thickness: c (1 + β w/h)"),
+        ("reduced modulus", wording.estimate(result.reduced_modulus), "E/(1 − ν²)"),
+        ("clock of the force sensor", wording.estimate(result.clock_offset), "less that of the camera"),
         *_error_rows(result),
     ]
     return page.table(("", "value and 95 % interval", ""), rows)
@@ -153,7 +168,7 @@ def _press_table(points: Sequence[CertifiedPoint]) -> str:
         (
             point.press,
             point.indenter,
-            "accepted" if point.accepted else f"rejected: {point.reason.replace('_', ' ')}",
+            "accepted" if point.accepted else f"rejected: {_why(point)}",
             _with_std(point.depth_mm, point.depth_std_mm),
             wording.number(point.depth_uncorrected_mm, point.depth_std_mm),
             _with_std(point.fz_N, point.fz_std_N),
@@ -162,6 +177,13 @@ def _press_table(points: Sequence[CertifiedPoint]) -> str:
         for point in points
     ]
     return page.table(PRESS_COLUMNS, rows, numbers=(3, 4, 5, 6))
+
+
+def _why(point: CertifiedPoint) -> str:
+    """Why a press was rejected, in a sentence where one was kept, else in a word."""
+    words = point.reason.replace("_", " ")
+    said = point.details.findings.partition("; ")[0].removeprefix(f"{point.reason}: ")
+    return f"{words} ({said})" if said else words
 
 
 def _with_std(value: float, std: float) -> str:

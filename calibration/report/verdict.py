@@ -14,12 +14,13 @@ from calibration.report import wording
 NEAR = 0.1  # of a misfit: an effect that explains less is not near it
 SHOWN = 0.05  # adjusted p of an effect that stands out
 WIDER = 0.1  # of an interval: less need not be said
+OTHER_WORDS = {"youngs_modulus": "Young's modulus", "beta": "the slope β"}
 SHARES = ("relative", "gain")  # parameters that are said in per cent
 
 
 def in_words(key: str) -> str:
-    """An effect's name as a person says it."""
-    return key.replace("_", " ")
+    """The name of an effect, or of what it is confused with, as a person says it."""
+    return OTHER_WORDS.get(key) or key.replace("_", " ")
 
 
 def verdict_sentence(found: Diagnosis) -> str:
@@ -92,7 +93,7 @@ def reading_sentence(found: Diagnosis) -> list[str]:
     if found.sight is None or gain is None or gain.value is None:
         return []
     before, after = (1e3 * reading_error_mm(fitted) for fitted in (found.sight.base, found.sight.current))
-    fall = f"The error of the depth that the picture reads goes from {before:.0f} to {after:.0f} um"
+    fall = f"The error of the depth that the picture reads goes from {before:.1f} to {after:.1f} µm"
     hidden = " Punch faces read less still: steep walls hide part of their depth, which is no gain."
     return [f"{fall} on presses left out.{hidden if found.sight.base.data.slopes is not None else ''}"]
 
@@ -154,7 +155,7 @@ def _odd(found: Diagnosis) -> str:
         parts.append(f"the presses' zeros change with {on}{since}")
     if odd.scattered:
         noise = found.fitted.noise
-        parts.append(f"like presses scatter by {100 * noise.gain:.1f} % and {1e3 * noise.zero_mm:.0f} um")
+        parts.append(f"like presses scatter by {100 * noise.gain:.1f} % and {1e3 * noise.zero_mm:.0f} µm")
     said = "; ".join(parts)
     return said[0].upper() + said[1:]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.alternative_explanation import suggested
-from calibration.diagnosis.refit import adopt, refit_with
+from calibration.diagnosis.refit import CANNOT_FIT, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, effect_directions, score_test
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, reading_error_mm
 from calibration.effects import get_effect
@@ -24,6 +25,7 @@ from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
@@ -92,8 +94,8 @@ class Comparison:
     """Models in the order in which effects were added, on the same measurements.
 
     `left_out` the effects that could not be added to those before, and why; `pictured` the same of effects on the
-    depth that the picture gives, held against the certified one, from what is read on; `suggested` keys of plain
-    errors that would take more off the last model's error than they cost.
+    depth that the picture gives, held against the certified one, from what is read on, where there are both;
+    `suggested` keys of plain errors that would take more off the last model's error than they cost.
     """
 
     models: tuple[Compared, ...]
@@ -159,8 +161,17 @@ def plain_law(ready: Prepared, *, rng: np.random.Generator | None, of_gel: bool 
     `of_gel`: with what the fit says of the gel, which takes as long again; `with_gel` brings it later. Without an
     `rng` what the residual depends on stays unknown; `with_covariates` brings it later.
     """
-    found = Comparison((judge(fit_alone(base_model(ready.data), ready.data), rng),))
+    alone = judge(base_fit(base_model(ready.data), ready.data), rng)
+    found = Comparison((alone,), pictured=_of_picture(ready.stated))
     return with_gel(found) if of_gel else found
+
+
+def _of_picture(data: Observations) -> tuple[Compared, ...]:
+    """The depth that the picture reads, beside the certified one; nothing where there are not both."""
+    with suppress(*CANNOT_FIT):
+        seen = fit_vision_depth(data)
+        return () if seen is None else (_as_read(seen, ()),)
+    return ()
 
 
 def with_gel(found: Comparison) -> Comparison:
@@ -194,7 +205,7 @@ def with_effect(
     try:
         unseen = why or effect_directions(found.models[0].fitted, [effect])[1].get(effect.key, "")
         if not unseen:
-            one = evaluate(last.fitted.model + effect, ready.data, rng=rng, on=last.fitted)
+            one = evaluate(last.fitted.model + effect, last.fitted.data, rng=rng, on=last.fitted)
             more = (*found.models, replace(one, effects=(*last.effects, effect.key)))
             longer = replace(found, models=more, suggested=())
             return with_gel(longer) if of_gel else longer
@@ -215,14 +226,15 @@ def suggest(found: Comparison, deadline: Deadline = NEVER) -> tuple[str, ...]:
 
 def _in_picture(pictured: tuple[Compared, ...], effect: Effect, ready: Prepared) -> tuple[Compared, ...] | None:
     """The models of the picture's depth with the effect added; None where no such depth shows it."""
-    seen = pictured[-1].fitted if pictured else fit_vision_depth(ready.stated)
-    shown = None if seen is None else {one.key: one for one in in_picture(seen.data)}.get(effect.key)
-    if seen is None or shown is None or shown.missing(seen.data):
+    if not pictured:
+        return None
+    seen = pictured[-1].fitted
+    shown = {one.key: one for one in in_picture(seen.data)}.get(effect.key)
+    if shown is None or shown.missing(seen.data):
         return None
     treatment = getattr(effect, "treatment", "")
     fitted = _read_anew(seen, ready.treated.get(treatment)) if treatment else adopt(seen, refit_with(seen, shown))
-    before = pictured or (_as_read(seen, ()),)
-    return (*before, _as_read(fitted, (*before[-1].effects, effect.key)))
+    return (*pictured, _as_read(fitted, (*pictured[-1].effects, effect.key)))
 
 
 def _read_anew(seen: Fit, data: Observations | None) -> Fit:
@@ -276,6 +288,15 @@ def fit_alone(model: Model, data: Observations) -> Fit:
             where=model.name,
             remedy="Look at depth and force in a figure; leave out the effects added by hand.",
         ) from fault
+
+
+def base_fit(model: Model, data: Observations) -> Fit:
+    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
+    of the touch by as much as these presses' zeros scatter.
+    """
+    first = fit_alone(model, data)
+    shaped = clear_of_own_touch(first, with_sample_noise(first))
+    return first if shaped is first.data else fit_alone(model, shaped)
 
 
 def base_model(data: Observations) -> Model:

@@ -26,8 +26,8 @@ from calibration.diagnosis.forward_selection import Searched, Step, forward_sele
 from calibration.diagnosis.inadmissible_beta import InadmissibleBeta, instead_of_beta, would_have_to_be
 from calibration.diagnosis.model_averaging import UndetectedEffect, average_models
 from calibration.diagnosis.outcome import Outcome, against_instrument_errors, odd_presses, outcome
-from calibration.diagnosis.refit import CANNOT_FIT, Candidate, freed, held_out_rms, refit_with
-from calibration.diagnosis.score_test import LEVEL
+from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, freed, held_out_rms, refit_with
+from calibration.diagnosis.score_test import LEVEL, effect_directions
 from calibration.diagnosis.sensitivity import hidden
 from calibration.diagnosis.unexplained import nearest, unexplained
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, risen
@@ -38,14 +38,12 @@ from calibration.inputs.checks import clear_of_touch, usable
 from calibration.inputs.deadline import UNWATCHED, Watch
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import SILICONE_NU
-from calibration.model.composition import Model
 from calibration.model.stages import Effect
 from calibration.repeats.repeat_noise import beyond_stated
-from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.material import determine_material
 from calibration.result.poisson_routes import informed
 from calibration.result.result import CalibrationResult
-from calibration.tasks.compare import base_model, fit_alone
+from calibration.tasks.compare import base_fit, base_model, fit_alone
 from calibration.tasks.fit_errors import fit_errors
 from calibration.tasks.next_measurements import plan_next, press_again
 from tactilevision.records import Estimate, Pair
@@ -102,7 +100,11 @@ def _diagnosed(
     seen, data = fit_vision_depth(data), informed(data, bulge, bound=bound)
     model = base_model(data)
     for effect in known:
-        model = model + effect
+        of_picture = None if seen is None else _of_picture(effect, seen, data)
+        if of_picture is None:
+            model = model + effect
+        else:
+            seen = of_picture
     level = LEVEL if seen is None else LEVEL / 2
     watch.tell("fitting the plain law")
     begin = base_fit(model, data)
@@ -112,18 +114,18 @@ def _diagnosed(
     )
     sight = None
     if seen is not None:
-        sight = outcome(forward_selection(seen, in_picture(seen.data), rng=rng, level=level, watch=watch), level)
+        others = [one for one in in_picture(seen.data) if one.key not in seen.model.keys]
+        sight = outcome(forward_selection(seen, others, rng=rng, level=level, watch=watch), level)
     watch.tell("what it does to the material")
     return _determine(force, sight, catalogue, rng)
 
 
-def base_fit(model: Model, data: Observations) -> Fit:
-    """The fit that all is held against: samples' noise shaped as the data show where nobody stated it, and clear
-    of the touch by as much as these presses' zeros scatter.
-    """
-    first = fit_alone(model, data)
-    shaped = clear_of_own_touch(first, with_sample_noise(first))
-    return first if shaped is first.data else fit_alone(model, shaped)
+def _of_picture(effect: Effect, seen: Fit, data: Observations) -> Fit | None:
+    """The law of the picture's depth with a known effect in it; None where it is one of the force."""
+    shown = {one.key: one for one in in_picture(seen.data)}.get(effect.key)
+    if shown is None or not effect_directions(fit_alone(base_model(data), data), [effect])[1]:
+        return None
+    return adopt(seen, refit_with(seen, shown))
 
 
 def _beside(whole: Diagnosis, rest: Diagnosis, aside: tuple[str, ...], *, foreign: bool) -> Diagnosis:

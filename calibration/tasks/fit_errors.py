@@ -15,6 +15,7 @@ from calibration.fit.least_squares import Fit, fit
 from calibration.inputs.checks import clear_of_touch
 from calibration.repeats.pure_error import repeatability_rms
 from calibration.repeats.repeat_noise import refit_with_pure_noise
+from calibration.repeats.sample_noise import clear_of_own_touch, with_sample_noise
 from calibration.result.result import CalibrationResult
 
 
@@ -35,12 +36,17 @@ def fit_errors(fitted: Fit) -> FitErrors:
 def judged(fitted: Fit) -> Fit:
     """The same model on the same presses as `compare` and `diagnose` fit it; the fit itself where that fails.
 
-    Those weigh samples by how repeats differ, and leave out samples of curves too near to first contact.
+    Those weigh samples by how repeats and neighbours differ, and leave out samples of curves too near to first
+    contact.
     """
     data = clear_of_touch(fitted.data)
     try:
         again = fitted if data is fitted.data else fit(fitted.model, data, tolerances=False)
-        return refit_with_pure_noise(again)
+        again = refit_with_pure_noise(again)
+        shaped = clear_of_own_touch(again, with_sample_noise(again))
+        if shaped is again.data:
+            return again
+        return refit_with_pure_noise(fit(again.model, shaped, starts=again.values[None], tolerances=False))
     except CANNOT_FIT:
         return fitted
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import LEVEL, Scored, score_test
-from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture
+from calibration.diagnosis.vision_depth_check import in_picture
 from calibration.effects import PLAIN
 from calibration.fit.least_squares import Fit
 from calibration.model.stages import Effect
@@ -70,7 +70,7 @@ def _of_picture(now: Fitted, rng: np.random.Generator) -> list[Evidence]:
     """Effects on the depth that the picture reads, where there is a certified one."""
     pictured = now.found.pictured
     with suppress(*CANNOT_FIT):
-        seen = pictured[-1].fitted if pictured else fit_vision_depth(now.ready.stated)
+        seen = pictured[-1].fitted if pictured else None
         if seen is not None:
             shown = {one.key: one for one in in_picture(seen.data) if one.key not in seen.model.keys}
             tested = score_test(seen, list(shown.values()), rng=rng)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.refit import Candidate
+from calibration.fit.tolerances import TOLERANCES
 from calibration.inputs.left_out import press_names
 from calibration.model.stages import EffectBase
 from calibration.report import wording
@@ -104,7 +105,7 @@ def _not_yet(named: tuple[str, ...], shown: Shown) -> list[dict[str, str]]:
 
 def _falls(found: Comparison) -> list[ErrorFall]:
     both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
-    return sorted(both, key=lambda fall: len(fall.models) == 1)  # what changes first
+    return sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
 
 
 def _fall(fall: ErrorFall) -> dict[str, Any]:
@@ -119,7 +120,7 @@ def _fall(fall: ErrorFall) -> dict[str, Any]:
         "band": None if fall.band is None else [MN * end for end in fall.band],
         "held_out": fall.held_out,
         "sentence": fall_sentence(fall),
-        "reached": fall.band is not None and fall.error[-1] <= fall.band[1],
+        "reached": fall.reached,
     }
 
 
@@ -166,6 +167,7 @@ def _parameters(model: Compared, key: str) -> list[dict[str, Any]]:
                 "low": low,
                 "high": high,
                 "unit": p.unit,
+                "aside": p.name.partition(".")[0] in TOLERANCES,
             }
         )
     return rows

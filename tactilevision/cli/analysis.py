@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from calibration.inputs.observations import Observations
     from calibration.model.stages import Effect
     from calibration.session import History, Step
+    from calibration.tasks.compare import Comparison
     from tactilevision.cli.measure import Taken
     from tactilevision.records import Estimate
 
 ANSWERED = "gentle faces"  # of the certificate's warning about the picture's scale: a diagnosis has its number
 UNDO_SHADOWS = "undo_shadows"  # the treatment that an effect of the picture may ask for
+FIND, TRY = "to find what is missing", "to try"  # what a command that is suggested is for
 OWN = ".py"  # how the file of an effect of one's own ends
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one sensor.")]
@@ -130,6 +132,29 @@ def write_history(history: History, folder: Path, out: Path) -> None:
 def again_in(folder: Path) -> Path:
     """Where a repeated analysis goes: beside what it repeats, which stays."""
     return folder.resolve() / "repeated"
+
+
+def next_commands(
+    recordings: Sequence[Path | str],
+    found: Comparison,
+    files: Mapping[str, str],
+    *,
+    prior: bool,
+    left_out: Sequence[str],
+) -> list[tuple[str, str]]:
+    """What to try after a comparison: of the plain law alone a diagnosis, then the plain errors worth a try."""
+    from calibration.effects import PLAIN
+    from calibration.session import steps_of_comparison
+
+    added = [step.key for step in steps_of_comparison(found, files)]
+    said: list[tuple[str, str]] = []
+    if not added and not left_out:
+        held = [] if prior else ["--no-prior"]
+        said.append((FIND, shlex.join(["tactilevision", "diagnose", *map(str, recordings), *held])))
+    for key in found.suggested:
+        words = f"{TRY} {getattr(PLAIN[key], 'words', key)}"
+        said.append((words, compare_command(recordings, [*added, key], files, prior=prior, left_out=left_out)))
+    return said
 
 
 def commands_of(

@@ -15,9 +15,9 @@ from tactilevision.cli.analysis import (
     Seed,
     Settings,
     TimeLimit,
-    compare_command,
     keep_history,
     named_effects,
+    next_commands,
     observed,
     treated,
     with_nu,
@@ -64,16 +64,13 @@ def compare(
     deadline, aside = Deadline.after(time_limit), tuple(left_out or ())
     effects, files = named_effects(chosen)
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
+    data, again = observed(taken, aside), treated(taken, effects, aside)
     with console.progress_bar("fitting") as progress:
-        data, rng, bound = observed(taken, aside), np.random.default_rng(seed), elastomer_bound(prior)
-        again = treated(taken, effects, aside)
+        rng, bound = np.random.default_rng(seed), elastomer_bound(prior)
         found = method.compare(
             data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress, deadline=deadline
         )
-    added = [step.key for step in steps_of_comparison(found, files)]
-    commands = [
-        compare_command(recordings, [*added, key], files, prior=prior, left_out=aside) for key in found.suggested
-    ]
+    commands = next_commands(recordings, found, files, prior=prior, left_out=aside)
     title = "Comparison of " + ", ".join(one.recording.name for one in taken)
     passed_over = [f"{key} is left out: {why}" for key, why in found.left_out]
     with staged(out) as stage:
@@ -82,7 +79,7 @@ def compare(
         keep_history(recordings, steps, stage, out=out, settings=Settings(seed, prior, left_out=aside))
     forget_found(out)
     console.warn(passed_over)
-    console.say(*lines_of(found), *passed_over, *(f"to try next: {text}" for text in commands))
+    console.say(*lines_of(found), *passed_over, *(f"{words}: {text}" for words, text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content_of(found), json)
 
@@ -94,8 +91,8 @@ def lines_of(found: Comparison) -> list[str]:
     return [
         *(_model_line(column(model), model) for model in found.models),
         *(
-            f"{column(model):24s} error on presses left out {1e3 * model.held_out_N:.1f} um, "
-            f"repeatability {1e3 * model.repeatability_N:.1f} um"
+            f"{column(model):24s} error on presses left out {1e3 * model.held_out_N:.1f} µm, "
+            f"repeatability {1e3 * model.repeatability_N:.1f} µm"
             for model in found.pictured
         ),
     ]

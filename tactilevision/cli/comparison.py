@@ -15,16 +15,21 @@ if TYPE_CHECKING:
 
 
 def write_comparison(
-    found: Comparison, folder: FigureFolder, *, title: str, try_next: Sequence[str] = (), state: str = ""
+    found: Comparison,
+    folder: FigureFolder,
+    *,
+    title: str,
+    try_next: Sequence[tuple[str, str]] = (),
+    state: str = "",
 ) -> None:
-    """comparison.json, the figures and report.html. `try_next`: commands; `state`: what was taken back."""
+    """comparison.json, the figures and report.html. `try_next`: what for, and how."""
     from calibration.report.comparison_report import comparison_page
     from calibration.report.error_fall import error_fall_of_comparison, error_fall_of_picture
     from tactilevision.files import write_json, write_text
 
     write_json(folder.path / "comparison.json", content_of(found))
     both = [error_fall_of_comparison(found), *error_fall_of_picture(found.pictured)]
-    falls = sorted(both, key=lambda fall: len(fall.models) == 1)  # what changes first
+    falls = sorted(both, key=lambda fall: (len(fall.models) == 1, fall.reached))  # what changes, then what is off
     page = comparison_page(
         title, found, falls, pictures=_pictures(found, falls, folder), try_next=try_next, state=state
     )

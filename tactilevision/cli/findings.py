@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from tactilevision.cli.pictures import FigureFolder
 
 
+SHOWN = 0.05  # p of a dependence that is said to be there
+
+
 def write_diagnosis(
     found: Diagnosis,
     folder: FigureFolder,
@@ -92,7 +95,7 @@ def _of_odd_presses(found: Diagnosis, folder: FigureFolder) -> list[Picture]:
     if offsets is None:
         return []
     words = "How far each press lies from the others, as an offset of its depth. Blue: like the others"
-    words += "; red: it cannot be one of them." if any(offsets.odd) else "."
+    words += "; orange: it cannot be one of them." if any(offsets.odd) else "."
     return [folder.keep(draw_offsets(offsets), "offsets.png", caption=words)]
 
 
@@ -119,19 +122,30 @@ def _of_the_picture(found: Diagnosis, reliefs: Sequence[ResidualMap], folder: Fi
     if seen is not None:
         words = (
             "The depth that the picture reads over the certified one; 1 is right. Squares: punch faces; dots: "
-            "slopes beside them. Red: as read"
+            "slopes beside them. Orange: as read"
         )
         words += "; blue: corrected by what was found." if seen.corrected is not None else "."
         words = f"{words} {picture_lacks(found)}".strip()
         kept.append(folder.keep(draw.draw_sighting(seen), "reconstructed.png", caption=words))
     for number, one in enumerate(reliefs):
-        p = ", ".join(f"{c.key.removeprefix('height map: ')} p = {c.p_adjusted:.2g}" for c in one.covariates)
         words = (
-            f"What the height maps leave ({p}). Red: deeper than expected; blue: less deep; grey: not compared."
+            f"Height maps less what is expected. {relief_words(one)} Red: deeper than expected; blue: less deep; "
+            "grey: not compared. Lengths are in radii of the punch, whose axis is the middle."
         )
         drawn = draw.draw_residual_map(one.residual_mm, one.axis, count=one.count)
         kept.append(folder.keep(drawn, f"height_map_{number}.png", caption=words))
     return kept
+
+
+def relief_words(one: ResidualMap) -> str:
+    """What the height maps' residual depends on, in a sentence."""
+    on = {"azimuth": "the direction", "radius": "the distance from the punch"}
+    said = []
+    for scored in one.covariates:
+        key = scored.key.removeprefix("height map: ")
+        depends = "depends" if scored.p_adjusted < SHOWN else "does not depend"
+        said.append(f"{depends} on {on.get(key, key)} (p = {scored.p_adjusted:.2g})")
+    return f"What is left {', and '.join(said)}." if said else ""
 
 
 def _drawn(card: Card, folder: FigureFolder) -> Drawn:
@@ -142,7 +156,7 @@ def _drawn(card: Card, folder: FigureFolder) -> Drawn:
     if card.overlay is None:
         return Drawn(card, None)
     name = _words(card.overlay.key)
-    words = f"Red: left by the plain law; black: what {name} alone would leave; blue: left with {name}."
+    words = f"Orange: what is left without it; black: what {name} explains of it; blue: what is left with {name}."
     return Drawn(card, folder.keep(draw_overlay(card.overlay), f"candidates/{card.key}.png", caption=words))
 
 

@@ -110,9 +110,9 @@ def _refit(history: History, folder: Path, stage: Path, *, private: Sequence[Pat
     effects = _effects(history.steps, private)
     taken, bulge = with_nu(take([Path(name) for name in history.recordings], answered=ANSWERED))
     rng = np.random.default_rng(history.seed)
+    data, again = observed(taken, history.left_out), treated(taken, effects, history.left_out)
     with console.progress_bar("fitting") as progress:
-        data, bound = observed(taken, history.left_out), elastomer_bound(history.prior)
-        again = treated(taken, effects, history.left_out)
+        bound = elastomer_bound(history.prior)
         result = compare(data, effects, rng=rng, bulge=bulge, bound=bound, treated=again, progress=progress)
     names = ", ".join(step.key.replace("_", " ") for step in reversed(history.undone))
     state = f"Taken back: {names}. `tactilevision steps {folder} --redo` puts it back."

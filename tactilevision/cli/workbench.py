@@ -14,8 +14,8 @@ from tactilevision.cli.analysis import (
     ANSWERED,
     Private,
     Seed,
-    compare_command,
     named_effects,
+    next_commands,
     observed,
     treated,
     with_nu,
@@ -140,11 +140,9 @@ def _export(shown: Shown, opened: Opened, out: Path) -> Path:
     assert shown.now is not None
     found = replace(shown.now.found, suggested=shown.suggested)
     history = replace(shown.history, applied=True)
-    keys, aside = [step.key for step in history.steps], history.left_out
-    commands = [
-        compare_command(history.recordings, [*keys, key], opened.files, prior=history.prior, left_out=aside)
-        for key in shown.suggested
-    ]
+    commands = next_commands(
+        history.recordings, found, opened.files, prior=history.prior, left_out=history.left_out
+    )
     with staged(out) as stage:
         write_comparison(found, FigureFolder(stage), title=f"Comparison of {opened.title}", try_next=commands)
         keep_calibration(out, stage)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+ALIKE = 0.2  # of a value: contacts that differ by less have one size
 AXES = (("true_mm", "depth (mm)"), ("radius_px", "contact radius (px)"))
 
 
@@ -28,12 +29,21 @@ def draw_depth_report(card: Mapping[str, Any]) -> Figure:
     rows = [("balls held out", card["held_out_balls"])]
     if not isinstance(steps, str):
         rows.append(("flat steps, certified by their bevel", steps))
-    figure, panels = style.new_figure(8.4, 3.6 * len(rows), rows=len(rows), columns=2)
+    figure, panels = style.new_figure(style.WIDTH_IN, 0.7 + 2.9 * len(rows), rows=len(rows), columns=2)
     for number, (name, contacts) in enumerate(rows):
         _draw_row(panels[2 * number : 2 * number + 2], name, [Known(**one) for one in contacts])
     if isinstance(steps, str):
         panels[1].set_title(steps)
+    panels[0].plot([], [], " ", marker="$\\%$", color=style.GREY, label="share of a band within its deviation")
+    style.legend_below(figure, columns=2)
     return figure
+
+
+def _widen(axes: Axes, values: Sequence[float]) -> None:
+    """Room about values that are all but the same, so that the axis counts no hundredths."""
+    middle = 0.5 * (min(values) + max(values))
+    if max(values) - min(values) < ALIKE * middle:
+        axes.set_xlim((1 - ALIKE) * middle, (1 + ALIKE) * middle)
 
 
 def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> None:
@@ -41,9 +51,9 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
     stated_um = [1e3 * one.stated_mm for one in contacts]
     for axes, (key, label) in zip(panels, AXES, strict=True):
         for number, band in enumerate(bands(contacts, key)):
-            middle, width = 0.5 * (band.low + band.high), max(band.high - band.low, 0.02 * band.high)
+            middle, width = 0.5 * (band.low + band.high), max(band.high - band.low, 0.04 * band.high)
             axes.bar(middle, 2e3 * band.rms_mm, width, bottom=-1e3 * band.rms_mm, alpha=0.25,
-                     color=style.ORANGE, label="rms of the band" if number == 0 else None)  # fmt: skip
+                     color=style.YELLOW, label="rms error of a band" if number == 0 else None)  # fmt: skip
             axes.annotate(
                 f"{100 * band.within:.0f} %",
                 (middle, 0.02),
@@ -52,13 +62,13 @@ def _draw_row(panels: Sequence[Axes], name: str, contacts: Sequence[Known]) -> N
                 color=style.GREY,
             )
         axes.errorbar([getattr(one, key) for one in contacts], off_um, yerr=stated_um, fmt="o", ms=4, lw=1.0,
-                      color=style.BLUE, label="one contact, and one stated deviation")  # fmt: skip
+                      color=style.BLUE, label="one contact, and its stated deviation (std)")  # fmt: skip
         axes.axhline(0.0, color=style.GREY, lw=0.8)
         axes.margins(x=0.1)  # room for the shares, which stand in the middle of bands as narrow as a point
         axes.set_xlabel(label)
-    panels[0].set_ylabel("found less true (µm)")
-    panels[0].set_title(f"{len(contacts)} {name}; share within one deviation")
-    panels[1].legend(loc="upper left")
+        _widen(axes, [getattr(one, key) for one in contacts])
+    panels[0].set_ylabel("depth found − true (µm)")
+    panels[0].set_title(f"{len(contacts)} {name}")
     low, high = panels[0].get_ylim()
     for axes in panels:
-        axes.set_ylim(1.15 * min(low, -high), 1.5 * max(high, -low))
+        axes.set_ylim(1.15 * min(low, -high), 1.15 * max(high, -low))

@@ -25,9 +25,9 @@ COLOURS = (
     "#F2D54B",
     style.GREY,
     style.GREEN,
-    style.ORANGE,
+    style.YELLOW,
     style.PURPLE,
-    style.RED,
+    style.ORANGE,
     "#4B3A1D",
     "#8C2D5A",
     "#101010",
@@ -43,11 +43,11 @@ def draw_terms(height: HeightMap, terms: Terms, *, title: str = "") -> Figure:
 
     `terms` are deviations in mm by name, on a grid over the map's picture (Reconstructor.depth_terms).
     """
-    figure, (above, bars) = style.new_figure(11, 4.9, columns=2)
+    figure, (above, bars) = style.new_figure(style.WIDTH_IN, 7.6, rows=2)
     entries = _draw_largest(above, height, terms)
     above.set_title(titled(height, title or f"{height.name}: largest part of the depth's deviation"))
     _draw_bars(bars, height, terms)
-    figure.legend(handles=entries, loc="outside lower center", ncols=4, fontsize=9)
+    figure.legend(handles=entries, loc="outside lower center", ncols=2, fontsize=9)
     return figure
 
 
@@ -101,7 +101,7 @@ def _draw_bars(axes: Axes, height: HeightMap, terms: Terms) -> None:
         axes.barh(places + offset, rms_um, height=0.38, color=colours, alpha=alpha)
     axes.set_yticks(places, list(terms))
     axes.invert_yaxis()
-    axes.set(xlabel="rms deviation of depth (um)", title="What each term adds")
+    axes.set(xlabel="rms deviation of depth (µm)", title="What each term adds")
     axes.grid(axis="y", visible=False)
     axes.legend(
         handles=[

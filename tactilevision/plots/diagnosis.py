@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.plots.misfit import label_covariate
+from tactilevision.plots.misfit import LEFT, label_covariate
 from tactilevision.records import Bools, Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+ASIDE = 0.008  # of an axis: as read lies left and corrected right of its place, so that neither hides the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,29 +66,29 @@ class Sighting:
 
 @style.house_look
 def draw_offsets(shown: Offsets) -> Figure:
-    """Each press's own offset in order; what cannot belong to the others in red, with its name."""
+    """Each press's own offset in order; what cannot belong to the others in orange, with its name."""
     figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.6)
     odd, place = np.array(shown.odd), np.arange(len(shown.labels))
-    axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.RED, style.BLUE), lw=1.2)
+    axes.vlines(place, 0, shown.offset_um, color=np.where(odd, style.ORANGE, style.BLUE), lw=1.2)
     axes.plot(place[~odd], shown.offset_um[~odd], "o", ms=5, color=style.BLUE, label="like the others")
-    axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.RED, label="cannot be one of them")
+    axes.plot(place[odd], shown.offset_um[odd], "o", ms=8, color=style.ORANGE, label="cannot be one of them")
     for k in place[odd]:
         axes.annotate(
             shown.labels[k],
             (k, shown.offset_um[k]),
             xytext=(7, 0),
             textcoords="offset points",
-            color=style.RED,
+            color=style.ORANGE,
             weight="bold",
             va="center",
         )
     if shown.since is not None:
-        axes.axvline(shown.since - 0.5, color=style.RED, ls="--", lw=1.2)
+        axes.axvline(shown.since - 0.5, color=style.ORANGE, ls="--", lw=1.2)
         axes.text(
             shown.since - 0.4,
             0.97,
             f"since {shown.labels[shown.since]}",
-            color=style.RED,
+            color=style.ORANGE,
             va="top",
             transform=axes.get_xaxis_transform(),
         )
@@ -134,16 +137,16 @@ def draw_overlay(overlay: Overlay) -> Figure:
         "-",
         color="black",
         lw=1.2,
-        label=f"what {name} would leave",
+        label=f"what {name} explains",
     )
     for values, reach, colour, label in (
-        (overlay.before, overlay.before_reach, style.RED, "left by the plain law, 95 %"),
-        (overlay.after, overlay.after_reach, style.BLUE, f"left with {name}, 95 %"),
+        (overlay.before, overlay.before_reach, style.ORANGE, "left without it, and 95 %"),
+        (overlay.after, overlay.after_reach, style.BLUE, f"left with {name}, and 95 %"),
     ):
         axes.errorbar(overlay.values, 1e3 * values, yerr=1e3 * reach, fmt="o", ms=4.5, color=colour, label=label)
     axes.axhline(0, color=style.GREY, lw=0.8)
     label_covariate(axes, overlay.words, overlay.unit, levels=overlay.levels, values=overlay.values)
-    axes.set_ylabel("measured − model (mN)")
+    axes.set_ylabel(LEFT)
     style.legend_below(figure, columns=1)
     return figure
 
@@ -154,17 +157,19 @@ def draw_sighting(seen: Sighting) -> Figure:
     columns = min(2, len(seen.against))
     rows = -(-len(seen.against) // columns)
     figure, places = style.new_figure(style.WIDTH_IN, 0.5 + 2.4 * rows, rows=rows, columns=columns)
-    shown = [(seen.ratio, style.RED, "as read")]
+    shown = [(seen.ratio, style.ORANGE, "as read")]
     if seen.corrected is not None:
         shown.append((seen.corrected, style.BLUE, "corrected"))
     every = np.concatenate([ratio for ratio, *_ in shown])
     low, high = min(float(np.quantile(every, 0.005)), 1.0), max(float(np.quantile(every, 0.995)), 1.0)
     for axes, (label, values) in zip(places, seen.against, strict=False):
-        for ratio, colour, name in shown:
+        across = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+        for place, (ratio, colour, name) in enumerate(shown):
+            aside = ASIDE * across * (2 * place - 1) if len(shown) > 1 else 0.0
             for mine, mark, what in ((seen.face, "s", "punch faces"), (~seen.face, ".", "slopes beside them")):
                 if mine.any():
                     axes.plot(
-                        values[mine],
+                        values[mine] + aside,
                         ratio[mine],
                         mark,
                         ms=4,

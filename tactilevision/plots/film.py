@@ -81,13 +81,13 @@ class _Stage:
         self.time_s = _times(shots)
         force = np.array([shot.force_N for shot in shots])
         self.now = []
-        shown = ((self.peak, "greatest depth (mm)", style.BLUE), (force, "F/T sensor's fz (N)", style.ORANGE))
+        shown = ((self.peak, "greatest depth (mm)", style.BLUE), (force, "F/T sensor's fz (N)", style.YELLOW))
         for axes, (values, label, colour) in zip(courses, shown, strict=True):
             if not np.isfinite(values).any():
                 axes.set_axis_off()
                 continue
             axes.plot(self.time_s, values, color=colour, label=label.rpartition(" ")[0])
-            self.now.append(axes.axvline(self.time_s[0], color=style.RED, lw=1.2, label="the frame shown"))
+            self.now.append(axes.axvline(self.time_s[0], color=style.ORANGE, lw=1.2, label="the frame shown"))
             axes.set(xlabel="time (s)" if np.isfinite(first.time_s) else "frame", ylabel=label)
         style.legend_below(self.figure)
 

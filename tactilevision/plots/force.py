@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAMES = ("x", "y", "z")
+WORDS = {"x": "shear traction t_x (kPa)", "y": "shear traction t_y (kPa)", "z": "pressure t_z (kPa)"}
+LINE = 100  # letters of a line of small print across a figure; by trial
 
 
 @style.house_look
@@ -26,8 +29,8 @@ def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None 
     Where the shear is not known t_x and t_y are left out, and the title says so.
     """
     whole = bool(np.isfinite(found.t_x).all())
-    figure, axes = style.new_figure(15, 7.6 if whole else 4.2, rows=2 if whole else 1, columns=3)
-    above, cut, *maps = axes
+    rows = 3 if whole else 2
+    figure, (above, cut, *maps) = style.new_figure(style.WIDTH_IN, 2.7 * rows, rows=rows, columns=2)
     image = depth_image(above, height)
     figure.colorbar(image, ax=above, label="depth into the gel (mm)", shrink=0.8)
     if shear is not None and whole:
@@ -37,20 +40,23 @@ def draw_force(found: TractionMap, height: HeightMap, *, shear: ShearMap | None 
     _cut(cut, found, height)
     fields = {"z": found.t_z} | ({"x": found.t_x, "y": found.t_y} if whole else {})
     tangential = max((float(np.abs(fields[n]).max()) for n in ("x", "y") if n in fields), default=0.0)
-    for axis, (name, field) in zip(maps, fields.items(), strict=False):
+    places = [maps[0], *maps[2:]] if whole else maps[:1]
+    for axis, (name, field) in zip(places, fields.items(), strict=True):
         limit = max(float(np.nanmax(np.abs(field), initial=0.0)) if name == "z" else tangential, 1e-6)
         _traction_image(figure, axis, found, 1e3 * field, 1e3 * limit, name)
     if whole:
-        _deviation(figure, maps[-1], found)
+        _deviation(figure, maps[1], found)
+    style.legend_below(figure, columns=2, corner=None if whole else maps[1])
     if found.flags:
-        figure.supxlabel("; ".join(found.flags), fontsize=8, color=style.GREY)
+        said = textwrap.fill("; ".join(found.flags), LINE)
+        figure.supxlabel(said, fontsize=8, color=style.GREY)
     return figure
 
 
 @style.house_look
 def draw_sensitivity(found: TractionMap, ranges: Sequence[Sensitivity]) -> Figure:
     """How far fz moves over the 95 % interval of each parameter, beside what all the rest leaves unknown."""
-    figure, (axes,) = style.new_figure(7.5, 1.3 + 0.55 * (len(ranges) + 1))
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 1.3 + 0.55 * (len(ranges) + 1))
     labels = [
         entry.parameter.replace("_", " ").replace("youngs", "Young's").replace("poisson", "Poisson's")
         for entry in ranges
@@ -83,7 +89,7 @@ def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
     x = np.arange(height.depth_mm.shape[1]) * height.mm_per_px[0]
     depth = np.where(height.valid[row], height.depth_mm[row], np.nan)
-    axes.plot(x, depth, color=style.BLUE)
+    axes.plot(x, depth, color=style.BLUE, label="the gel's surface")
     axes.fill_between(x, depth, float(np.nanmax(depth, initial=0.1)) * 1.12, color=style.SKY, alpha=0.15, lw=0)
     cell = int(
         np.clip(
@@ -97,13 +103,13 @@ def _cut(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     if touching.size:
         down, along = found.t_z[cell, touching], np.nan_to_num(found.t_x[cell, touching])
         top = float(np.hypot(down, along).max())
-        axes.quiver(places, np.interp(places, x, height.depth_mm[row]), along, -down, color=style.RED, pivot="tip",
-                    scale=top / 0.35, scale_units="height", width=0.004)  # fmt: skip
-        axes.text(0.99, 0.98, f"longest arrow {1e3 * top:.0f} kPa", transform=axes.transAxes, ha="right", va="top",
-                  fontsize=8, color=style.RED)  # fmt: skip
+        tips = np.interp(places, x, height.depth_mm[row])
+        axes.quiver(places, tips, along, -down, color=style.ORANGE, pivot="tip", scale=top / 0.35,
+                    scale_units="height", width=0.006)  # fmt: skip
+        axes.plot([], [], color=style.ORANGE, label=f"traction on it, longest {1e3 * top:.0f} kPa")
     low, high = float(np.nanmin(depth, initial=0.0)), float(np.nanmax(depth, initial=0.1))
     axes.set_ylim(high * 1.12, low - 0.55 * (high - low))
-    axes.set(xlabel="x (mm)", ylabel="depth into the gel (mm)", title="Cut through the deepest place")
+    axes.set(xlabel="x (mm)", ylabel="depth into the gel (mm)", title="Cut along x, deepest place")
 
 
 def _deviation(figure: Figure, axes: Axes, found: TractionMap) -> None:
@@ -114,9 +120,9 @@ def _deviation(figure: Figure, axes: Axes, found: TractionMap) -> None:
     std = 1e3 * found.std_MPa[2]
     axes.set_facecolor(style.INVALID)
     image = axes.imshow(std, cmap=style.DEPTH_MAP, vmin=0, extent=_extent(found), interpolation="none")
-    figure.colorbar(image, ax=axes, label="std of t_z (kPa)", shrink=0.8)
+    figure.colorbar(image, ax=axes, label="deviation of t_z (kPa)", shrink=0.8)
     axes.grid(False)
-    axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)", title="Deviation of each cell from noise")
+    axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)", title="How sure each cell is (std)")
 
 
 def _extent(found: TractionMap) -> tuple[float, float, float, float]:
@@ -132,9 +138,9 @@ def _traction_image(
     low, colours = (0.0, style.DEPTH_MAP) if name == "z" else (-limit, "PuOr")
     axes.set_facecolor(style.INVALID)
     image = axes.imshow(field_kPa, cmap=colours, vmin=low, vmax=limit, extent=_extent(found), interpolation="none")
-    figure.colorbar(image, ax=axes, label=f"t_{name} (kPa)", shrink=0.8)
+    figure.colorbar(image, ax=axes, label=WORDS[name], shrink=0.8)
     force, std = found.resultant_N[NAMES.index(name)], found.resultant_std_N[NAMES.index(name)]
-    unknown = "" if np.isfinite(found.t_x).all() else "; fx, fy not measured"
+    unknown = "" if np.isfinite(found.t_x).all() else "\nfx, fy not measured"
     axes.set_title(f"f{name} = {force:.3f} ± {1.96 * std:.3f} N (95 %){unknown}")
     axes.grid(False)
     axes.set(xlabel="x on the pad (mm)", ylabel="y on the pad (mm)")
@@ -151,8 +157,15 @@ def _motion_arrows(axes: Axes, shear: ShearMap) -> None:
     if largest > 0:
         axes.quiver(x[known] * sx, y[known] * sy, u, v, color="white", angles="xy", scale_units="xy",
                     scale=largest / (1.5 * step * min(sx, sy)), width=0.002)  # fmt: skip
-        axes.text(0.99, 0.01, f"motion (white), longest {1e3 * largest:.0f} µm", color="white",
-                  transform=axes.transAxes, ha="right", va="bottom", fontsize=8)  # fmt: skip
+        _arrow_entry(axes, "white", f"motion of the gel, longest {1e3 * largest:.0f} µm")
+
+
+def _arrow_entry(axes: Axes, colour: str, words: str) -> None:
+    """What the legend says of arrows, with an edge that white paper needs."""
+    from matplotlib.patheffects import withStroke
+
+    edge = [withStroke(linewidth=3.0, foreground=style.GREY)]
+    axes.plot([], [], color=colour, lw=1.4, path_effects=edge, label=words)
 
 
 def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
@@ -165,7 +178,6 @@ def _force_arrows(axes: Axes, found: TractionMap, height: HeightMap) -> None:
     middle = [(n - 1) / 2 * s for n, s in zip(height.depth_mm.shape[::-1], height.mm_per_px, strict=True)]
     x = found.first_mm[0] + columns * found.mm_per_px[0] + middle[0]
     y = found.first_mm[1] + rows * found.mm_per_px[1] + middle[1]
-    axes.quiver(x, y, *t, color=style.RED, angles="xy", scale_units="xy",
+    axes.quiver(x, y, *t, color=style.ORANGE, angles="xy", scale_units="xy",
                 scale=largest / (3 * found.mm_per_px[0]), width=0.003)  # fmt: skip
-    axes.text(0.99, 0.99, f"traction (red), longest {1e3 * largest:.1f} kPa", color="white",
-              transform=axes.transAxes, ha="right", va="top", fontsize=8)  # fmt: skip
+    _arrow_entry(axes, style.ORANGE, f"shear traction, longest {1e3 * largest:.1f} kPa")

@@ -224,7 +224,7 @@ def cut_lines(axes: Axes, height: HeightMap, *, row: int, column: int) -> None:
     """Depth (H, W), in mm, along x and along y through one place; its standard deviation as a band where known."""
     cuts = (
         ("along x", style.BLUE, (row, slice(None)), height.mm_per_px[0]),
-        ("along y", style.ORANGE, (slice(None), column), height.mm_per_px[1]),
+        ("along y", style.YELLOW, (slice(None), column), height.mm_per_px[1]),
     )
     for label, colour, where, scale in cuts:
         depth = np.where(height.valid[where], height.depth_mm[where], np.nan)
@@ -265,7 +265,7 @@ def overlay(axes: Axes, rgb: Bytes, *, height: HeightMap, footprint: Footprint |
         turn = np.linspace(0, 2 * np.pi, 200)
         x = footprint.centre_mm[0] + middle[0] * height.mm_per_px[0] + footprint.radius_mm * np.cos(turn)
         y = footprint.centre_mm[1] + middle[1] * height.mm_per_px[1] + footprint.radius_mm * np.sin(turn)
-        axes.plot(x, y, color=style.ORANGE, lw=1.8, label="punch face")
+        axes.plot(x, y, color=style.YELLOW, lw=1.8, label="punch face")
     axes.grid(False)
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
 

@@ -130,11 +130,11 @@ def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Est
     nu, e = np.array(modulus_of_nu).T
     axes.plot(nu, e, color=style.BLUE, label="E(ν) at the fitted c")
     if poisson.interval95 is not None:
-        axes.axvspan(*poisson.interval95, color=style.ORANGE, alpha=0.2, lw=0, label="95 % interval of ν")
+        axes.axvspan(*poisson.interval95, color=style.YELLOW, alpha=0.2, lw=0, label="95 % interval of ν")
     if modulus.interval95 is not None:
         axes.axhspan(*modulus.interval95, color=style.GREEN, alpha=0.15, lw=0, label="95 % interval of E")
     if poisson.value is not None and modulus.value is not None:
-        axes.plot(poisson.value, modulus.value, "o", color=style.RED, ms=6, label="best E and ν")
+        axes.plot(poisson.value, modulus.value, "o", color=style.ORANGE, ms=6, label="best E and ν")
     axes.set(xlabel="Poisson's ratio ν", ylabel="Young's modulus E (MPa)", title="What is fixed, and what is not")
     style.legend_below(figure, columns=2)
     return figure
@@ -142,7 +142,7 @@ def draw_material(modulus_of_nu: Sequence[Pair], modulus: Estimate, poisson: Est
 
 @style.house_look
 def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Sequence[bool]) -> Figure:
-    """Young's modulus of one sensor over time with 95 % intervals; a red point has moved beyond its interval."""
+    """Young's modulus of one sensor over time with 95 % intervals; orange: beyond its interval."""
     figure, (axes,) = style.new_figure(6.4, 3.6)
     for place, (estimate, has_moved) in enumerate(zip(modulus, moved, strict=True)):
         if estimate.value is None or estimate.interval95 is None:
@@ -150,7 +150,7 @@ def draw_history(dates: Sequence[str], modulus: Sequence[Estimate], *, moved: Se
         low, high = estimate.interval95
         bar = [[estimate.value - low], [high - estimate.value]]
         colour, label = (
-            (style.RED, "changed by more than its interval")
+            (style.ORANGE, "changed by more than its interval")
             if has_moved
             else (style.BLUE, "no change that can be told")
         )

@@ -32,9 +32,9 @@ def draw_joint(
     """
     figure, (axes,) = style.new_figure(style.WIDTH_IN, 5.2)
     axes.plot(*curve.T, color=style.BLUE, label="E(ν) at the fitted c")
-    axes.fill(*region.T, color=style.ORANGE, alpha=0.35, lw=0, label="95 % of E and ν together")
+    axes.fill(*region.T, color=style.YELLOW, alpha=0.35, lw=0, label="95 % of E and ν together")
     if best is not None:
-        axes.plot(*best, "o", color=style.RED, ms=6, label="best E and ν")
+        axes.plot(*best, "o", color=style.ORANGE, ms=6, label="best E and ν")
     left, right, bottom, top = _frame(curve, region, routes)
     height = (top - bottom) / (0.9 - ROW * len(routes))
     floor = top + 0.05 * height - height

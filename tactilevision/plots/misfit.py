@@ -1,6 +1,6 @@
 """Pictures of models against measurements: presses, residuals on one scale, the error's fall, the modulus.
 
-Red is the plain law and blue the model with all that was added, on every picture of a page; what stands between
+Orange is the plain law and blue the model with all that was added, on every picture of a page; what stands between
 them has colours of its own. Radii have others again.
 """
 
@@ -19,21 +19,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BETWEEN = (style.SKY, style.PURPLE, style.GREEN, style.ORANGE)  # models between the first and the last
-RADII = (style.PURPLE, style.GREEN, style.ORANGE, style.SKY, style.GREY)  # radii, the smallest first
+BETWEEN = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)  # models between the first and the last
+RADII = (style.PURPLE, style.GREEN, style.YELLOW, style.SKY, style.GREY)  # radii, the smallest first
 CERTAIN = 1e-4  # p below which a pattern is called certain; its digits say nothing more
 CHANCE = 0.05  # p above which a pattern may be chance
 SHALLOW = 0.05  # of the largest depth: P/w of less is noise over nearly nothing
 FINE = 2.0  # decades; over fewer a logarithmic axis has ticks between them
 ROW_IN = 1.6  # inches of height for a press
+LEFT = "what is left (mN)"  # measured less modelled force, as every page calls it
+MARGIN = 1.15  # of a residual's largest value: how far its axis reaches
+QUARTERS = (-180, -90, 0, 90, 180)  # degrees: ticks of a direction
+BAR = 0.6  # width of a bar; bars stand 1 apart
 
 
 def model_colours(count: int) -> tuple[str, ...]:
-    """One colour a model: red for the first, blue for the last."""
+    """One colour a model: orange for the first, blue for the last."""
     if count < 2:
-        return (style.RED,)[:count]
+        return (style.ORANGE,)[:count]
     between = [BETWEEN[k % len(BETWEEN)] for k in range(count - 2)]
-    return (style.RED, *between, style.BLUE)
+    return (style.ORANGE, *between, style.BLUE)
 
 
 def radius_colours(radii_mm: Sequence[float]) -> dict[float, str]:
@@ -50,15 +54,17 @@ def draw_presses(curves: ForceCurves, presses: Sequence[PressCurve]) -> Figure:
     height_in = ROW_IN * rows + 1.15
     figure = Figure(figsize=(style.WIDTH_IN, height_in))  # a fixed layout: sheets of presses are many
     figure.subplots_adjust(
-        left=0.075, right=0.99, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.42, hspace=0.62
+        left=0.08, right=0.985, bottom=0.85 / height_in, top=1 - 0.3 / height_in, wspace=0.55, hspace=0.62
     )
     grid = figure.subplots(rows, 3, squeeze=False)
-    reach = 1.05e3 * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
+    reach = 1e3 * MARGIN * max((float(np.max(np.abs(one.residual_N))) for one in presses), default=1.0)
     for row, one in zip(grid, presses, strict=True):
         _press(row, one, curves.models)
         row[2].set_ylim(-reach, reach)
-    for axes, label in zip(grid.ravel(), ("time (s)", "depth w (mm)", "time (s)") * rows, strict=True):
+    under, beside = ("time (s)", "depth w (mm)", "time (s)"), (-0.2, -0.2, -0.33)  # clear of the widest number
+    for axes, label, aside in zip(grid.ravel(), under * rows, beside * rows, strict=True):
         axes.set_xlabel(label, fontsize=9, labelpad=1)
+        axes.yaxis.set_label_coords(aside, 0.5)
     style.legend_below(figure, columns=4)
     return figure
 
@@ -74,13 +80,13 @@ def _press(row: Sequence[Axes], one: PressCurve, models: Sequence[str]) -> None:
             axes.plot(x, force, color=colour, lw=1.2, label=name)
         left.plot(one.time_s, 1e3 * rest, ".-", ms=3, lw=0.9, color=colour, label=name)
     left.axhline(0, color=style.GREY, lw=0.8)
-    where = f"{one.label}, {one.indenter}" if one.indenter else one.label
-    over_time.set_title(where, fontsize=9)
+    punch = f"{one.indenter}, " if one.indenter else ""
+    over_time.set_title(f"press {one.label} ({punch}a = {one.radius_mm:g} mm)", fontsize=9)
     for axes in (over_time, over_depth):
-        axes.set_ylabel("force (N)", fontsize=9, labelpad=1)
+        axes.set_ylabel("force (N)", fontsize=9)
     errors = " → ".join(f"{1e3 * rms:.1f}" for rms in one.rms_N)
     left.set_title(f"rms {errors} mN", fontsize=9)
-    left.set_ylabel("meas. − model (mN)", fontsize=8.5, labelpad=1)
+    left.set_ylabel(LEFT, fontsize=9)
 
 
 @style.house_look
@@ -92,7 +98,7 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
     colours = radius_colours(curves.radii_mm)
     bottom, top = _secant_range(curves, SHALLOW * deepest)
     for axes, k in zip(places, shown, strict=True):
-        for one in curves.presses:
+        for one in sorted(curves.presses, key=lambda one: one.radius_mm):
             kept = one.depth_mm > SHALLOW * deepest
             depth, colour = one.depth_mm[kept], colours[one.radius_mm]
             mark, size, pale = (".", 2.5, 0.35) if curves.whole else ("o", 4.5, 0.8)
@@ -105,12 +111,13 @@ def draw_overview(curves: ForceCurves, thickness_mm: float) -> Figure:
                 one.modelled_N[k][kept] / depth,
                 line,
                 ms=9,
-                lw=0.6,
+                lw=0.5,
                 color="black",
-                label="model",
             )
-        axes.set(xlabel="w / h", ylabel="P / w (N/mm)", ylim=(bottom, top), title=curves.models[k])
-    style.legend_below(figure, columns=4)
+        axes.plot([], [], "-", lw=1.2, color="black", label="the model, each press")
+        axes.set(xlabel="depth over thickness, w / h", ylim=(bottom, top), title=curves.models[k])
+        axes.set_ylabel("force over depth, P / w (N/mm)")
+    style.legend_below(figure, columns=2 if len(colours) > 1 else 3)
     return figure
 
 
@@ -142,11 +149,11 @@ def draw_strips(shown: ResidualStrips) -> Figure:
 
 def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int]) -> None:
     width = float(np.ptp(strip.values)) or 1.0
-    size = 2 if strip.values.size > 200 else 4
+    size, pale = (2.5, 0.3) if strip.values.size > 200 else (4, 0.5)
     for place, k in enumerate(kept):
-        colour = (style.RED, style.BLUE)[place]
+        colour = (style.ORANGE, style.BLUE)[place]
         aside = 0.012 * width * (place - 0.5) * (len(kept) - 1)
-        axes.plot(strip.values + aside, 1e3 * shown.residual_N[k], ".", ms=size, mew=0, color=colour, alpha=0.18)
+        axes.plot(strip.values + aside, 1e3 * shown.residual_N[k], ".", ms=size, mew=0, color=colour, alpha=pale)
         axes.errorbar(
             strip.centre + aside,
             1e3 * strip.mean_N[k],
@@ -155,14 +162,14 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
             ms=4.5,
             color=colour,
             elinewidth=1.1,
-            label=f"{shown.models[k]}: mean of a bin, 95 %",
+            label=f"{shown.models[k]}: mean and its 95 % interval",
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.set_ylim(-1.15e3 * shown.reach_N, 1.15e3 * shown.reach_N)
     words = [evidence(strip.p_adjusted[k]) for k in kept]
     axes.set_title(" → ".join(dict.fromkeys(words)), fontsize=9)
     label_covariate(axes, strip.words, strip.unit, levels=strip.levels, values=strip.values)
-    axes.set_ylabel("meas. − model (mN)", fontsize=9)
+    axes.set_ylabel(LEFT, fontsize=9)
 
 
 def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str], values: Floats) -> None:
@@ -175,6 +182,9 @@ def label_covariate(axes: Axes, words: str, unit: str, *, levels: Sequence[str],
         axes.set_xticks(at, [levels[k] for k in at])
         axes.set_xlim(at[0] - 0.5, at[-1] + 0.5)
         return
+    if unit == "rad":
+        axes.set_xticks(np.radians(QUARTERS), [f"{angle}" for angle in QUARTERS])
+        unit = "°"
     plain = unit.removeprefix("log10 ")
     if plain != unit:
         low, high = float(values.min()), float(values.max())
@@ -200,9 +210,9 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
     """The error of each model as a bar, and the band in which the presses repeat."""
     count, scale = len(fall.models), 1e3
     unit = "mN" if fall.unit == "N" else "µm"
-    figure, (axes,) = style.new_figure(min(3.2 + 1.2 * count, style.WIDTH_IN), 3.6)
+    figure, (axes,) = style.new_figure(style.WIDTH_IN, 3.2)
     values = scale * np.array(fall.error)
-    bars = axes.bar(range(count), values, color=model_colours(count), width=0.6)
+    bars = axes.bar(range(count), values, color=model_colours(count), width=BAR)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=9)
     if np.isfinite(fall.repeatability):
         axes.axhline(scale * fall.repeatability, color=style.GREY, ls="--", lw=1.2, label="repeatability")
@@ -211,8 +221,10 @@ def draw_error_fall(fall: ErrorFall) -> Figure:
         axes.axhspan(low, high, color=style.INVALID, zorder=0, label="its 95 % interval")
     axes.set_xticks(range(count), list(fall.models), rotation=15 if count > 3 else 0)
     what = "left out" if fall.held_out else "fitted"
-    axes.set(ylabel=f"rms error on presses {what} ({unit})", title="How the error falls")
+    title = "How the error falls" if count > 1 else "The error, and how presses repeat"
+    axes.set(ylabel=f"rms error on presses {what} ({unit})", title=title, xlim=(-0.7, max(count, 3) - 0.3))
     axes.margins(y=0.2)
+    axes.grid(visible=False, axis="x")
     style.legend_below(figure)
     return figure
 

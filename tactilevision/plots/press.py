@@ -42,7 +42,7 @@ def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) 
             _bevel_window(axes, evidence)
             # the scale bar says it, and ticks take their time
             axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
-        frame.set_title("Frame of the press" if evidence.touch is None else "Frame at the contact event")
+        frame.set_title("Frame at the contact event" if evidence.touch is not None else "The deepest frame")
         depth.set_title("Height map of that frame")
     figure.suptitle(f"Press {point.press} ({point.indenter}): {verdict}", x=0.02, ha="left", fontsize=11)
     _bevel_signal(bevel, evidence)
@@ -74,14 +74,18 @@ def _bevel_signal(axes: Axes, evidence: Evidence) -> None:
         evidence.depth_mm, 1e3 * evidence.signal_mm, ".", ms=4, color=style.BLUE, label="one frame's bevel signal"
     )
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.depth_seen_mm, color=style.RED, lw=1.4, label="contact event")
+        axes.axvline(evidence.touch.depth_seen_mm, color=style.ORANGE, lw=1.4, label="contact event")
 
 
 def _force(axes: Axes, evidence: Evidence, point: CertifiedPoint) -> None:
-    labels = (("fx", style.GREEN, 0), ("fy", style.PURPLE, 1), ("fz, into the gel", style.BLUE, 2))
+    labels = (
+        ("fx, sideways", style.GREEN, 0),
+        ("fy, sideways", style.PURPLE, 1),
+        ("fz, into the gel", style.BLUE, 2),
+    )
     for name, colour, column in labels:
         axes.plot(evidence.force_time_s, evidence.force_N[:, column], color=colour, lw=1.2, label=name)
     if evidence.touch is not None:
-        axes.axvline(evidence.touch.time_s, color=style.RED, lw=1.4, label="contact event")
-        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.RED, ms=6, label="certified force")
-    axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, tared")
+        axes.axvline(evidence.touch.time_s, color=style.ORANGE, lw=1.4, label="contact event")
+        axes.plot([evidence.touch.time_s], [point.fz_N], "o", color=style.ORANGE, ms=6, label="certified force")
+    axes.set(xlabel="camera's clock (s)", ylabel="force (N)", title="Force, less that of the free gel")

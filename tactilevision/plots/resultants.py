@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAMES = ("x", "y", "z")
-COLOURS = (style.GREEN, style.ORANGE, style.BLUE)
+COLOURS = (style.GREEN, style.YELLOW, style.BLUE)
 PAUSE_S = 0.5  # a longer one is drawn this long
 
 
@@ -88,8 +88,7 @@ def draw_residuals(found: Residuals) -> Figure:
         axes[5].set_xticks(range(len(labels)), [name or "-" for name in labels], rotation=90, fontsize=8)
     axes[5].set(xlabel="press", ylabel="fz: picture − sensor (N)")
     inside = float(np.mean(np.abs(left[found.usable]) < 1.96 * std[found.usable])) if found.usable.any() else 0.0
-    if not found.usable.all():
-        style.legend_below(figure)
+    style.legend_below(figure)
     axes[0].set_title(f"{int(found.usable.sum())} frames; {100 * inside:.0f} % within their 95 % interval")
     return figure
 
@@ -100,7 +99,7 @@ def _cloud(axes: Axes, x: Floats, left: Floats, std: Floats, usable: npt.NDArray
         x[usable], left[usable], yerr=1.96 * std[usable], fmt="none", ecolor=style.SKY, elinewidth=0.7, alpha=0.6
     )
     axes.plot(x[~usable], left[~usable], "o", ms=3, mfc="none", mec=style.GREY, label="flagged: not counted")
-    axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE)
+    axes.plot(x[usable], left[usable], "o", ms=3, color=style.BLUE, label="a frame, and its 95 % interval")
 
 
 def _course(axes: Axes, place: Floats, force: Floats, std: Floats, *, parts: Sequence[slice], colour: str) -> None:

@@ -143,7 +143,7 @@ class Window:
         self.bar.clear()
         self.figure.colorbar(image, cax=self.bar, label=label)
         (x0, y0), (x1, y1) = self.line
-        self.map.plot([x0, x1], [y0, y1], color=style.RED, lw=1.6, marker="o", ms=4, label="profile")
+        self.map.plot([x0, x1], [y0, y1], color=style.ORANGE, lw=1.6, marker="o", ms=4, label="profile")
         if np.isnan(shown).any():
             self.map.plot([], [], "s", color=style.INVALID, mec=style.GREY, label="depth not known")
         self.map.legend(loc="upper left", bbox_to_anchor=(0, -0.11), ncols=2)
@@ -162,12 +162,12 @@ class Window:
     def _draw_profile(self, shown: Floats) -> None:
         place, value = along(shown, self.line, mm_per_px=self.height.mm_per_px)
         self.profile.clear()
-        self.profile.plot(place, value, color=style.RED)
+        self.profile.plot(place, value, color=style.ORANGE)
         std = self.height.std_mm
         if std is not None and not self.differs:
             _, width = along(np.asarray(std, np.float64), self.line, mm_per_px=self.height.mm_per_px)
             self.profile.fill_between(
-                place, value - width, value + width, color=style.RED, alpha=0.2, lw=0, label="std"
+                place, value - width, value + width, color=style.ORANGE, alpha=0.2, lw=0, label="std"
             )
             self.profile.legend(loc="best")
         self.profile.grid(color=PALE)

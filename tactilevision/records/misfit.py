@@ -119,3 +119,8 @@ class ErrorFall:
     band: Pair | None
     held_out: bool
     unit: str = "N"
+
+    @property
+    def reached(self) -> bool:
+        """Whether the last model is as near to the presses as they repeat."""
+        return self.band is not None and self.error[-1] <= self.band[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from made_presses import indenter, observations
 from calibration.fit.least_squares import fit
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.tasks.compare import base_model, compare
+from calibration.tasks.diagnose import diagnose
 from calibration.tasks.fit_errors import fit_errors, judged
 from tactilevision.cli import main
 
@@ -59,3 +62,20 @@ def test_of_an_exact_law_both_figures_are_the_noise() -> None:
         errors = fit_errors(judged(fit(model, noisy)))
         figures.append((errors.held_out_N, errors.repeatability_N))
     assert np.mean(figures, axis=0) == pytest.approx([std_N, std_N], rel=0.2)
+
+
+def test_every_command_holds_effects_against_the_same_plain_law() -> None:
+    """Depths with a noise that nobody stated: calibrate, compare and diagnose weigh them alike."""
+    rng = np.random.default_rng(2)
+    punches = [indenter(name, radius) for name, radius in (("small", 1.0), ("large", 4.0)) for _ in range(4)]
+    data = observations([np.linspace(0.05, 0.6, 40)] * 8, punches)
+    model = Model(FlatPunch())
+    force = model.predict(np.array([0.2, 0.48, 0.85, 0.85]), data) + 0.001 * rng.standard_normal(data.size)
+    noisy = replace(data.with_force(force), depth_mm=data.depth_mm + 0.003 * rng.standard_normal(data.size))
+    (alone,) = compare(noisy, [], rng=rng).models
+    diagnosed = diagnose(noisy, np.random.default_rng(0)).errors
+    assert alone.fitted.data.depth_over_force_noise > 0, "else the test tests nothing"
+    assert (alone.rms_N, alone.held_out_N) == (diagnosed.before, diagnosed.held_out_before)
+    calibrated = fit_errors(judged(fit(base_model(noisy), noisy)))
+    assert calibrated.held_out_N == pytest.approx(alone.held_out_N, rel=1e-3)
+    assert calibrated.repeatability_N == pytest.approx(alone.repeatability_N, rel=1e-3)

@@ -10,11 +10,13 @@ from made_presses import indenter, observations
 from test_effects import RICH
 
 from calibration.diagnosis.vision_depth_check import fit_vision_depth, in_picture, sight_of
+from calibration.effects import EFFECTS
 from calibration.effects.support.in_picture import InPicture
 from calibration.inputs.conditions import running_share
 from calibration.inputs.observations import Observations
 from calibration.laws.flat_punch import FlatPunch
 from calibration.model.composition import Model
+from calibration.report.comparison_report import fall_sentence
 from calibration.report.error_fall import error_fall_of_picture
 from calibration.tasks.compare import compare
 from calibration.tasks.diagnose import diagnose
@@ -147,3 +149,23 @@ def test_a_pause_of_a_night_is_an_hour_of_drift() -> None:
     time = [np.array([0.0]), np.array([3600.0]), np.array([90000.0]), np.array([93600.0])]
     data = observations([np.array([0.3])] * 4, [indenter()] * 4, time_s=time)
     np.testing.assert_allclose(running_share(data), [0, 1 / 3, 2 / 3, 1])
+
+
+def test_a_known_gain_of_the_picture_is_not_named_again_nor_put_into_the_force() -> None:
+    data = points(np.full(15, 0.8), 0.05)
+    found = diagnose(data, np.random.default_rng(0), known=[EFFECTS["photometric_gain"]])
+    assert found.effects == ()
+    assert "photometric_gain" not in found.fitted.model.keys
+    assert found.sight is not None
+    assert "photometric_gain" in found.sight.base.model.keys
+
+
+def test_a_comparison_says_how_far_the_picture_is_off_before_anything_is_added() -> None:
+    data = points(np.full(15, 0.8), 0.05)
+    found = compare(data, [], rng=np.random.default_rng(0))
+    (fall,) = error_fall_of_picture(found.pictured)
+    assert fall.models == ("as read",)
+    assert not fall.reached
+    said = fall_sentence(fall)
+    assert said.startswith("As read, the error of the picture's depth on presses left out is")
+    assert "more than the presses repeat within" in said

@@ -57,6 +57,15 @@ def test_comparison_lists_models_in_the_order_added(tmp_path: Path, monkeypatch:
     assert "suggested" in models[-1]
 
 
+def test_a_comparison_of_the_plain_law_points_to_a_diagnosis_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "compare", PAPER, "--no-prior", "--out", tmp_path) == 0
+    command = f"tactilevision diagnose {PAPER} --no-prior"
+    assert f"to find what is missing: {command}" in capsys.readouterr().out
+    assert f"<pre>{command}</pre>" in (tmp_path / "report.html").read_text()
+
+
 def results(folder: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(folder)): path.read_bytes()

@@ -37,7 +37,7 @@ def test_each_figure_of_a_calibration_is_written_in_that_form_too(
     assert set(pictures) == set(others) == {"fit", "material"}
     assert all(content.startswith(BEGINS["svg"]) for content in others.values())
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png") == page.count("<img") == page.count('type="checkbox"') == 2
+    assert page.count("data:image/webp") == page.count("<img") == page.count('type="checkbox"') == 2
     assert run(monkeypatch, "calibrate", PAPER, "--law", "paper", "--out", tmp_path) == 0
     assert figures(tmp_path, "svg") == {}, "nothing of the earlier run stays"
 

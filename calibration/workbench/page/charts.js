@@ -9,11 +9,14 @@ function shade(colour) { return DARK.matches ? LIGHTER[colour] || colour : colou
 
 function css(name) { return getComputedStyle(document.documentElement).getPropertyValue(name).trim(); }
 
+/** Ticks of a direction, in degrees. */
+const QUARTERS = { tickvals: [-2, -1, 0, 1, 2].map((k) => k * Math.PI / 2), ticktext: ["-180", "-90", "0", "90", "180"] };
+
 /** Text for plotly, which reads some tags: a name shows as it is written. */
 function plain(text) { return String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;"); }
 
 function withUnit(words, unit) {
-  const shown = unit.replace("log10 ", "");
+  const shown = unit === "rad" ? "°" : unit.replace("log10 ", "");
   return plain(shown && shown !== "1" ? `${words} (${shown})` : words);
 }
 
@@ -27,6 +30,7 @@ function layout(x, y, more = {}) {
     yaxis: { ...axis, title: { text: y }, ...more.yaxis } };
 }
 
+const LEFT = "what is left (mN)";  // measured less modelled force, as the reports call it
 const PLAIN = { displaylogo: false, responsive: true, displayModeBar: false };
 
 function draw(place, traces, shape, options = {}) {
@@ -47,7 +51,7 @@ function drawPress(curves, press, against, tried) {
   draw("press-chart", [...models.map((m) => line(m, m.force)), measured], layout(words, "force (N)"));
   const left = models.map((m) => ({ ...line(m, m.left), mode: "lines+markers", marker: { color: m.colour, size: 4 } }));
   const reach = Math.max(...curves.presses.flatMap((one) => one.residual.flat()).map(Math.abs), 1e-9) * 1.05;
-  draw("residual-chart", left, layout(words, "meas. − model (mN)", { yaxis: { range: [-reach, reach], zeroline: true } }));
+  draw("residual-chart", left, layout(words, LEFT, { yaxis: { range: [-reach, reach], zeroline: true } }));
 }
 
 /** Presses of one sample each: all of them over the depth, the chosen one in a ring. */
@@ -62,7 +66,7 @@ function drawPoints(curves, chosen, tried) {
     ...(slid ? [row("slider", css("--good"), slid.map((one) => one.modelled[0]), "line-ew-open", 16)] : []), ring(forces)], layout("depth w (mm)", "force (N)"));
   const left = curves.models.map((name, k) => row(name, shade(curves.colours[k]), presses.map((one) => one.residual[k][0]), "circle", 7));
   if (slid) left.push(row("slider", css("--good"), slid.map((one) => one.residual[0]), "diamond", 7));
-  draw("residual-chart", [...left, ring(presses.map((one) => one.residual[one.residual.length - 1][0]))], layout("depth w (mm)", "meas. − model (mN)", { yaxis: { zeroline: true } }));
+  draw("residual-chart", [...left, ring(presses.map((one) => one.residual[one.residual.length - 1][0]))], layout("depth w (mm)", LEFT, { yaxis: { zeroline: true } }));
 }
 
 /** Residuals of all presses against what was recorded, with the mean of each bin and its 95 % interval. */
@@ -89,10 +93,10 @@ function drawStrip(curves, strip, colourBy, chosen, onPress) {
       marker: { size: 9, color: "rgba(0,0,0,0)", line: { width: 1.5, color: css("--ink") } } });
   }
   const xaxis = strip.levels.length ? { tickvals: strip.levels.map((_, k) => k), ticktext: strip.levels.map(plain) }
-    : strip.unit.startsWith("log10") ? logTicks(strip.values) : {};
+    : strip.unit.startsWith("log10") ? logTicks(strip.values) : strip.unit === "rad" ? QUARTERS : {};
   const rings = chosen ? curves.residual[last].filter((_, k) => curves.press[k] === chosen).map(Math.abs) : [];
   const reach = 1.1 * Math.max(1.05 * curves.reach, ...rings);
-  const node = draw("strip-chart", traces, layout(withUnit(strip.words, strip.unit), "meas. − model (mN)",
+  const node = draw("strip-chart", traces, layout(withUnit(strip.words, strip.unit), LEFT,
     { xaxis, yaxis: { range: [-reach, reach], zeroline: true } }));
   node.removeAllListeners && node.removeAllListeners("plotly_click");
   node.on("plotly_click", (event) => {
@@ -133,12 +137,12 @@ function drawOverlay(place, shown) {
   const pick = (row) => order.map((k) => row[k]);
   const x = pick(shown.values);
   const xaxis = shown.levels.length ? { tickvals: shown.levels.map((_, k) => k), ticktext: shown.levels.map(plain) }
-    : shown.unit.startsWith("log10") ? logTicks(shown.values) : { nticks: 5 };
+    : shown.unit.startsWith("log10") ? logTicks(shown.values) : shown.unit === "rad" ? QUARTERS : { nticks: 5 };
   draw(place, [
     { x, y: pick(shown.before), mode: "markers", marker: { color: css("--first"), size: 7 } },
     { x, y: pick(shown.predicted), mode: "lines", line: { color: css("--ink"), width: 2 } },
     { x, y: pick(shown.after), mode: "markers", marker: { color: css("--last"), size: 7, symbol: "square" } },
-  ], layout(withUnit(shown.words, shown.unit), "mN", { margin: { l: 40, r: 4, t: 4, b: 34 }, dragmode: false, hovermode: false,
+  ], layout(withUnit(shown.words, shown.unit), LEFT, { margin: { l: 40, r: 4, t: 4, b: 34 }, dragmode: false, hovermode: false,
     xaxis: { ...xaxis, fixedrange: true }, yaxis: { zeroline: true, nticks: 4, fixedrange: true } }), { staticPlot: true });
 }
 

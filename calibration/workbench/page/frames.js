@@ -114,7 +114,7 @@ function cut() {
   document.getElementById("cut").style.top = `${100 * (scrub.row + 0.5) / rows}%`;
   const line = Array.from(depth.subarray(scrub.row * columns, (scrub.row + 1) * columns), (v) => (Number.isNaN(v) ? null : v));
   draw("section-chart", [{ x: line.map((_, k) => k * scale), y: line, mode: "lines", line: { color: css("--last"), width: 2 } }],
-    layout("along the line (mm)", "depth (mm)", { yaxis: { range: scrub.reach } }));
+    layout("place (mm)", "depth (mm)", { yaxis: { range: scrub.reach } }));
 }
 
 function drag(event) {

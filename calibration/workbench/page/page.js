@@ -2,7 +2,7 @@
 // The page: shows what the server says stands, and hands over what a person does. It holds no physics and no statistics.
 
 const $ = (id) => document.getElementById(id);
-let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null;
+let state = null, curves = null, model = null, chosen = null, tried = null, seenSince = 0, sliding = null, watching = false;
 const FIRST = 4;  // cards that are shown at once
 const TAB = Math.random().toString(36).slice(2);  // so that the server can count its tabs
 const drawn = {};
@@ -79,7 +79,7 @@ function show() {
   part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
   part("falls", state.falls, showFalls);
   part("components", [state.components, state.material], showComponents);
-  part("cards", state.cards, showCards);
+  part("cards", [state.cards, state.verdict.word], showCards);
   part("presses", [state.presses, chosen], showPresses);
   part("states", [state.labels, state.components.map((c) => c.key)], showStates);
   part("sides", state.sides, showSides);
@@ -104,11 +104,11 @@ function showVerdict([verdict, falls, modulus]) {
     verdict.named.length ? h("p", {}, verdict.named.map((one) => h("button", { class: "main", "data-cure": one.key,
       onclick: () => { act("add", one.key); toTop(); } }, `Add ${one.title}`)), " and watch the error fall.") : "",
     h("p", { class: "soft" }, `${withWords}.`),
-    falls.map(([sentence, reached]) => h("p", { class: reached ? "good" : "" }, sentence)),
+    falls.map(([sentence, reached]) => h("p", { class: clean && reached ? "good" : "" }, sentence)),
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
     verdict.remarks.map((text) => h("p", { class: "soft" }, text)),
     verdict.next.length ? [h("h2", {}, "Measure next"), h("ul", {}, verdict.next.slice(0, 3).map((one) => h("li", {}, `${one.action} (${one.minutes} minutes`,
-      one.gain ? `, expected to part the candidates by ${one.gain} std)` : ")")))] : "");
+      one.gain ? `, expected to tell the candidates apart by ${one.gain} std)` : ")")))] : "");
 }
 
 function showFalls(falls) {
@@ -116,16 +116,25 @@ function showFalls(falls) {
     h("p", { class: "soft" }, `Error of ${fall.of} on presses ${fall.held_out ? "left out of the fit" : "fitted"}. Dashed: how far like presses repeat`,
       fall.band ? ", shaded its 95 % interval." : ".")]));
   [...$("falls").querySelectorAll(".chart")].forEach((node, k) => drawFall(node, falls[k]));
+  if (watching && matchMedia("(max-width: 760px)").matches) $("fall").scrollIntoView();
+  watching = false;
 }
 
 function showComponents([components, material]) {
   fill("components", components.map((one) => h("div", { class: "box" },
     h("div", { class: "bar" }, h("h3", {}, one.title), one.key ? h("button", { onclick: () => { act("remove", one.key); toTop(); }, "data-remove": one.key }, "Remove") : ""),
     one.about ? h("p", { class: "soft" }, one.about) : "",
-    one.parameters.map((p) => h("div", {}, `${p.words}: ${p.text}`)), sliders(one))));
+    one.parameters.filter((p) => !p.aside).map((p) => h("div", {}, `${p.words}: ${p.text}`)), tolerances(one), sliders(one))));
   fill("material", material.length ? h("details", { open: open.has("sliders gel"), ontoggle: (e) => keepOpen("sliders gel", e.target.open) }, h("summary", {}, "What it says of the gel"), h("table", {},
     h("thead", {}, h("tr", {}, h("th", {}, ""), h("th", { scope: "col" }, "plain law"), h("th", { scope: "col" }, "now"))),
     h("tbody", {}, material.map((row) => h("tr", {}, h("th", { scope: "row" }, row.name), h("td", {}, row.before), h("td", {}, row.now)))))) : "");
+}
+
+/** What the measurements are allowed to be off by, as stated; few want to see it. */
+function tolerances(component) {
+  const aside = component.parameters.filter((p) => p.aside), name = `tolerances ${component.key}`;
+  return !aside.length ? "" : h("details", { open: open.has(name), ontoggle: (e) => keepOpen(name, e.target.open) }, h("summary", {}, "Tolerances of the measurement"),
+    aside.map((p) => h("div", { class: "soft" }, `${p.words}: ${p.text}`)));
 }
 
 /** One slider a value that is fitted; folded away, since it only shows. */
@@ -157,6 +166,7 @@ function letGo() {
 /** The error falls above: there the eye should be. */
 function toTop() {
   $("fall-title").focus({ preventScroll: true });
+  watching = true;
   scrollTo({ top: 0, behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "instant" : "smooth" });
 }
 
@@ -166,16 +176,18 @@ function badge(card) {
   return card.suggested ? h("span", { class: "badge" }, "worth a try") : "";
 }
 
-function showCards(cards) {
+function showCards([cards, word]) {
   const far = cards.filter((one) => !one.stands_out && !one.why), cannot = cards.filter((one) => one.why && one.evidence === "not looked at");
-  const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one));
+  const weak = word === "ADEQUATE" || word === "IDENTIFIED" ? cards.filter((one) => one.stands_out && !one.named && !one.candidate) : [];
+  const near = cards.filter((one) => !far.includes(one) && !cannot.includes(one) && !weak.includes(one));
   const known = new Set(cards.map((one) => one.key));
-  for (const key of [...open]) if (!known.has(key) && !/^sliders |^(near|far|cannot|weeks shut)$/.test(key)) open.delete(key);
+  for (const key of [...open]) if (!known.has(key) && !/^sliders |^tolerances |^(near|weak|far|cannot|weeks shut)$/.test(key)) open.delete(key);
   fill("cards",
     cards.length ? "" : h("p", { class: "soft" }, "What stands out is being looked for."),
-    cards.length && !near.length ? h("p", {}, "Nothing stands out any more.") : "",
+    cards.length && !near.length ? h("p", {}, weak.length ? "The diagnosis names nothing more." : "Nothing stands out any more.") : "",
     near.slice(0, FIRST).map(cardOf),
     near.length > FIRST ? h("details", { open: open.has("near"), ontoggle: (e) => keepOpen("near", e.target.open) }, h("summary", {}, `Others that stand out (${near.length - FIRST})`), near.slice(FIRST).map(cardOf)) : "",
+    weak.length ? h("details", { open: open.has("weak"), ontoggle: (e) => keepOpen("weak", e.target.open) }, h("summary", {}, `Stand out, but the diagnosis does not name them (${weak.length})`), weak.map(cardOf)) : "",
     far.length ? h("details", { open: open.has("far"), ontoggle: (e) => keepOpen("far", e.target.open) }, h("summary", {}, `May be chance (${far.length})`), far.map(cardOf)) : "",
     cannot.length ? h("details", { open: open.has("cannot"), ontoggle: (e) => keepOpen("cannot", e.target.open) }, h("summary", {}, `Not testable with these data (${cannot.length})`),
       cannot.map((one) => h("div", { class: "box" }, h("h3", {}, one.title), h("p", { class: "soft" }, one.why)))) : "");
@@ -261,7 +273,8 @@ function drawChosen() {
     return;
   }
   const press = curves.presses[place];
-  $("press-title").textContent = `Press ${press.name}: ${press.indenter}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
+  const punch = (state.presses.find((one) => one.name === chosen) || press).indenter;
+  $("press-title").textContent = `Press ${press.name}: ${punch}, rms ${press.rms.map((v) => v.toFixed(1)).join(" → ")} mN`;
   $("against").parentNode.hidden = !curves.whole;
   if (curves.whole) drawPress(curves, press, $("against").value, tried && tried.presses[place]);
   else drawPoints(curves, chosen, tried);
@@ -270,7 +283,7 @@ function drawChosen() {
 function drawResiduals() {
   const strip = curves.strips.find((one) => one.name === $("covariate").value) || curves.strips[0];
   if (!strip) { $("strip-words").textContent = state.looked ? "Too few presses to look for a pattern." : "What it depends on is being looked for."; return; }
-  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: mean of a bin with its 95 % interval; pale: single readings. Choose a point to see its press.";
+  $("strip-words").textContent = [...new Set(strip.evidence)].join(" → ") + ". Large: means with their 95 % intervals; pale: single readings; rings: the press above. Choose a point to see its press.";
   drawStrip(curves, strip, curves.strips.find((one) => one.name === $("colour").value), chosen, choose);
 }
 
