@@ -195,7 +195,11 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             value=f"sensor {sensor.kind}",
             remedy=f"Name what was calibrated before with {named}."
             + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
-            + (f" Or take in {MIN_CONTACTS} frames or more in which something touches the gel." if flats else "")
+            + (
+                f" Or take in {MIN_CONTACTS} frames or more in which something round touches the gel."
+                if flats
+                else ""
+            )
             + ("" if bare else " Or add them to the recording."),
         )
     ready.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
