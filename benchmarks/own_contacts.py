@@ -1,14 +1,16 @@
 """Light calibrated on contacts of unknown shape, on real ball presses that are not said to be balls.
 
-    python -m benchmarks.own_contacts
+    python -m benchmarks.own_contacts [SEED]
 
 A third of the frames at a time is left out, and read by the law that the contacts of the others gave. Beside it
-stand the ready network and, of the frames of other objects, what their contacts give for the balls. The balls'
+stand the ready network and, of the frames of other objects, what their contacts give for the balls. One to three
+contacts, drawn by a seed, read the other frames as well. The balls'
 radius is taken for 3.8 mm (GelSlim) and 4 mm (Mini): depth's scale rests on that, direction hardly does.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -40,9 +42,10 @@ OBJECTS = {
 }
 MINI, MINI_SCALE, MINI_RADIUS_MM = "taxim_gelsight_mini", (0.0317, 0.0317), 4.0
 FOLDS = 3
+FEW, DRAWS = (1, 2, 3), 20  # contacts, and how often they are drawn
 
 
-def main() -> None:
+def main(seed: int = 0) -> None:
     if not REAL.is_dir():
         print("the real frames are not at hand")
         return
@@ -58,9 +61,36 @@ def main() -> None:
             law = calibrate_on_contacts(objects, network)
             found = "none" if law is None else told([law.at(s.change, s.place) for s in samples], samples)
             print(f"{name}: {len(objects)} objects alone: {found}")
+            few_contacts(f"{name}: objects", objects, samples, np.random.default_rng(seed))
+        few_contacts(f"{name}: balls", contacts, samples, np.random.default_rng(seed))
     reference, pictures = mini()
     contacts, samples = seen(reference, pictures, MINI_SCALE)
     report("E: frames left out, scale of a usual light", contacts, samples, None)
+    few_contacts("E: balls", contacts, samples, np.random.default_rng(seed))
+
+
+def few_contacts(
+    name: str, contacts: Sequence[Contact | None], samples: Sequence[Samples], rng: np.random.Generator
+) -> None:
+    """All balls, read by the law of one, two or three contacts, without a network."""
+    known = [contact for contact in contacts if contact is not None]
+    for count in FEW:
+        drawn = [[known[at] for at in rng.choice(len(known), count, replace=False)] for _ in range(DRAWS)]
+        laws = [law for few in drawn if (law := calibrate_on_contacts(few, None)) is not None]
+        slopes = [[law.at(s.change, s.place) for s in samples] for law in laws]
+        off = [np.median(np.concatenate(direction_errors(one, samples))) for one in slopes]
+        scale = [np.median([gain(g, s.slopes) for g, s in zip(one, samples, strict=True)]) for one in slopes]
+        told = (
+            f"{np.median(off):.1f} degrees ({np.max(off):.1f} at most), "
+            f"scale {np.min(scale):.2f} to {np.max(scale):.2f}"
+            if laws
+            else ""
+        )
+        print(f"{name}, {count} alone: {DRAWS - len(laws)} of {DRAWS} refused; {told}")
+
+
+def direction_errors(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> list[np.ndarray]:
+    return [direction_error_deg(g, s.slopes) for g, s in zip(slopes, samples, strict=True)]
 
 
 def seen(
@@ -95,7 +125,7 @@ def report(name: str, contacts: Sequence[Contact | None], samples: Sequence[Samp
 
 
 def told(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> str:
-    off = np.concatenate([direction_error_deg(g, s.slopes) for g, s in zip(slopes, samples, strict=True)])
+    off = np.concatenate(direction_errors(slopes, samples))
     gains = [gain(g, s.slopes) for g, s in zip(slopes, samples, strict=True)]
     return f"{np.median(off):.1f} degrees, scale {np.median(gains):.2f} +- {np.std(gains):.2f}"
 
@@ -120,4 +150,4 @@ def read(path: Path) -> Bytes:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))

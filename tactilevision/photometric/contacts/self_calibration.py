@@ -23,6 +23,9 @@ from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polyn
 from tactilevision.records import Bools, Floats
 
 MIN_CONTACTS = 4  # contacts; with six of screws three real sensors were read better than by the network
+MIN_SLOPE_SPREAD = (
+    0.2  # least over most power of slope by direction, of fewer: 19 to 86 degrees off have .13 at most
+)
 MIN_CURVED = 8  # contacts for products of two colours
 MIN_VARYING = 24  # contacts for a law that varies over the picture
 MIN_SPREAD = 1.0  # half the picture: a law that varies runs away where nothing touched
@@ -40,9 +43,11 @@ Prior = Callable[[Floats, Floats], Floats]
 def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> Polynomial | None:
     """The law, or None where the contacts do not tell it.
 
-    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1.
+    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1. Fewer contacts than
+    MIN_CONTACTS tell nothing better than a prior; without one they do where they slope to all sides.
     """
-    if len(contacts) < MIN_CONTACTS:
+    few = len(contacts) < MIN_CONTACTS
+    if not contacts or (few and prior is not None):
         return None
     equations, samples, change, place = (
         np.concatenate([getattr(one, name) for one in contacts])
@@ -53,6 +58,8 @@ def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> P
         if constant is None:
             return None
         target = change @ constant.T
+        if few and _slope_spread(target) < MIN_SLOPE_SPREAD:
+            return None
     else:
         target = prior(change, place)
     kept = _kept_terms(len(contacts), np.array([one.place.mean(axis=0) for one in contacts]))
@@ -115,6 +122,12 @@ def _least_curl(equations: Floats, samples: Floats, change: Floats, outward: Flo
     slopes = change @ law.T
     law = law * np.sqrt(np.sum(change**2) / np.sum(slopes**2)) / USUAL_CHANGE
     return np.asarray(-law if np.sum(slopes * outward) > 0 else law, np.float64)
+
+
+def _slope_spread(slopes: Floats) -> float:
+    """Power of slopes (N, 2) in the direction where it is least, over that where it is most: 1 for a ball."""
+    least, most = np.linalg.eigvalsh(slopes.T @ slopes)
+    return float(least / most)
 
 
 def _cauchy(residual: Floats) -> Floats:
