@@ -15,6 +15,7 @@ from benchmarks.rendered.cut import cut
 from benchmarks.rendered.families import draw_rig
 from benchmarks.rendered.judge import report as judge
 from benchmarks.rendered.path_tracer import Transport
+from benchmarks.rendered.read import report as read
 from benchmarks.rendered.record import write_rendered_recording
 from benchmarks.rendered.sets import write_set
 
@@ -29,6 +30,9 @@ def main(arguments: Sequence[str] = ()) -> None:
         return
     if options.judge:
         judge(options.judge, plain=options.plain)
+        return
+    if options.read:
+        read(options.read, results=options.results)
         return
     if options.compare:
         report(range(options.seed, options.seed + 3), options.cache)
@@ -75,6 +79,10 @@ def _options() -> argparse.ArgumentParser:
     parser.add_argument("--compare", action="store_true", help="the simulator's shadows beside Mitsuba's")
     parser.add_argument("--judge", type=Path, nargs="+", help="sets whose height maps are held against the truth")
     parser.add_argument("--plain", action="store_true", help="with --judge: leave cast shadows as they are")
+    parser.add_argument("--read", type=Path, nargs="+", help="recordings calibrated and held against the truth")
+    parser.add_argument(
+        "--results", type=Path, help="with --read: keeps calibrations; those there are not made anew"
+    )
     parser.add_argument("--cut", type=Path, help="rendered recording whose good presses become a sample")
     parser.add_argument("--keep", type=Path, help="npz for one rig and step of that comparison, for the tests")
     parser.add_argument("--balls", type=int, default=24, help="reference pictures of balls")

@@ -18,7 +18,6 @@ from tactilevision.photometric.illumination.colour_change import (
     ColourChange,
     Planes,
     Window,
-    missing_count,
     strips,
 )
 from tactilevision.photometric.illumination.lamps import Lamps
@@ -174,9 +173,9 @@ class CalibratedMethod:
 
     def lost_share(self) -> Picture | None:
         """Relative error (H, W) of slopes of the frame taken in, by missing colours; None where none is."""
-        if self.change.missing is None or self.two_colour_reader is None:
+        if self.change.missing is None or self.change.lacking is None or self.two_colour_reader is None:
             return None
-        return self.two_colour_reader.lost_share(self.change.missing)
+        return self.two_colour_reader.lost_share(self.change.missing, self.change.lacking)
 
     def _read_into(self, slopes: Planes, parts: Iterable[tuple[Window, Planes]], top: int = 0) -> float:
         """Set `slopes`, from the picture's row `top` on, by strips of changes (3, h, w); their greatest length."""
@@ -195,7 +194,8 @@ class CalibratedMethod:
         """Set slopes `part` (2, h, w) of a window anew where a colour is missing; 0 where more are."""
         missing, partly, reader = self.change.missing, self.change.partly, self.two_colour_reader
         if reader is not None and missing is not None and partly is not None:
-            part[:, self._blind(window)] = 0.0
+            if (blind := self._blind(window)).any():
+                part[:, blind] = 0.0
             reader.read_into(part, change, window, missing=missing, partly=partly)
 
     def _fill_blind(self, slopes: Planes, window: Window) -> None:
@@ -207,9 +207,9 @@ class CalibratedMethod:
             fill(slopes, blind.astype(np.uint8))
 
     def _blind(self, window: Window) -> Bools:
-        assert self.change.missing is not None
+        assert self.change.lacking is not None
         assert self.change.partly is not None
-        return np.asarray((missing_count(self.change.missing[:, *window]) > 0) & ~self.change.partly[window])
+        return np.asarray((self.change.lacking[window] > 0) & ~self.change.partly[window])
 
     def follow(self, rgb_rectified: Bytes, share: float) -> None:
         """Move the reference towards a picture of the untouched gel by `share` of their difference."""

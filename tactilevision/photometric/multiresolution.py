@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.photometric.background import noise_bias
 from tactilevision.photometric.illumination.block_means import means, tile_px_of
-from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, missing_count, strips
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, Window, strips
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.protocols import PixelMethod, Reading
 from tactilevision.records import Bools, Bytes, SlopeMap
@@ -142,9 +142,9 @@ class TiledEvaluator:
 
     def _missing_tiles(self) -> Bytes:
         """Means (h, w) that a colour of the frame taken in is missing in: not 0 there."""
-        missing = self.method.change.missing
-        assert missing is not None
-        whole = cv2.compare(missing_count(missing)[self.even], 0, cv2.CMP_GT)
+        lacking = self.method.change.lacking
+        assert lacking is not None
+        whole = cv2.compare(lacking[self.even], 0, cv2.CMP_GT)
         return np.asarray(cv2.resize(whole, self.size, interpolation=cv2.INTER_AREA))
 
     def windows(self, slopes: Planes, *, missing: Bytes | None = None) -> list[Window]:

@@ -27,17 +27,17 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
-from tactilevision.integration.poisson import integrate
+from tactilevision.integration.two_grid_poisson import integrate_small
 from tactilevision.photometric import BallPicture
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import OUTSIDE, radii_from
 from tactilevision.photometric.ball.shading_fit import SLOPE_POWERS, answers_at
-from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes, missing_count
+from tactilevision.photometric.illumination.colour_change import ChangeMaps, Planes
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.light_law import LightLaw
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.photometric.protocols import Picture
-from tactilevision.records import Bools, Bytes, Pair, SlopeMap
+from tactilevision.records import Bools, Bytes, Pair
 
 CELL_MM = 0.4  # mm along the side of a cell, about: finer ones take longer and show as much
 REACH_MM = 0.76  # mm, deviation of the mean over neighbours: noise of single cells must not count
@@ -114,14 +114,14 @@ class LightCheck:
         score *= self.usable
         if self.steep:
             score[cv2.dilate(_length(slopes), self.near) > self.steep] = 0.0
-        if self.method.change.missing is not None:
-            lost = cv2.compare(missing_count(self.method.change.missing), 0, cv2.CMP_GT)
+        if self.method.change.lacking is not None:
+            lost = cv2.compare(self.method.change.lacking, 0, cv2.CMP_GT)
             score[self._cells(lost[None])[0] > 0] = 0.0
         share *= np.clip((score - RAMP) / (1.0 - RAMP), 0.0, 1.0)
         depth = np.zeros_like(score)
         if share.any():
             np.minimum(share, 1.0, out=share)
-            depth = np.asarray(integrate(SlopeMap(slopes[0] * share, slopes[1] * share), self.cell_mm), np.float32)
+            depth = integrate_small(slopes * share, self.cell_mm)
             depth -= np.median(depth)
         inconsistent = score > 1.0
         return Inconsistency(inconsistent, depth, float(inconsistent.sum() * self.cell_mm[0] * self.cell_mm[1]))
@@ -176,7 +176,7 @@ class LightCheck:
 
     def _curl(self, slopes: Planes) -> tuple[Picture, Picture]:
         """What slopes (2, h, w) lack of a surface's over its limit, and over the slopes, (h, w) each."""
-        depth = integrate(SlopeMap(slopes[0], slopes[1]), self.cell_mm)
+        depth = integrate_small(slopes, self.cell_mm)
         down, across = np.gradient(depth, self.cell_mm[1], self.cell_mm[0])
         off = _length(np.stack([self._mean(slopes[0] - across), self._mean(slopes[1] - down)]))
         size = self._size(slopes)

@@ -19,7 +19,14 @@ from tactilevision.errors import InputError
 from tactilevision.integration.poisson import integrate
 from tactilevision.integration.steep_edges import LEAN, PunchEdge, find_punch_edges, restore, restore_windows
 from tactilevision.integration.two_grid_poisson import TwoGridPoisson
-from tactilevision.integration.zero_plane import ZeroPlane, find_zero_plane, flat_blocks, level, slope_of
+from tactilevision.integration.zero_plane import (
+    USUAL_THICKNESS_MM,
+    ZeroPlane,
+    find_zero_plane,
+    flat_blocks,
+    level,
+    slope_of,
+)
 from tactilevision.photometric import Calibration
 from tactilevision.photometric.illumination.cast_shadow import LightField
 from tactilevision.photometric.illumination.colour_change import Planes
@@ -136,12 +143,18 @@ class Reconstructor:
 
     def _flagged(self, rgb: Bytes) -> Mapped:
         """As `_mapped`; a map that is deeper than the gel is thick says so."""
+        gel = self.sensor.gel
         with self.turn.lock:
             if self.shadows is None:
                 surface, valid, std, flags = self._mapped(rgb)
             else:
-                (surface, valid, std, flags), self.given_back = undo_shadows(self._mapped, rgb, self.shadows)
-        gel = self.sensor.gel
+                (surface, valid, std, flags), self.given_back = undo_shadows(
+                    self._mapped,
+                    rgb,
+                    self.shadows,
+                    edges=lambda: self.evidence.edges if self.evidence else (),
+                    thickness_mm=gel.thickness_mm if gel else USUAL_THICKNESS_MM,
+                )
         if gel is not None and surface.max() > gel.thickness_mm:
             flags = add(flags, (DEEPER,))
         if self.inconsistency is not None and self.inconsistency.flagged:

@@ -1,11 +1,11 @@
 """A height map without cast shadows: the light that lamps lost on their way is given back, and the map made anew.
 
-    depth <- map(picture / dimming(depth)),    damped, until it moves no more
+    depth <- map(picture / dimming(with_faces(depth))),    damped, until it moves no more
 
-The forecast of shadows (`photometric/illumination/cast_shadow.py`) needs the depth that it mends. Heights read in
-shadow are too high beside the wall, so the first forecast is too short and the face too deep; half steps from one
-map to the next settle where whole ones swing. What was given back is known to a share of itself, which the
-deviation holds.
+The forecast of shadows (`photometric/illumination/cast_shadow.py`) needs the depth that it mends. Gel in
+shadow is read too deep beside the wall, so a forecast from it is too short: round flat faces it starts from the
+surface that theory has there (`pressed_gel.py`). Half steps from one map to the next settle where whole ones
+swing. What was given back is known to a share of itself, which the deviation holds.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -13,13 +13,15 @@ path tracer in docs/evidence/rendered.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.illumination.cast_shadow import LightField, dimming
+from tactilevision.integration.steep_edges import PunchEdge
+from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, reached_by_all, visibility
+from tactilevision.reconstruct.pressed_gel import with_faces
 from tactilevision.records import Bools, Bytes
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
@@ -33,19 +35,28 @@ BRIGHTEST = 250  # grey levels that a pixel is given at most, lest it count as s
 
 
 def undo_shadows(
-    mapped: Callable[[Bytes], Mapped], rgb: Bytes, field: LightField
+    mapped: Callable[[Bytes], Mapped],
+    rgb: Bytes,
+    field: LightField,
+    *,
+    edges: Callable[[], Sequence[PunchEdge]],
+    thickness_mm: float,
 ) -> tuple[Mapped, npt.NDArray[np.floating[Any]] | None]:
     """Depth (H, W) mm, validity, deviation and flags of a rectified picture (H, W, 3), shadows undone.
 
-    `mapped` gives them for a picture as it is. And the part (H, W) mm of the deviation that the shadows bring,
+    `mapped` gives them for a picture as it is, `edges` those of the picture that it was called with last, in a gel
+    of `thickness_mm`. And the part (H, W) mm of the deviation that the shadows bring,
     None for contacts too gentle to cast any.
     """
     surface, valid, std, flags = mapped(rgb)
     if surface.max() < MIN_DEPTH_MM:
         return (surface, valid, std, flags), None
-    plain, depth = surface.copy(), surface.copy()
+    plain, depth, lit = surface.copy(), surface.copy(), None
     for _ in range(MAX_ROUNDS):
-        surface, valid, std, flags = mapped(_brightened(rgb, dimming(field, depth)))
+        shape = with_faces(depth, edges(), lit=lit, mm_per_px=field.mm_per_px, thickness_mm=thickness_mm)
+        seen = visibility(field.lamps, shape, field.mm_per_px)
+        lit = reached_by_all(seen)
+        surface, valid, std, flags = mapped(_brightened(rgb, dimming(field, shape, seen)))
         moved = STEP * (surface - depth)
         depth += moved
         if np.percentile(np.abs(moved), 99) < SETTLED_MM:

@@ -18,7 +18,7 @@ Map = npt.NDArray[np.float32]
 Maps = tuple[Map, Map]
 KEPT = 8  # maps in fixed point held in memory, the oldest given up first (test_sensors.py)
 
-_fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16]]] = {}
+_fixed: dict[int, tuple[Map, npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]] = {}
 
 
 def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
@@ -35,8 +35,8 @@ def rectify(sensor: Sensor, rgb: Bytes) -> Bytes:
                 remedy="Set width_px, height_px and mm_per_px of the sensor, or its rectification.",
             )
         return rgb
-    whole, parts = _fixed_point(sensor.rectification)
-    if whole[..., 0].max() > rgb.shape[1] or whole[..., 1].max() > rgb.shape[0]:
+    whole, parts, (right, bottom) = _fixed_point(sensor.rectification)
+    if right > rgb.shape[1] or bottom > rgb.shape[0]:
         raise InputError(
             "the rectification reaches outside the frame",
             where="frame",
@@ -104,12 +104,16 @@ def maps_from_grid(points_px: Floats, spacing_mm: float, *, mm_per_px: Pair) -> 
     return maps[0].astype(np.float32), maps[1].astype(np.float32)
 
 
-def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
-    """The maps in OpenCV's fixed-point form, three times as fast; kept for the last few sensors."""
+def _fixed_point(maps: Maps) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]:
+    """The maps in OpenCV's fixed-point form, three times as fast, and the last column and row they reach for, px.
+
+    Kept for the last few sensors.
+    """
     held = _fixed.get(id(maps[0]))
     if held is None or held[0] is not maps[0]:
         while len(_fixed) >= KEPT:
             _fixed.pop(next(iter(_fixed)))
         whole, parts = cv2.convertMaps(maps[0], maps[1], cv2.CV_16SC2)
-        held = _fixed[id(maps[0])] = (maps[0], whole, parts)
-    return held[1], held[2]
+        last = int(whole[..., 0].max()), int(whole[..., 1].max())
+        held = _fixed[id(maps[0])] = (maps[0], whole, parts, last)
+    return held[1:]

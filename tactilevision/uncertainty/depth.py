@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.integration.zero_plane import ZeroPlane
+from tactilevision.photometric.illumination.block_means import shares
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.records import HeightMap, Pair, SlopeMap
@@ -167,7 +168,7 @@ class DepthError:
     def _lost(self, few: Picture, evidence: MapEvidence) -> Picture | None:
         if evidence.lost_share is None:
             return None
-        share = cv2.resize(evidence.lost_share, few.shape[::-1], interpolation=cv2.INTER_AREA)
+        share = _thinned(evidence.lost_share, few.shape)
         return missing_colour_variance(few, share, every=self.every, mm_per_px=self.mm_per_px)
 
     def _light(self, evidence: MapEvidence, shape: tuple[int, ...]) -> Picture | None:
@@ -186,6 +187,14 @@ class DepthError:
         return hidden_step_mm(
             few, evidence.slopes, steepest=self.steepest, every=self.every, mm_per_px=self.mm_per_px
         )
+
+
+def _thinned(plane: Picture, size: tuple[int, ...]) -> Picture:
+    """Means over blocks (h, w) of a plane (H, W) that is 0 but for a small part: of that part alone."""
+    left, top, width, height = cv2.boundingRect(cv2.compare(plane, 0.0, cv2.CMP_GT))
+    rows, columns = slice(top, top + height), slice(left, left + width)
+    down, across = (shares(count, blocks) for count, blocks in zip(plane.shape, size, strict=True))
+    return np.asarray(down[:, rows] @ (plane[rows, columns] @ across[:, columns].T))
 
 
 def contributions_mm(height: HeightMap, terms: Mapping[str, Picture]) -> dict[str, float]:

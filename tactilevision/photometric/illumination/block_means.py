@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +46,7 @@ def means(picture: npt.NDArray[np.generic], px: int, *, out: Planes | None = Non
     return out
 
 
+@lru_cache(maxsize=64)
 def shares(count: int, blocks: int) -> Planes:
     """Share that each of `count` places on a line has in the mean of each block (blocks, count)."""
     return np.asarray(cv2.resize(np.eye(count, dtype=np.float32), (count, blocks), interpolation=cv2.INTER_AREA))

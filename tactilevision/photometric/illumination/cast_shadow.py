@@ -70,10 +70,13 @@ class LightField:
         return cls(lamps, leans.astype(np.float32), shares.astype(np.float32), mm_per_px)
 
 
-def dimming(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
-    """Factor (H, W, 3) by which cast shadows change grey levels, from a depth map (H, W) in mm."""
+def dimming(field: LightField, depth_mm: npt.NDArray[np.floating], seen: Picture | None = None) -> Picture:
+    """Factor (H, W, 3) by which cast shadows change grey levels, from a depth map (H, W) in mm.
+
+    `seen` (3 lamps, H, W): the map's `visibility`, where it is known already.
+    """
     light = _of_lamps(field, depth_mm)
-    seen = visibility(field.lamps, depth_mm, field.mm_per_px)
+    seen = visibility(field.lamps, depth_mm, field.mm_per_px) if seen is None else seen
     part = [np.sum(m * seen * light, axis=0) / np.maximum(np.sum(m * light, axis=0), 1e-3) for m in field.shares]
     soft = [cv2.GaussianBlur(np.clip(one, FAINTEST, 1.0), (0, 0), SMOOTH_PX) for one in part]
     return np.asarray(np.stack(soft, axis=-1) ** np.float32(1.0 / field.lamps.power))
@@ -173,7 +176,12 @@ def visibility(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair
 
 def lit(lamps: Lamps, depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> Bools:
     """Mask (H, W) of the places of a depth map (H, W), mm, that all lamps reach."""
-    return np.asarray(visibility(lamps, depth_mm, mm_per_px).min(axis=0) > LIT)
+    return reached_by_all(visibility(lamps, depth_mm, mm_per_px))
+
+
+def reached_by_all(seen: Picture) -> Bools:
+    """Mask (H, W) of the places that all lamps reach, by their visibility (3, H, W)."""
+    return np.asarray(seen.min(axis=0) > LIT)
 
 
 def _box(lamps: Lamps, heights: Picture, cell: Pair) -> tuple[slice, slice] | None:

@@ -86,6 +86,8 @@ class ColourChange:
         self.overexposed, self.lit_by_two = reference.overexposed, reference.lit_by_two
         self.missing: Bools | None = None  # (3, H, W), colours that the frame does not tell; None: tells all
         self.partly: Bools | None = None  # (H, W), where it tells two of them
+        self.lacking: Bytes | None = None  # (H, W), how many it does not tell
+        self._greys: Sequence[Bytes] | None = None  # channels (H, W) of the frame, where it was split already
         self._whole: Planes = np.empty_like(mean)
 
     def measure(self, rgb: Bytes) -> tuple[Planes, Drift, Bools]:
@@ -122,15 +124,18 @@ class ColourChange:
         drift = self.tracker.measure(rgb)
         self.maps.light(drift.gains)
         self.rgb, self.undo, self.missing, self.partly = rgb, drift.undo, self.overexposed, None
+        self.lacking, self._greys = None, None
         bright = rgb.max() >= SATURATED
         if bright:
-            over = np.stack([grey >= SATURATED for grey in cv2.split(rgb)])
+            self._greys = cv2.split(rgb)
+            over = np.stack([grey >= SATURATED for grey in self._greys])
             self.missing = over if self.overexposed is None else over | self.overexposed
         if self.missing is not None:
-            self.partly = self.lit_by_two & (missing_count(self.missing) == 1)
-        if not bright and _brightest(rgb[::SHADOW_PX, ::SHADOW_PX]).min() > self.darkest:
+            self.lacking = missing_count(self.missing)
+            self.partly = self.lit_by_two & (self.lacking == 1)
+        if not bright and _brightest(cv2.split(rgb[::SHADOW_PX, ::SHADOW_PX])).min() > self.darkest:
             return drift, self.reference.usable
-        brightest = _brightest(rgb)
+        brightest = _brightest(self._greys or cv2.split(rgb))
         return drift, self.reference.usable & (brightest < SATURATED) & (brightest > self.darkest)
 
     def within(self, whole: Window) -> Iterator[tuple[Window, Planes]]:
@@ -145,7 +150,7 @@ class ColourChange:
 
     def greys(self, window: Window) -> Sequence[npt.NDArray[Any]]:
         """Channels (3, h, w) of a window of the frame taken in."""
-        greys = cv2.split(self.rgb[window])
+        greys = [grey[window] for grey in self._greys] if self._greys else cv2.split(self.rgb[window])
         return greys if self.undo is None else list(undo_drift(greys, self.undo, power=self.tracker.power))
 
     def means(self, px: int) -> Planes:
@@ -185,9 +190,9 @@ class ColourChange:
             )
 
 
-def _brightest(rgb: Bytes) -> Bytes:
-    """Of the three channels (H, W, 3), pixel by pixel."""
-    red, green, blue = cv2.split(rgb)
+def _brightest(greys: Sequence[Bytes]) -> Bytes:
+    """Of three channels (H, W), pixel by pixel."""
+    red, green, blue = greys
     return np.asarray(cv2.max(cv2.max(red, green), blue))
 
 

@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from tactilevision.photometric.background import NOISE_LIMIT
 from tactilevision.photometric.ball.cross_validation import FOLDS, Fitter, held_out, patch_error
 from tactilevision.photometric.ball.samples import Samples
-from tactilevision.photometric.illumination.colour_change import Planes, Window, missing_count
+from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Picture, Polynomial, PolynomialEvaluator
 from tactilevision.photometric.protocols import ColourLaw
-from tactilevision.records import Bools, Floats
+from tactilevision.records import Bools, Bytes, Floats
 
 COLOURS = 3  # red, green, blue: channels of a frame
 THINNED = 4  # samples of which one is held out: a quarter tells the error as well, and takes a quarter of the time
@@ -106,16 +107,16 @@ class TwoColourReader:
 
     def readable(self, missing: Bools, partly: Bools) -> Bools:
         """Where (H, W) two colours tell more than noise; `missing` (3, H, W), `partly` (H, W) as of the change."""
-        told = np.zeros(partly.shape, np.bool_)
-        for colour in range(COLOURS):
+        told, box = np.zeros(partly.shape, np.bool_), _box(partly)
+        for colour in range(COLOURS) if box is not None else ():
             if self.laws.errors[colour] < UNKNOWN:
-                told |= missing[colour] & partly & self.clear[colour]
+                told[box] |= missing[colour][box] & partly[box] & self.clear[colour][box]
         return told
 
     def read_into(self, slopes: Planes, change: Planes, window: Window, *, missing: Bools, partly: Bools) -> None:
         """Set `slopes` (2, h, w) of a window where two colours are left, of changes (3, h, w), by masks of all."""
         left = partly[window]
-        for colour in range(COLOURS):
+        for colour in range(COLOURS) if left.any() else ():
             where = missing[colour][window] & left
             box = _box(where)
             if box is None:
@@ -130,21 +131,17 @@ class TwoColourReader:
             found *= self.kept_share[colour][whole]
             np.copyto(slopes[:, rows, columns], found, where=where[rows, columns])
 
-    def lost_share(self, missing: Bools) -> Picture:
-        """Relative error (H, W) of slopes, as colours are `missing` (3, H, W); 0 where none is."""
-        errors, count = np.zeros(missing.shape[1:], np.float32), missing_count(missing)
-        box = _box(count > 0)
+    def lost_share(self, missing: Bools, lacking: Bytes) -> Picture:
+        """Relative error (H, W) of slopes where colours are `missing` (3, H, W), `lacking` (H, W) of them."""
+        errors, box = np.zeros(lacking.shape, np.float32), _box(lacking)
         if box is not None:
             for colour in range(COLOURS):
                 errors[box][missing[colour][box]] = self.laws.errors[colour]
-            errors[box][count[box] > 1] = UNKNOWN
+            errors[box][lacking[box] > 1] = UNKNOWN
         return errors
 
 
-def _box(where: Bools) -> Window | None:
+def _box(where: Bools | Bytes) -> Window | None:
     """The rows and columns that hold all of a mask (h, w), None for an empty one."""
-    rows = np.flatnonzero(where.any(axis=1))
-    if not len(rows):
-        return None
-    columns = np.flatnonzero(where.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+    left, top, width, height = cv2.boundingRect(where.view(np.uint8))
+    return (slice(top, top + height), slice(left, left + width)) if width else None
