@@ -110,7 +110,7 @@ def _softened(gel: Gel, press: Press, past_mm: float) -> Array:
 
 
 def _relaxed_share(gel: Gel, press: Press, force_N: Array) -> Array:
-    """Of the force at once, in discrete steps of a memory that takes `tau_s`."""
+    """Of the force at once, in steps of a memory that takes `tau_s`; a gel that lags does not pull."""
     g = gel.size("viscoelasticity")
     if not g:
         return np.ones(force_N.size)
@@ -120,7 +120,7 @@ def _relaxed_share(gel: Gel, press: Press, force_N: Array) -> Array:
     for k in range(1, path.size):
         fade = np.exp(-(fine[k] - fine[k - 1]) / gel.tau_s)
         held[k] = held[k - 1] * fade + (path[k] - path[k - 1]) * np.sqrt(fade)
-    left = (1 - g) * path + g * held
+    left = np.maximum((1 - g) * path + g * held, 0.0)
     return np.asarray(np.where(force_N > 0, left[::FINE] / np.maximum(force_N, 1e-12), 1.0))
 
 
