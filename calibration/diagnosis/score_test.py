@@ -253,14 +253,12 @@ def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], shar
         return ()
     real, null = table[0], table[1:]
     tails = {k: Tail(null[:, k]) for k in kept}
-    smallest = np.min([tails[k].of_each() for k in kept], axis=0)
-    typical = min(float(np.quantile(smallest, LEVEL * share)), 1 - 1e-12)
-    looks = max(float(np.log1p(-LEVEL * share) / np.log1p(-typical)), 1.0)
+    family = Tail(-np.log(np.min([tails[k].of_each() for k in kept], axis=0)))
     scored = []
     for k in kept:
         p = tails[k](float(real[k]))
-        adjusted = min(float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12)))) / share, 1.0)
-        scored.append(Scored(keys[k], float(real[k]), p, adjusted, float(np.mean(null[:, k]))))
+        adjusted = max(family(-np.log(max(p, 1e-300))) / share, p)
+        scored.append(Scored(keys[k], float(real[k]), p, min(adjusted, 1.0), float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
 
 
