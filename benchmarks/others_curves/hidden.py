@@ -65,14 +65,14 @@ class Gel:
 
 def forces_N(gel: Gel, protocol: Protocol) -> list[Array]:
     """Normal force of each press (n,), its history included."""
-    deepest: dict[tuple[float, tuple[float, float]], float] = {}
+    deepest: dict[tuple[float, float], float] = {}
     healing: dict[tuple[float, float], tuple[float, float]] = {}  # of each place: what is lost there, and when
     found = []
     for press in protocol.presses:
         force = _elastic(gel, protocol, press)
-        past = deepest.get((press.radius_mm, press.place_mm), 0.0)
+        past = deepest.get(press.place_mm, 0.0)
         force = force * (1 - _softened(gel, press, past))
-        deepest[press.radius_mm, press.place_mm] = max(past, float(press.depth_mm.max()))
+        deepest[press.place_mm] = max(past, float(press.depth_mm.max()))
         force = force * _relaxed_share(gel, press, force)
         if gel.size("recovery"):
             state, last = healing.get(press.place_mm, (0.0, 0.0))
@@ -103,14 +103,13 @@ def _elastic(gel: Gel, protocol: Protocol, press: Press) -> Array:
 
 
 def _softened(gel: Gel, press: Press, past_mm: float) -> Array:
-    if past_mm <= 0 or not gel.size("mullins"):
-        return np.zeros(press.depth_mm.size)
-    share = np.clip(press.depth_mm / past_mm, 0.0, 1.0)
-    return np.asarray(gel.size("mullins") * (1 - share**2))
+    """Below the deepest that the place has seen so far, in this press too (Ogden and Roxburgh 1999)."""
+    so_far = np.maximum(np.maximum.accumulate(press.depth_mm), max(past_mm, 1e-9))
+    return np.asarray(gel.size("mullins") * (1 - np.clip(press.depth_mm / so_far, 0.0, 1.0) ** 2))
 
 
 def _relaxed_share(gel: Gel, press: Press, force_N: Array) -> Array:
-    """Of the force at once, in discrete steps of a memory that takes `tau_s`."""
+    """Of the force at once, in steps of a memory that takes `tau_s`; a gel that lags does not pull."""
     g = gel.size("viscoelasticity")
     if not g:
         return np.ones(force_N.size)
@@ -120,7 +119,7 @@ def _relaxed_share(gel: Gel, press: Press, force_N: Array) -> Array:
     for k in range(1, path.size):
         fade = np.exp(-(fine[k] - fine[k - 1]) / gel.tau_s)
         held[k] = held[k - 1] * fade + (path[k] - path[k - 1]) * np.sqrt(fade)
-    left = (1 - g) * path + g * held
+    left = np.maximum((1 - g) * path + g * held, 0.0)
     return np.asarray(np.where(force_N > 0, left[::FINE] / np.maximum(force_N, 1e-12), 1.0))
 
 
@@ -146,7 +145,7 @@ def misread(
     """
     depth, time = press.depth_mm - gel.size("depth_zero"), press.time_s - press.time_s[0]
     if gel.size("clock_offset"):
-        depth = np.interp(time + gel.size("clock_offset"), time, depth)
+        depth = np.interp(time + gel.size("clock_offset"), *press.corners)
     depth = depth + gel.size("backing_compliance") * force_N
     depth = depth + gel.size("periodic_stage") * np.sin(2 * np.pi * press.depth_mm / 0.12 + 1.0)
     back = np.array([name == UNLOAD for name in press.phase])

@@ -15,12 +15,16 @@ SPOTS = 6  # places that are pressed again and again: what a gel remembers, it r
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """One press: its punch, path, place; `time_s` (n,) since the recording began, `depth_mm` (n,) in the gel."""
+    """One press: its punch, path, place; `time_s` (n,) since the recording began, `depth_mm` (n,) in the gel.
+
+    `corners` (2, k): times since the press began and depths between which it goes at one speed.
+    """
 
     radius_mm: float
     time_s: Array
     depth_mm: Array
     phase: tuple[str, ...]
+    corners: Array
     rest_s: float
     speed_mm_s: float
     hold_s: float
@@ -67,6 +71,7 @@ def draw(rng: np.random.Generator, *, rich: bool, count: int = 0) -> Protocol:
             clock + path[0],
             path[1],
             path[2],
+            path[3],
             rest,
             speed,
             hold,
@@ -88,7 +93,7 @@ def _path(
     back: bool,
     samples: int,
     uneven: bool,
-) -> tuple[Array, Array, tuple[str, ...]]:
+) -> tuple[Array, Array, tuple[str, ...], Array]:
     down = (deepest_mm + LEAD_MM) / speed
     ends = np.cumsum([down, hold, down + LEAD_MM / speed if back else 0.0])
     counts = [samples // 2, samples // 4 if hold else 0, samples // 3 if back else 0]
@@ -100,5 +105,5 @@ def _path(
         times.append(t)
         phases += [name] * n
     time = np.concatenate(times)
-    path = np.interp(time, [0.0, *ends], [-LEAD_MM, deepest_mm, deepest_mm, -LEAD_MM if back else deepest_mm])
-    return time, path, tuple(phases)
+    corners = np.array([[0.0, *ends], [-LEAD_MM, deepest_mm, deepest_mm, -LEAD_MM if back else deepest_mm]])
+    return time, np.interp(time, *corners), tuple(phases), corners

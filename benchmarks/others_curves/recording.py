@@ -16,16 +16,31 @@ HEAD = "press,time_s,depth_mm,fx_N,fy_N,fz_N,phase"
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn."""
+    """What is true: the kind, what is hidden and how strong it is in std, the modulus, and what was drawn.
+
+    `off_N` (N,) is what the best straight law of each radius leaves of what is hidden; `force_N` and
+    `slope_N_per_mm` (N,) are those of the gel without it.
+    """
 
     kind: str
     sizes: dict[str, float]
     strength: float
     modulus_MPa: float
-    noise: str
-    stated: bool
     presses: int
     samples: int
+    reader: noise.Reader
+    force_N: Array
+    slope_N_per_mm: Array
+    off_N: Array
+
+    @property
+    def told(self) -> dict[str, object]:
+        """Plain numbers and words, for a log."""
+        names = ("kind", "sizes", "strength", "modulus_MPa", "presses", "samples")
+        return {name: getattr(self, name) for name in names} | {
+            "noise": self.reader.kind,
+            "stated": self.reader.stated,
+        }
 
 
 def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = False, count: int = 0) -> Made:
@@ -45,10 +60,10 @@ def make(folder: Path, kind: str, seed: int, *, rich: bool, straight: bool = Fal
     )
     truth, rows = _read(rng, gel, plan, reader)
     _write(folder, plan, reader, gel, rows)
-    strength = _strength(plan, reader, truth) if gel.sizes else 0.0
-    size = sum(one.time_s.size for one in plan.presses)
+    strength, off = _strength(plan, reader, truth)
+    force, slope = (np.concatenate([one[k] for one in truth]) for k in (0, 1))
     return Made(
-        kind, dict(gel.sizes), strength, gel.modulus_MPa, reader.kind, reader.stated, len(plan.presses), size
+        kind, dict(gel.sizes), strength, gel.modulus_MPa, len(plan.presses), force.size, reader, force, slope, off
     )
 
 
@@ -77,19 +92,23 @@ def _read(
     return truth, rows
 
 
-def _strength(plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[Array, Array, Array]]) -> float:
-    """Std that part what is hidden from the best that a straight law of each radius can do instead."""
+def _strength(
+    plan: protocol.Protocol, reader: noise.Reader, truth: list[tuple[Array, Array, Array]]
+) -> tuple[float, Array]:
+    """Std that part what is hidden from the best that a straight law of each radius can do instead, and what that
+    leaves (N,), N.
+    """
     radii = sorted({press.radius_mm for press in plan.presses})
-    white = []
+    white, plain = [], []
     for press, (force, slope, error) in zip(plan.presses, truth, strict=True):
         own = np.diag(reader.force_N**2 + (slope * reader.depth_mm) ** 2)
         own = own + reader.gain**2 * np.outer(force, force) + reader.zero_mm**2 * np.outer(slope, slope)
         which = np.eye(len(radii))[radii.index(press.radius_mm)]
-        columns = np.column_stack([force, *(np.outer(force * press.depth_mm, which)).T, error])
-        white.append(np.linalg.solve(np.linalg.cholesky(own), columns))
-    table = np.vstack(white)
+        plain.append(np.column_stack([force, *(np.outer(force * press.depth_mm, which)).T, error]))
+        white.append(np.linalg.solve(np.linalg.cholesky(own), plain[-1]))
+    table, read = np.vstack(white), np.vstack(plain)
     best = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-9)[0]
-    return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best))
+    return float(np.linalg.norm(table[:, -1] - table[:, :-1] @ best)), read[:, -1] - read[:, :-1] @ best
 
 
 def _write(folder: Path, plan: protocol.Protocol, reader: noise.Reader, gel: hidden.Gel, rows: list[Read]) -> None:

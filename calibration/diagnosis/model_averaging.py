@@ -6,9 +6,10 @@ An effect of first parameter s that is left out of the model moves E by b s, and
 
 linear about the fit. One effect at a time, beside none of them, on a gel that slides and on one that sticks, each
 weighed by exp(-chi^2/2); tau is half of the effect's range, so that its end is two std (what is stated of a
-parameter goes before). Beforehand one of the effects is there on every second rig, each as likely as any other. An
-effect that the data exclude weighs next to nothing, one that they cannot show weighs pi, one that they hint at
-weighs more. The interval is never narrower than that of the fit alone.
+parameter goes before). Beforehand one of the effects is there on every second rig, each as likely as any other;
+beside none of them stands what any rig has some of (an edge that is not stated), tau its typical size. An effect
+that the data exclude weighs next to nothing, one that they cannot show weighs pi, one that they hint at weighs
+more. The interval is never narrower than that of the fit alone.
 Source: Hoeting et al., Statistical Science 14 (1999) 382, eq. 1 to 3, with one parameter a model.
 """
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT
 from calibration.diagnosis.sensitivity import NOTHING, change_of_force
-from calibration.diagnosis.typical_sizes import absent, largest
+from calibration.diagnosis.typical_sizes import absent, largest, to_be_expected, typical
 from calibration.fit.alternative_fits import stuck
 from calibration.fit.identifiability import identify
 from calibration.fit.least_squares import Fit, inverse_information
@@ -104,9 +105,11 @@ def _parts(fitted: Fit, found: Estimate, effects: Sequence[Effect], about_MPa: f
         return []
     space, chance = _Space(at_denoised_depth(fitted)), ANY / max(len(effects), 1)
     std, own = found.std / found.value, np.log(found.value / about_MPa)
-    rivals = [one for effect in effects for one in space.rivals(effect, chance)]
-    rest = np.log(1 - chance * len({one.key for one in rivals}))
-    parts = [_Part("", np.array([rest]), np.zeros(1)), *rivals]
+    usual = [effect for effect in effects if to_be_expected(effect, fitted.data)]
+    rivals = [one for effect in effects if effect not in usual for one in space.rivals(effect, chance)]
+    rest = 1 - chance * len({one.key for one in rivals})
+    expected = [one for effect in usual for one in space.rivals(effect, rest / len(usual))]
+    parts = [*rivals, *(expected or [_Part("", np.log([rest]), np.zeros(1))])]
     return [replace(p, log_weight=p.log_weight - fitted.chi2 / 2, without=own, std=std) for p in parts]
 
 
@@ -161,7 +164,8 @@ def _sizes(effect: Effect, own: Floats, fitted: Fit) -> Floats:
     stated = getattr(effect, "parameters_on", None)
     first = (effect.parameters if stated is None else stated(fitted.data))[0]
     end = largest(effect) if np.isfinite(largest(effect)) else first.scale
-    std = end / 2 if first.prior is None else first.prior.std
+    judged = typical(effect) if to_be_expected(effect, fitted.data) else end / 2
+    std = judged if first.prior is None else first.prior.std
     start = abs(own[0] - first.default)
     one_sided = first.default in first.bounds
     share = (np.arange(NODES) + 0.5) / NODES

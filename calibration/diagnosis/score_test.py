@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.diagnosis.projection import Cast
+from calibration.diagnosis.tail_probability import Tail
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
@@ -34,7 +35,6 @@ FAR_FROM = (
 )
 LEVEL = 0.05  # of all that may end in anything but ADEQUATE
 SHARE = 0.6  # of the level that effects have: they are more, and what they name can be put right
-TAIL = 0.1  # share of the draws from which p-values are carried on beyond them
 SCATTER = "scatter while loading"
 FAILED = "it failed"
 ONE_WAY = 0.9999  # cosine from which two directions are one
@@ -252,48 +252,14 @@ def _ranked(keys: Sequence[str], table: Floats, *, skip: Mapping[str, str], shar
     if not kept:
         return ()
     real, null = table[0], table[1:]
-    tails = {k: _Tail(null[:, k]) for k in kept}
-    smallest = np.min([[tails[k](float(x)) for x in null[:, k]] for k in kept], axis=0)
-    typical = min(float(np.quantile(smallest, LEVEL * share)), 1 - 1e-12)
-    looks = max(float(np.log1p(-LEVEL * share) / np.log1p(-typical)), 1.0)
+    tails = {k: Tail(null[:, k]) for k in kept}
+    family = Tail(-np.log(np.min([tails[k].of_each() for k in kept], axis=0)))
     scored = []
     for k in kept:
         p = tails[k](float(real[k]))
-        adjusted = min(float(-np.expm1(looks * np.log1p(-min(p, 1 - 1e-12)))) / share, 1.0)
-        scored.append(Scored(keys[k], float(real[k]), p, adjusted, float(np.mean(null[:, k]))))
+        adjusted = max(family(-np.log(max(p, 1e-300))) / share, p)
+        scored.append(Scored(keys[k], float(real[k]), p, min(adjusted, 1.0), float(np.mean(null[:, k]))))
     return tuple(sorted(scored, key=lambda s: (s.p, -s.statistic)))
-
-
-class _Tail:
-    """p-values from draws: their own share up to the largest tenth, and beyond it the slower of two tails: an
-    exponential of that tenth's mean excess, and the scaled chi-squared with the mean and variance of all draws.
-
-    A chi-squared of few degrees of freedom falls off more and more slowly, so that an exponential read at its
-    tenth understates p far out; where the noise is hardly known draws fall off more slowly than a chi-squared.
-    Source: Pickands, Ann. Stat. 3 (1975) 119, shape 0.
-    """
-
-    def __init__(self, draws: Floats) -> None:
-        self._draws = np.sort(draws)
-        self._from = float(np.quantile(draws, 1 - TAIL))
-        beyond = draws[draws > self._from] - self._from
-        self._excess = max(float(np.mean(beyond)) if beyond.size else 0.0, 1e-12)
-        mean, variance = float(np.mean(draws)), float(np.var(draws))
-        self._scale = max(variance / (2 * mean), 1e-12) if mean > 0 else 1.0
-        self._dof = max(mean / self._scale, 0.1)
-        self._share = max(self._chi_squared(self._from), 1e-300)
-
-    def _chi_squared(self, statistic: float) -> float:
-        from scipy.special import chdtrc
-
-        return float(chdtrc(self._dof, statistic / self._scale))
-
-    def __call__(self, statistic: float) -> float:
-        if statistic > self._from:
-            exponential = float(np.exp(-(statistic - self._from) / self._excess))
-            return TAIL * max(exponential, self._chi_squared(statistic) / self._share)
-        below = np.searchsorted(self._draws, statistic) / self._draws.size
-        return max(float(1 - below), TAIL)
 
 
 def _visible(fitted: Fit, effects: Sequence[Effect], tables: Mapping[str, Floats], cast: Cast) -> dict[str, float]:

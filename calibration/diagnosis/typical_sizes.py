@@ -25,3 +25,8 @@ def typical(effect: Effect) -> float:
     """The size that it has where it is there and nothing shows how large."""
     stated = getattr(effect, "typical", None)
     return effect.parameters[0].scale if stated is None else float(stated)
+
+
+def to_be_expected(effect: Effect, data: Observations) -> bool:
+    """Whether some of it is on any rig like the one that these data come from."""
+    return isinstance(effect, EffectBase) and effect.to_be_expected(data)

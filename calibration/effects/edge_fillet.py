@@ -52,6 +52,10 @@ class EdgeFillet(EffectBase):
         flat = any(indenter.shape == "flat_cylinder" for indenter in data.indenters)
         return "" if flat else "only a flat punch has an edge"
 
+    def to_be_expected(self, data: Observations) -> bool:
+        """Every edge is somewhat round, and of one that is not stated nobody knows by how much."""
+        return not self.missing(data) and any(one.edge_radius_mm is None for one in data.indenters)
+
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
         return np.array([[rho, sticks] for rho in (0.03, 0.1, 0.3, 0.6) for sticks in (0.0, 1.0)])

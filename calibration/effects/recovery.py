@@ -3,10 +3,12 @@
     P -> P - A q,    q' = (P - q)/tau during a press,    q -> q exp(-rest/tau) (P_max new / P_max old) between two
 
 One slow Maxwell branch at each spot, filled by each press and emptied by each wait; another punch at the spot
-finds it in proportion to its own force. Where a press is one point, nobody saw how it was filled: each press
-then fills it wholly, P -> P (1 - A s_p), s_p = (1 + s_(p-1)) exp(-rest_p/tau). A punch is never pulled: P >= 0.
-Vanishes at A = 0. Source: the state equation of a Maxwell element, e.g. Christensen, Theory of Viscoelasticity
-(1982), sec. 1.5.
+finds it in proportion to its own force. A filled gel loses more: strain breaks its network down within one press,
+however short, and rest builds it up again. Of a share b each press then leaves all of its force, q -> q + P_max,
+and the next finds it in proportion to its force as that grows, q P/P_max. Where a press is one point, nobody saw
+how it was filled, and b is 1: P -> P (1 - A s_p), s_p = (1 + s_(p-1)) exp(-rest_p/tau). A punch is never pulled:
+P >= 0. Vanishes at A = 0. Sources: Christensen, Theory of Viscoelasticity (1982), sec. 1.5 (a Maxwell element);
+Mewis, Wagner, Adv. Colloid Interface Sci. 147 (2009) 214 (breakdown by strain, build-up at rest).
 """
 
 from __future__ import annotations
@@ -35,18 +37,25 @@ class Recovery(EffectBase):
     seen_in = ("wait", "order")
     confused_with = ("mullins",)
     separated_by = ("varied waits",)
-    source = "Christensen, Theory of Viscoelasticity (1982)"
+    source = "Christensen, Theory of Viscoelasticity (1982); Mewis, Wagner (2009)"
     order = 170
     largest = 0.1
     check = ManualCheck("vary the waits from 3 s to 10 min", 25.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """A and tau."""
+        """A, tau and b."""
+        at_once = "0: a press fills it in its own time; 1: at once"
         return (
             Parameter("share", "1", 0.0, (0.0, 0.3), "how much softer right after a press", 0.03),
             Parameter("time_s", "s", 40.0, (10.0, 2000.0), "time constant of healing", 40.0),
+            Parameter("at_once", "1", 0.0, (0.0, 1.0), at_once, 0.3),
         )
+
+    def parameters_on(self, data: Observations) -> tuple[Parameter, ...]:
+        """The same; points do not show how they were filled."""
+        *others, at_once = self.parameters
+        return (*others, at_once if data.is_curves else replace(at_once, default=1.0, bounds=(1.0, 1.0)))
 
     def missing(self, data: Observations) -> str:
         """What these data would need."""
@@ -58,32 +67,35 @@ class Recovery(EffectBase):
 
     def starts(self, data: Observations) -> Floats:
         """Where to look and to begin."""
-        return np.array([[0.03, tau] for tau in (15.0, 40.0, 120.0, 400.0)])
+        ways = (0.0, 1.0) if data.is_curves else (1.0,)
+        return np.array([[0.03, tau, at_once] for tau in (15.0, 40.0, 120.0, 400.0) for at_once in ways])
 
     def apply(self, state: State, values: Floats, data: Observations) -> State:
         """Soften by what is left."""
         elastic = state.force_N
         if data.is_curves:
-            lost = values[0] * carried(elastic, values[1], data=data)
+            lost = values[0] * carried(elastic, values[1], data=data, at_once=values[2])
         else:
             lost = values[0] * elastic * memory(data, values[1])[data.press]
         return replace(state, force_N=np.where(elastic > 0, np.maximum(elastic - lost, 0), elastic))
 
 
-def carried(force_N: Floats, time_s: float, *, data: Observations) -> Floats:
-    """q (N,) of a branch that each spot keeps from press to press."""
-    fresh = relaxed(force_N, time_s, data=data)
+def carried(force_N: Floats, time_s: float, *, data: Observations, at_once: float = 0.0) -> Floats:
+    """q (N,), N, of a branch that each spot keeps from press to press; `at_once` is b."""
+    fresh = (1 - at_once) * relaxed(force_N, time_s, data=data)
     since_s, earlier = _course(data)
-    largest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12).tolist()
+    highest = np.maximum(np.maximum.reduceat(force_N, data.first), 1e-12)
+    largest = highest.tolist()
     ends = np.append(data.first[1:], data.size) - 1
     decay = np.exp(-since_s / time_s)
-    whole, kept = fresh[ends].tolist(), decay[ends].tolist()  # at the end of each press
+    whole, kept = (fresh[ends] + at_once * highest).tolist(), decay[ends].tolist()  # at the end of each press
     left = [0.0] * data.count
     for k, (before, rest_s) in enumerate(earlier):
         if before >= 0:
             left[k] = whole[before] * exp(-rest_s / time_s) * largest[k] / largest[before]
             whole[k] += left[k] * kept[k]
-    return fresh + np.array(left)[data.press] * decay
+    grown = 1 - at_once + at_once * force_N / highest[data.press]
+    return fresh + np.array(left)[data.press] * decay * grown
 
 
 @lru_cache(maxsize=KEPT)

@@ -184,6 +184,10 @@ class EffectBase:
         """Whether these data hold nothing of it: their depth comes from elsewhere, unless said otherwise."""
         return self.depth_source not in (None, data.depth_source)
 
+    def to_be_expected(self, data: Observations) -> bool:
+        """Whether any rig of which nothing is stated has some of it (`typical`); no, unless said otherwise."""
+        return False
+
     def supposed(self, data: Observations) -> Observations:
         """The same with what most rigs have, where it is not stated and the effect could not act without it."""
         return data

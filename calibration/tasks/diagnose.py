@@ -150,7 +150,7 @@ def _determine(
     """The verdict and everything that goes with it."""
     base, fitted = force.searched.base, force.fitted
     before = determine_material(base)
-    alone = _concluded(fitted, before if fitted is base else determine_material(fitted))
+    alone = concluded(fitted, before if fitted is base else determine_material(fitted))
     both = [force] if sight is None else [force, sight]
     flags = list(dict.fromkeys([*alone.flags, *(flag for one in both for flag in one.flags)]))
     sets = [s for one in both for s in one.sets]
@@ -192,7 +192,7 @@ def _moduli(force: Outcome, explained: Sequence[InadmissibleBeta], *, instead: S
     return [modulus / float(force.searched.base.values[0]) for modulus in moduli]
 
 
-def _concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
+def concluded(fitted: Fit, result: CalibrationResult) -> CalibrationResult:
     """The material of the last fit, with a word on curves that take no part and on a stated noise far off."""
     if fitted.data.reconstructed_mm is not None and not fitted.data.is_curves:
         flags, warnings = (*result.flags, POINTS_ALONE), (*result.warnings, WHY_POINTS)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.others_curves import __main__ as command
-from benchmarks.others_curves.judge import exact
+from benchmarks.others_curves.judge import _held, exact
 from benchmarks.others_curves.law import kappa, rounded
 from benchmarks.others_curves.recording import KINDS, make
 from tactilevision.recording import read_recording
@@ -30,11 +30,26 @@ def test_a_rounded_face_ends_as_a_flat_one() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_seed_makes_one_recording_that_can_be_read(kind: str, tmp_path: Path) -> None:
     made = [make(tmp_path / name, kind, 3, rich=False) for name in ("a", "b")]
-    assert made[0] == made[1]
+    assert made[0].told == made[1].told
     assert len(made[0].sizes) == {"clean": 0, "pair": 2}.get(kind, 1)
     recording = read_recording(tmp_path / "a")
     assert len(recording.curves) == made[0].presses
     assert sum(curve.time_s.size for curve in recording.curves) == made[0].samples
+
+
+def test_readings_leave_their_interval_where_what_is_hidden_is_larger_than_their_noise(tmp_path: Path) -> None:
+    """95 % of them are held where nothing is; a jump of the zero takes them out, and a wider noise back in."""
+    for kind, low, high in (("clean", 0.94, 0.96), ("outside", 0.3, 0.9)):  # a zero that drifts by 64 mN
+        made = make(tmp_path / kind, kind, 7, rich=True)
+        reader = made.reader
+        own_N = np.hypot(reader.force_N, reader.depth_mm * made.slope_N_per_mm[made.force_N > 0])
+        said = {
+            "sample_mN": 1e3 * float(np.median(own_N)),
+            "press_gain_percent": 100 * reader.gain,
+            "press_zero_um": 1e3 * reader.zero_mm,
+        }
+        assert low < _held(made, said) < high
+        assert _held(made, said | {"sample_mN": 100.0}) > 0.95
 
 
 def test_the_interval_of_a_share_is_exact() -> None:

@@ -11,6 +11,8 @@ from test_screen import MODEL, TRUTH, measured, presses, pure
 from calibration.inputs.checks import usable
 from calibration.inputs.observations import Observations
 from calibration.repeats.repeat_noise import beyond_stated
+from calibration.result.material import determine_material
+from calibration.tasks.diagnose import concluded
 from tactilevision.errors import InputError
 
 
@@ -77,3 +79,5 @@ def test_a_noise_stated_ten_times_off_is_told(wrong: float, least: float, most: 
     assert found is not None
     assert fitted.noise.scale * wrong == pytest.approx(1.0, abs=0.2)
     assert least <= found < most
+    flag = "stated_noise_too_small" if wrong < 1 else "stated_noise_too_large"
+    assert flag in concluded(fitted, determine_material(fitted)).flags

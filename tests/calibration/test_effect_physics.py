@@ -87,6 +87,9 @@ def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
     left = first * np.exp(-20 / 25)
     np.testing.assert_allclose(found[[2, 3, 5]], [first, left, first + left * np.exp(-10 / 25)], rtol=1e-6)
     np.testing.assert_allclose(found[6:], [0, 0, first], atol=1e-6)
+    broken = carried(force, 25.0, data=data, at_once=1.0)  # all of it, however short the press
+    left = np.exp(-20 / 25) * np.exp(-np.diff([0.0, *(time[1] - time[1][0])]).cumsum() / 25)
+    np.testing.assert_allclose(broken, [0, 0, 0, *(left * force[3:6]), 0, 0, 0], atol=1e-9)
 
 
 def test_softening_runs_from_its_full_size_to_nothing_at_the_largest_depth() -> None:

@@ -211,7 +211,8 @@ def test_the_past_never_pulls_on_the_punch(key: str, time_s: float) -> None:
     effect = EFFECTS[key]
     data = replace(RICH, presses=replace(RICH.presses, rest_s=np.full(RICH.count, 1.0)))
     bare = Model(FlatPunch()).predict(BASE, data)
-    force = planted(effect, np.array([effect.parameters[0].bounds[1], time_s]), data)
+    rest = [p.default for p in effect.parameters[2:]]
+    force = planted(effect, np.array([effect.parameters[0].bounds[1], time_s, *rest]), data)
     assert force.min() == 0.0, "no tension without adhesion"
     np.testing.assert_array_equal(force[bare == 0], 0.0, "nothing in air")
     assert np.count_nonzero(force < bare) > 100, "and yet it acts"

@@ -23,8 +23,9 @@ from calibration.model.composition import Model
 from calibration.repeats.outlying_presses import WANDERS, outlying_presses, own_zero_mm
 from calibration.repeats.repeat_noise import repeat_noise
 from calibration.report.drawing import own_offsets
+from calibration.result.material import determine_material
 from calibration.tasks.compare import base_model, fit_alone
-from calibration.tasks.diagnose import diagnose
+from calibration.tasks.diagnose import concluded, diagnose
 from tactilevision.mechanics.flat_contact import FlatContact
 from tactilevision.mechanics.tables.punch import punch_force
 from tactilevision.records import Material
@@ -90,6 +91,16 @@ def points(force_std_N: float = 0.004) -> Observations:
     depth = [np.array([0.15 * (1 + k % 4)]) for k in range(24)]
     data = observations(depth, [indenter()] * 24)
     return replace(data, force_std_N=np.full(24, force_std_N), depth_std_mm=np.full(24, 0.001))
+
+
+def test_points_of_a_camera_say_that_their_curves_take_no_part() -> None:
+    data = points()
+    taken = measured(data, MODEL.predict(TRUTH, data), np.random.default_rng(5))
+    for seen, flagged in ((None, False), (data.depth_mm, True)):
+        fitted = fit(MODEL, replace(taken, reconstructed_mm=seen))
+        result = concluded(fitted, determine_material(fitted))
+        assert ("curves_not_used" in result.flags) == flagged
+        assert any("only certified points" in warning for warning in result.warnings) == flagged
 
 
 def test_points_are_presses_too() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from made_presses import indenter, observations
 
-from calibration.diagnosis.score_test import _Tail, score_test
+from calibration.diagnosis.score_test import score_test
+from calibration.diagnosis.tail_probability import Tail
 from calibration.effects import EFFECTS
 from calibration.effects.depth_zero import DepthZero
 from calibration.fit.least_squares import Fit, fit, profile_interval
@@ -151,11 +152,21 @@ def test_p_values_far_beyond_the_draws_are_not_understated(dof: int) -> None:
 
     far = float(chi2.isf(1e-6, dof))
     draws = [np.random.default_rng(seed).chisquare(dof, 399) for seed in range(20)]
-    typical = float(np.exp(np.mean([np.log(_Tail(one)(far)) for one in draws])))
+    typical = float(np.exp(np.mean([np.log(Tail(one)(far)) for one in draws])))
     assert 0.5e-6 < typical < 5e-6
-    tail = _Tail(draws[0])
+    tail = Tail(draws[0])
     p = [tail(x) for x in np.linspace(0, far, 200)]
     assert (np.diff(p) <= 0).all()
+
+
+def test_a_draw_is_judged_by_the_others_as_a_measurement_is() -> None:
+    """By all draws, itself among them, the farthest would look less far out: the test would reject too much."""
+    draws = np.random.default_rng(2).chisquare(1, 199)
+    far = np.argsort(draws)[-5:]
+    each = Tail(draws).of_each()[far]
+    others = [Tail(np.delete(draws, k))(draws[k]) for k in far]
+    np.testing.assert_allclose(each, others, rtol=0.1)
+    assert (each < [Tail(draws)(draws[k]) for k in far]).all()
 
 
 def test_the_smallest_visible_amplitude_is_indeed_seen() -> None:

@@ -28,15 +28,15 @@ RADII = (1.5, 2.5, 3.5)
 THREE = Model(FlatPunch())
 
 
-def three_radii() -> Observations:
+def three_radii(edge_mm: float | None = None) -> Observations:
     depths = [np.linspace(0.02, deepest, 15) for deepest in (0.3, 0.45, 0.45) for _ in RADII for _ in range(2)]
     punches = [indenter(f"R{r:g}", r) for _ in range(3) for r in RADII for _ in range(2)]
-    return observations(depths, punches)
+    return observations(depths, [replace(one, edge_radius_mm=edge_mm) for one in punches])
 
 
-def fitted(effect: str = "", size: float = 0.0) -> Fit:
+def fitted(effect: str = "", size: float = 0.0, edge_mm: float | None = None) -> Fit:
     """Of three radii, with an effect that the fit is not told of."""
-    data, model = three_radii(), THREE + EFFECTS[effect] if effect else THREE
+    data, model = three_radii(edge_mm), THREE + EFFECTS[effect] if effect else THREE
     law = np.array([0.2, 0.48, 0.55, 0.85, 1.15])
     force = model.predict(np.append(law, size) if effect else law, data)
     rng = np.random.default_rng(3)
@@ -51,13 +51,30 @@ def allowed(one: Fit, *keys: str) -> tuple[Estimate, Estimate, tuple[UndetectedE
 
 @pytest.mark.slow
 def test_radii_that_exclude_a_wrong_thickness_leave_the_interval_as_it_is() -> None:
-    alone, wide, unseen = allowed(fitted())
+    alone, wide, unseen = allowed(fitted(edge_mm=0.0))
     before, after = _ends(alone), _ends(wide)
     assert after[0] <= before[0] < before[1] <= after[1], "never narrower"
     assert after[1] - after[0] < 1.25 * (before[1] - before[0])
     assert {u.key for u in unseen} >= {"thickness", "force_gain", "skin"}
     assert not {u.key for u in unseen} & {"backing_compliance", "bevel_rise"}, "the depth is the picture's"
     assert sum(u.chance for u in unseen) < 0.7
+
+
+@pytest.mark.slow
+def test_an_edge_that_is_not_stated_is_to_be_expected() -> None:
+    """One of a size that radii do not show makes E low, and is in the interval; a stated one is no edge unseen."""
+    effect = EFFECTS["edge_fillet"]
+    data, model = three_radii(), THREE + effect
+    force = model.predict(np.array([0.2, 0.48, 0.55, 0.85, 1.15, 0.06, 0.0]), data)
+    rng = np.random.default_rng(3)
+    gain = 1 + 0.005 * rng.standard_normal(data.count)[data.press]
+    one = fit_alone(base_model(data), data.with_force(force * gain + 0.004 * rng.standard_normal(data.size)))
+    alone, wide, unseen = allowed(one)
+    assert alone.value is not None
+    assert alone.value < 0.196
+    assert _ends(wide)[0] < 0.2 < _ends(wide)[1]
+    assert unseen[0].key == "edge_fillet"
+    assert not effect.to_be_expected(three_radii(0.0))  # type: ignore[attr-defined]
 
 
 @pytest.mark.slow
