@@ -137,7 +137,7 @@ class History:
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
         options += "".join(f" --leave-out {_quoted(name)}" for name in self.left_out)
-        names = " ".join(_quoted(name) for name in self.recordings)
+        names = " ".join(_quoted(as_path(name)) for name in self.recordings)
         how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
         command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
@@ -214,6 +214,11 @@ def _text(value: object) -> str:
     if not isinstance(value, str) or "\0" in value:
         raise TypeError(f"{value!r} is no text")
     return value
+
+
+def as_path(name: str) -> str:
+    """A recording's path as a command takes it: one that begins with "-" is no option."""
+    return f"./{name}" if name.startswith("-") else name
 
 
 def _quoted(text: str) -> str:
