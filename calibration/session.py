@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _KEY = re.compile(r"\w[\w.-]{0,80}(:\d{1,3})?")  # of an effect, with the number of its terms
 UNITS = ("N", "mm")  # of a step's errors: of the force, and of the depth that the picture reads
-LONGEST_LABEL = 80  # letters of a state's name: one line of a page
+MAX_LABEL = 80  # letters of a state's name: one line of a page
 MAX_SEED = 10**9  # of a run's draws; a larger one in a file was not written by a command
 ERRORS = ("rms_before_N", "rms_after_N", "held_out_before_N", "held_out_after_N", "repeatability_N")  # of a Step
 
@@ -97,12 +97,12 @@ class History:
 
     def label(self, name: str) -> History:
         """With this state under a name, which it takes from another state that had it."""
-        if not name.strip() or len(name) > LONGEST_LABEL or not name.isprintable():
+        if not name.strip() or len(name) > MAX_LABEL or not name.isprintable():
             raise InputError(
                 "a state's name is one line of text",
                 where="label",
                 value=name,
-                remedy=f"{LONGEST_LABEL} letters at most.",
+                remedy=f"{MAX_LABEL} letters at most.",
             )
         others = tuple(one for one in self.labels if one.name != name)
         return replace(self, labels=(*others, Labelled(name, self.steps, self.left_out)))
@@ -137,7 +137,7 @@ class History:
             f"--effect {_quoted(s.path)}" if s.path else f"--with {_quoted(s.key)}" for s in self.steps
         )
         options += "".join(f" --leave-out {_quoted(name)}" for name in self.left_out)
-        names = " ".join(_quoted(name) for name in self.recordings)
+        names = " ".join(_quoted(as_path(name)) for name in self.recordings)
         how = ("" if self.prior else " --no-prior") + (f" --seed {self.seed}" if self.seed else "")
         command = f"tactilevision compare {names} {options}".rstrip() + f"{how} --out {_quoted(str(out))}"
         return f"#!/bin/sh\n# {len(self.steps)} steps\n{command}\n"
@@ -214,6 +214,11 @@ def _text(value: object) -> str:
     if not isinstance(value, str) or "\0" in value:
         raise TypeError(f"{value!r} is no text")
     return value
+
+
+def as_path(name: str) -> str:
+    """A recording's path as a command takes it: one that begins with "-" is no option."""
+    return f"./{name}" if name.startswith("-") else name
 
 
 def _quoted(text: str) -> str:

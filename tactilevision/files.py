@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import math
@@ -211,9 +212,12 @@ def _umask() -> int:
     return mask
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room: on the disk, of the user, in the file
+
+
 def _refused(target: Path, fault: OSError) -> OutputError:
     return OutputError(
         f"cannot be written: {fault.strerror or fault}",
         where=target,
-        remedy="Free some space or choose another folder with --out.",
+        remedy=("Free some space or choose" if fault.errno in _FULL else "Choose") + " another folder with --out.",
     )

@@ -32,7 +32,7 @@ from calibration.repeats.repeat_noise import refit_with_pure_noise
 from tactilevision.records import Floats
 
 REFITTED = 8  # candidates of a round that are fitted, the best by score; the others are far behind
-MOST = 3  # effects in one model: the data of one recording bear no more
+MAX_EFFECTS = 3  # effects in one model: the data of one recording bear no more
 BEYOND_DOUBT = 0.001  # family-wise level of a second and a third effect
 FEW = 49  # draws where the statistic alone is asked for
 
@@ -115,7 +115,7 @@ def forward_selection(
     """
     start = current = looked_at = base
     rounds, steps, bend_or = list[Round](), list[Step](), tuple[Candidate, ...]()
-    while len(steps) < MOST and not (rounds and watch.over):
+    while len(steps) < MAX_EFFECTS and not (rounds and watch.over):
         now = BEYOND_DOUBT if steps else level if current is base else level / 2
         turn, looked_at = _look(current, catalogue, rng, now, of_rig=of_rig, watch=watch), current
         rounds.append(turn)

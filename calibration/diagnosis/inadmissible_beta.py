@@ -25,7 +25,7 @@ from tactilevision.records import Floats
 
 THEORY_BETA = 0.85  # beta of finite elements, neo-Hookean and sticking, at AT_RATIO
 AT_RATIO = 2.5 / 3  # a/h at which THEORY_BETA was computed
-TURNS = 25  # most rounds between a thickness and the beta that theory gives for it
+MAX_ITERATIONS = 25  # most rounds between a thickness and the beta that theory gives for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _candidate(fitted: Fit, effect: Effect) -> InadmissibleBeta:
     place = model.slices(data)[key].start
     starts = np.array([np.insert(fitted.values, [place] * len(start), start) for start in effect.starts(data)])
     values, thickness = starts[0], data.gel.thickness_mm
-    for _ in range(TURNS if rescaled else 1):
+    for _ in range(MAX_ITERATIONS if rescaled else 1):
         values = _with_theory(fitted, model, key, starts, thickness)
         if rescaled:
             fitted_mm = data.gel.thickness_mm * (1 + float(values[place]))

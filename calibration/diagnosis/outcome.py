@@ -10,7 +10,7 @@ from calibration.diagnosis.alternative_explanation import (
     plain_errors,
 )
 from calibration.diagnosis.diagnosis import NOTHING_ODD
-from calibration.diagnosis.forward_selection import MOST, Searched, Step
+from calibration.diagnosis.forward_selection import MAX_EFFECTS, Searched, Step
 from calibration.diagnosis.refit import Candidate
 from calibration.diagnosis.remainder import Remainder, remainder
 from calibration.diagnosis.score_test import LEVEL
@@ -71,7 +71,8 @@ def outcome(searched: Searched, level: float, odd: OutlyingPresses = NOTHING_ODD
         return Outcome(searched, steps, () if steps else so_far, left, not steps, tuple(flags), odd)
     flags += ["small_remainder"] if over else []
     enough = CURED if searched.to_be_cured else MOSTLY
-    mostly = 0 < len(steps) < MOST and searched.explained > enough and not odd.wanders  # its form is not exact
+    # its form is not exact
+    mostly = 0 < len(steps) < MAX_EFFECTS and searched.explained > enough and not odd.wanders
     matters = over is not None and over.matters and not mostly
     if not (matters or odd.presses or (odd.scattered and not steps)):
         return Outcome(searched, steps, (), left, False, tuple(flags), replace(odd, wanders=()), over)

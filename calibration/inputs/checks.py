@@ -67,7 +67,7 @@ def _indenter(data: Observations, indenter: Indenter, shape: str) -> Iterator[In
             f"this law is for a {shape}",
             where=where,
             value=indenter.shape,
-            remedy="Leave its presses out, or choose the law for its shape.",
+            remedy="Leave its presses out; where there are no others, `calibrate` alone fits balls and cones.",
         )
     if shape != "cone" and not (np.isfinite(radius) and radius > 0):
         yield InputError("an indenter's radius lies above 0 mm", where=where, value=radius)

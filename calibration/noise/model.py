@@ -113,10 +113,10 @@ class Whitener:
 
 @dataclass(frozen=True, slots=True)
 class Alike:
-    """What neighbours share: of each sample (T,), the std of its news, and how far it moves what is expected next.
+    """What neighbours share: the std of each sample's innovation (T,), and how far it moves what is expected next.
 
-    White noise beside noise with a memory is itself no simple memory: a Kalman filter tells news from what was to
-    be expected. Source: Kalman, J. Basic Eng. 82 (1960) 35.
+    White noise beside noise with a memory is itself no simple memory: a Kalman filter tells the innovation from
+    what was to be expected. Source: Kalman, J. Basic Eng. 82 (1960) 35.
     """
 
     std: Floats
@@ -135,7 +135,7 @@ class Alike:
         return cls(np.array(std), np.array(gain), noise.correlation)
 
     def decorrelate(self, table: Floats) -> Floats:
-        """The news of columns (M, T, k), white where the columns are such noise."""
+        """The innovation of columns (M, T, k), white where the columns are such noise."""
         if not self.correlation:
             return table
         from scipy.linalg.lapack import dtbtrs
@@ -148,13 +148,13 @@ class Alike:
         expected, _ = dtbtrs(np.array([np.ones_like(kept), -kept]), columns, uplo="L", diag="U", overwrite_b=True)
         return np.asarray((along - expected.T.reshape(along.shape)).transpose(0, 2, 1) / self.std[:, None])
 
-    def correlate(self, news: Floats) -> Floats:
+    def correlate(self, innovation: Floats) -> Floats:
         """The inverse."""
         if not self.correlation:
-            return news
-        table, expected = np.empty_like(news), np.zeros_like(news[:, 0])
+            return innovation
+        table, expected = np.empty_like(innovation), np.zeros_like(innovation[:, 0])
         for k, (std, gain) in enumerate(zip(self.std, self.gain, strict=True)):
-            new = std * news[:, k]
+            new = std * innovation[:, k]
             table[:, k] = expected + new
             expected = self.correlation * (expected + gain * new)
         return table

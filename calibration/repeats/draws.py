@@ -16,7 +16,7 @@ from calibration.repeats.outlying_presses import TAILS, log_student, press_dof
 from tactilevision.records import Floats
 
 NORMAL_DOF = 100.0  # degrees of freedom from which a t is drawn as a normal
-LEAST_DOF = 2.5  # degrees of freedom: with 2 a t has no variance
+MIN_DOF = 2.5  # degrees of freedom: with 2 a t has no variance
 
 
 def draw_errors(fitted: Fit, rng: np.random.Generator, draws: int) -> Floats:
@@ -36,7 +36,7 @@ def student(rng: np.random.Generator, dof: float, shape: tuple[int, ...]) -> Flo
     """Student's t of this shape, unit variance; normal from 100 degrees of freedom on."""
     if dof > NORMAL_DOF:
         return rng.standard_normal(shape)
-    dof = max(dof, LEAST_DOF)
+    dof = max(dof, MIN_DOF)
     return np.asarray(rng.standard_t(dof, shape) * np.sqrt((dof - 2) / dof))
 
 
@@ -49,6 +49,6 @@ def sample_dof(fitted: Fit) -> float:
         size = float(np.sqrt((dof - 2) / dof))
         return float(np.sum(log_student(white / size, dof)) - white.size * np.log(size))
 
-    tails = [dof for dof in TAILS if dof > LEAST_DOF]
+    tails = [dof for dof in TAILS if dof > MIN_DOF]
     best = max(tails, key=likelihood)
     return best if likelihood(best) - likelihood(tails[-1]) > np.log(white.size) else tails[-1]

@@ -12,7 +12,7 @@ from calibration.fit.least_squares import Fit
 from calibration.repeats.outlying_presses import OutlyingPresses
 
 WORTH = 0.5  # std: an action that brings less is not worth its minutes
-SURE = 10.0  # std: one that brings more is no better for it
+MAX_SIGMA = 10.0  # std: one that brings more is no better for it
 
 
 def plan_next(
@@ -37,7 +37,7 @@ def plan_next(
             plans += measure_next(base, group[0], rivals=group[1:])
             break
     worth = [plan for plan in plans if plan.separation_sigma > WORTH]
-    worth.sort(key=lambda plan: -min(plan.separation_sigma, SURE) / plan.minutes)
+    worth.sort(key=lambda plan: -min(plan.separation_sigma, MAX_SIGMA) / plan.minutes)
     follow = manual_checks.of_left(left.covariates) if left is not None else []
     found = [*press_again(odd), *follow, *worth, *manual_checks.of_hidden(bias)]
     return tuple({plan.action: plan for plan in reversed(found)}.values())[::-1]

@@ -51,7 +51,7 @@ SOUND = 0.9  # share of a square's pixels that must be readable; benchmarks.nu_f
 CENTRE_STD_MM = 0.05  # mm, one sigma of the face's centre; benchmarks.nu_from_frames
 GUARD = 0.4  # thicknesses beside the edge, where the edge's radius and the wall's blur reach
 BOWL_STD_PER_MM = 3e-4  # slope per mm, one sigma: three thousandths of slope at 10 mm
-MOST_NU = 0.4999  # of a gel
+MAX_NU = 0.4999  # of a gel
 INTERVAL = 1.96  # deviations to either end of a 95 % interval
 STATED_STD = 0.005  # of a Poisson's ratio stated without one
 
@@ -134,7 +134,7 @@ def _out_of_shadow(
     nu = plain.poisson_ratio
     if nu.value is not None and nu.std is not None and nu.interval95 is not None:
         low, high = nu.interval95
-        nu = replace(nu, std=math.hypot(nu.std, NU_STD), interval95=(low, min(high + 2 * NU_STD, MOST_NU)))
+        nu = replace(nu, std=math.hypot(nu.std, NU_STD), interval95=(low, min(high + 2 * NU_STD, MAX_NU)))
     return replace(plain, poisson_ratio=nu), (
         f"The lamps' places are not known, so nu may be {NU_STD:g} too low and E 5 to 20 % too high."
     )
@@ -146,7 +146,7 @@ def _widened(nu: Estimate, std: float) -> Estimate:
         return nu
     low, high = nu.interval95
     more = math.hypot(0.5 * (high - low), INTERVAL * std) - 0.5 * (high - low)
-    return replace(nu, std=math.hypot(nu.std, std), interval95=(low - more, min(high + more, MOST_NU)))
+    return replace(nu, std=math.hypot(nu.std, std), interval95=(low - more, min(high + more, MAX_NU)))
 
 
 def _without(plain: SurfaceFit, lit_alone: SurfaceFit, recording: Recording) -> str:

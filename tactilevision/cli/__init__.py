@@ -35,7 +35,10 @@ def main() -> int:
 def _run() -> int:
     from tactilevision.cli.app import app
     from tactilevision.cli.console import INTERRUPTED, report_failure
+    from tactilevision.errors import InputError
 
+    if "" in sys.argv[1:]:  # as a path it would be the whole folder one stands in
+        return report_failure(InputError("an argument is empty", remedy="Is a variable of the shell unset?"))
     try:
         if app(standalone_mode=False) == INTERRUPTED:  # typer makes a number of what Ctrl-C raised
             return report_failure(KeyboardInterrupt())

@@ -101,11 +101,14 @@ def compare_command(
     left_out: Sequence[str] = (),
 ) -> str:
     """The command that adds these effects, as a shell takes it."""
+    from calibration.session import as_path
+
     options = [
         word for name in names for word in (("--effect", files[name]) if name in files else ("--with", name))
     ]
+    paths = [as_path(str(recording)) for recording in recordings]
     held = [word for press in left_out for word in ("--leave-out", press)] + ([] if prior else ["--no-prior"])
-    return shlex.join(["tactilevision", "compare", *map(str, recordings), *options, *held])
+    return shlex.join(["tactilevision", "compare", *paths, *options, *held])
 
 
 def keep_history(

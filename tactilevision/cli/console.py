@@ -12,7 +12,7 @@ from typing import Annotated, Any, Protocol
 
 import typer
 
-from tactilevision.errors import TactilevisionError
+from tactilevision.errors import InputError, TactilevisionError
 from tactilevision.files import write_json
 from tactilevision.runs import Ticker
 
@@ -135,6 +135,9 @@ def report_failure(fault: BaseException) -> int:
         return fault.code if isinstance(fault.code, int) else 1
     if isinstance(fault, BrokenPipeError):
         return 0
+    if isinstance(fault, OSError) and fault.filename:  # a name too long, no permission: the place is at fault
+        typer.echo(f"error: {str(fault.filename)[:200]}: cannot be used: {fault.strerror}.", err=True)
+        return InputError.exit_code
     show = getattr(fault, "show", None)  # a wrong option or argument, worded by the command line's parser
     if callable(show):
         show()

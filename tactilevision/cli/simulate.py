@@ -23,7 +23,7 @@ class Frames(StrEnum):
 
 def simulate(
     out: Annotated[Path, typer.Argument(help="Folder of the recording; made if missing.")],
-    seed: Annotated[int, typer.Option(help="The same seed gives the same recording.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same recording.")] = 0,
     frames: Annotated[
         Frames, typer.Option(help="Format of the pictures; curves or points: no pictures.")
     ] = Frames.PNG,

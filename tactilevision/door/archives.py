@@ -5,6 +5,7 @@ Nothing is unpacked to disk. A packed or encrypted member, one that stands there
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
         try:
             with zipfile.ZipFile(file) as packed:
                 members = packed.infolist()
-                _check(members, Path(path))
+                _check(members, Path(path), size=os.fstat(file.fileno()).st_size)
                 return {about.filename: packed.read(about) for about in members}
         except InputError:
             raise
@@ -38,9 +39,11 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
             ) from fault
 
 
-def _check(members: list[zipfile.ZipInfo], path: Path) -> None:
+def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
     total = sum(about.file_size for about in members)
     check(total / 1e6, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
+    if total > size:  # members that share their bytes
+        raise InputError("the archive states more than the file has", where=path, value=total)
     names = [about.filename for about in members]
     if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
         raise InputError("the archive holds more files than ours do, or one twice", where=path, value=len(names))

@@ -33,7 +33,7 @@ RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # a/h, nodes of the table
 PLACES = np.linspace(-1, 2, 31)  # place along the tilt, nodes of the table
 SQUARES = 65  # squares across the face
 NU = 0.48  # Poisson's ratio of the table
-TURNS = 4000  # iterations at most
+MAX_ITERATIONS = 4000  # iterations at most
 CONVERGENCE_TOL = 1e-9  # relative change at which the iteration ends
 
 
@@ -114,7 +114,7 @@ def _pressed(wave: npt.NDArray[np.complex128], face: Bools, gap: Floats) -> floa
 
     p = np.where(face & (gap > 0), 1.0, 0.0)
     way, before, go_on = np.zeros_like(p), 1.0, 0.0
-    for _ in range(TURNS):
+    for _ in range(MAX_ITERATIONS):
         rest = np.where(face, depth(p) - gap, 0.0)
         pressed = p > 0
         now = float(np.sum(rest[pressed] ** 2))

@@ -146,7 +146,7 @@ class Reconstructor:
         gel = self.sensor.gel
         with self.turn.lock:
             if self.shadows is None:
-                surface, valid, std, flags = self._mapped(rgb)
+                (surface, valid, std, flags), self.given_back = self._mapped(rgb), None
             else:
                 (surface, valid, std, flags), self.given_back = undo_shadows(
                     self._mapped,
@@ -220,7 +220,7 @@ class Reconstructor:
         terms = self.error.terms_mm(height.depth_mm, self.evidence)
         if self.given_back is not None:
             every = self.error.every
-            terms["cast_shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
+            terms["cast shadow"] = np.asarray(self.given_back[::every, ::every], np.float32)
         return terms
 
     def look(self, pictures: Sequence[Bytes]) -> None:

@@ -224,3 +224,25 @@ def test_where_there_is_no_terminal_progress_is_lines(
     with console.progress_bar("quick"):
         pass
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("depth", ""), "error: an argument is empty. Is a variable of the shell unset?"),
+        (("depth", "x" * 300), "cannot be used: File name too long."),
+        (("calibrate", PAPER, "--out", "x" * 300), "cannot be used: File name too long."),
+        (("simulate", "out", "--seed", "-1"), "--seed"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_clear_error(
+    arguments: tuple[object, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, *arguments) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

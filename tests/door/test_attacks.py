@@ -15,6 +15,7 @@ import pytest
 from shared_scenes import sample_reconstructor
 
 from calibration.session import History, Step, load_history
+from tactilevision.cli.analysis import compare_command
 from tactilevision.errors import InputError
 from tactilevision.files import staged
 from tactilevision.force.calibrated import read_clock_offset, read_material
@@ -154,6 +155,12 @@ def test_a_clock_offset_that_is_no_number_is_refused(tmp_path: Path) -> None:
     path.write_text('{"clock_offset_s": {"value": NaN}}')
     with pytest.raises(InputError, match="not a calibration"):
         read_clock_offset(path)
+
+
+def test_a_recording_in_a_history_is_never_an_option_of_the_script() -> None:
+    history = History(("--effect=/tmp/evil.py",), (), ())
+    assert "compare ./--effect=/tmp/evil.py --out" in history.script("out")
+    assert "compare ./--effect=/tmp/evil.py" in compare_command(history.recordings, [], {})
 
 
 def test_a_tampered_history_puts_no_command_into_the_script(tmp_path: Path) -> None:

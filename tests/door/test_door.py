@@ -15,6 +15,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tactilevision.door.archives import read_archive
 from tactilevision.door.arrays import read_array, read_arrays
 from tactilevision.door.documents import parse_toml, read_json
 from tactilevision.door.limits import limit
@@ -254,3 +255,18 @@ def test_stray_bytes_do_not_hide_the_size_of_a_jpeg() -> None:
     data = cv2.imencode(".jpg", np.zeros((9, 7, 3), np.uint8))[1].tobytes()
     stray = data[:2] + b"\x00\x17" + data[2:]
     assert picture_size(stray) == picture_size(data) == (7, 9)
+
+
+def test_members_of_an_archive_that_share_their_bytes_are_refused(tmp_path: Path) -> None:
+    """Every entry of the directory points to the first member: 40 times what the file has."""
+    path = tmp_path / "a.tvs"
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("000", bytes(10_000))
+        for number in range(1, 40):
+            packed.writestr(f"{number:03d}", b"")
+        first = packed.infolist()[0]
+        for about in packed.infolist()[1:]:
+            about.header_offset = first.header_offset
+            about.file_size, about.compress_size, about.CRC = first.file_size, first.compress_size, first.CRC
+    with pytest.raises(InputError, match="the archive states more than the file has"):
+        read_archive(path)

@@ -60,13 +60,13 @@ def test_what_is_given_back_is_part_of_the_deviation_and_of_its_terms() -> None:
     frame = read_frame(read_recording(SAMPLE), 6)
     seen = reader.height_map(frame)
     changed = np.abs(seen.depth_mm - plain.height_map(frame).depth_mm)
-    given_back = reader.depth_terms(seen)["cast_shadow"]
+    given_back = reader.depth_terms(seen)["cast shadow"]
     assert given_back.max() == pytest.approx(0.35 * changed.max(), rel=0.2)
     assert seen.std_mm is not None
     assert np.all(seen.std_mm[changed > 0.05] > 0.3 * 0.05)
     free = reader.height_map(read_frame(read_recording(SAMPLE), 0))
     assert np.array_equal(free.depth_mm, plain.height_map(read_frame(read_recording(SAMPLE), 0)).depth_mm)
-    assert "cast_shadow" not in reader.depth_terms(free)
+    assert "cast shadow" not in reader.depth_terms(free)
 
 
 def test_shadows_are_looked_for_before_they_are_undone() -> None:

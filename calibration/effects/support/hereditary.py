@@ -45,9 +45,11 @@ def relaxed(force_N: Floats, tau_s: float, *, data: Observations) -> Floats:
     from scipy.linalg.lapack import dtbtrs
 
     decay, gain = _step(data, tau_s)
-    news = np.diff(force_N, prepend=0.0) * gain
-    news[data.first] = force_N[data.first]
-    held, _ = dtbtrs(np.array([np.ones(data.size), np.append(-decay[1:], 0)]), news[:, None], uplo="L", diag="U")
+    innovation = np.diff(force_N, prepend=0.0) * gain
+    innovation[data.first] = force_N[data.first]
+    held, _ = dtbtrs(
+        np.array([np.ones(data.size), np.append(-decay[1:], 0)]), innovation[:, None], uplo="L", diag="U"
+    )
     return np.asarray(force_N - held[:, 0])
 
 

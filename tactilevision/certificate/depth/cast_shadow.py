@@ -28,7 +28,7 @@ MIN_GROWTH = 0.25  # of f from the gentlest press to the deepest: twice what dep
 MIN_SIGMA = 4.0  # deviations of the growth, by the scatter of the presses
 MIN_PRESSES = 4  # fewer tell no scatter
 MIN_SPAN = 1.5  # deepest over gentlest: less shows no growth
-FEWEST = 20  # squares of gel in either ring
+MIN_COUNT = 20  # squares of gel in either ring
 LIT_NU_STD = 0.005  # of nu, read where all lamps reach: on six recordings of the path tracer it was .0055 low
 NU_STD = 0.03  # of nu, where shadows are seen and cannot be left out; by the renderings above
 
@@ -66,4 +66,4 @@ def _fall_mm(view: SurfaceView) -> float:
 
 def _ring(view: SurfaceView, beyond: Floats, limits: tuple[float, float]) -> float:
     inside = view.valid & (beyond > limits[0]) & (beyond < limits[1])
-    return float(view.depth_mm[inside].mean()) if np.count_nonzero(inside) >= FEWEST else np.nan
+    return float(view.depth_mm[inside].mean()) if np.count_nonzero(inside) >= MIN_COUNT else np.nan
