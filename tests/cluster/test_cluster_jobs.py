@@ -250,6 +250,21 @@ def test_recordings_calibrated_on_the_cluster_give_the_same_files(
             assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "many" / path).read_bytes(), path
 
 
+@pytest.mark.slow
+def test_recordings_diagnosed_on_the_cluster_give_the_same_findings(
+    machines: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = []
+    for out, more in (("one", ()), ("many", ("--cluster", machines.address))):
+        command = ["tactilevision", "diagnose", str(SAMPLES / "paper_points"), "--out", str(tmp_path / out), *more]
+        monkeypatch.setattr(sys, "argv", command)
+        assert main() == 0
+        said.append("".join(capsys.readouterr()).replace(str(tmp_path / out), "OUT"))
+    assert said[0] == said[1]
+    for name in ("diagnosis.json", "report.html"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
+
+
 def test_a_task_that_raises_says_so_here(machines: Machines) -> None:
     with pool.cluster_pool(machines.address) as workers:
         assert workers.submit(divmod, 7, 2).result(60) == (3, 1)
