@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tactilevision.cli.measure import beside_the_punch, shadows_undone
+from tactilevision.cli.measure import beside_the_punch, oldest_first, shadows_undone, take
 
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
@@ -50,9 +50,29 @@ class Settings:
     left_out: tuple[str, ...] = ()
 
 
+def taken_with_nu(paths: Sequence[Path], *, cluster: str | None) -> tuple[list[Taken], Estimate | None]:
+    """`with_nu` of recordings read and certified; on a cluster each is a task of its own, which writes nothing."""
+    if cluster is None:
+        return with_nu(take(paths, answered=ANSWERED))
+    from tactilevision.cli.on_cluster import each_on_cluster
+
+    given = oldest_first(paths)
+    read = each_on_cluster(_there, given, cluster=cluster, title="certifying recordings")
+    return _sharpest([(replace(one, recording=here), nu) for (one, nu), here in zip(read, given, strict=True)])
+
+
+def _there(path: Path) -> tuple[Taken, Estimate | None]:
+    """One recording and its nu, as they travel: without what made its maps, which is large."""
+    taken, bulge = beside_the_punch(take([path], answered=ANSWERED)[0])
+    return replace(taken, reconstructor=None), bulge
+
+
 def with_nu(taken: Sequence[Taken]) -> tuple[list[Taken], Estimate | None]:
     """The recordings as a calibration takes them, and nu as the sharpest of their pictures reads it."""
-    read = [beside_the_punch(one) for one in taken]
+    return _sharpest([beside_the_punch(one) for one in taken])
+
+
+def _sharpest(read: Sequence[tuple[Taken, Estimate | None]]) -> tuple[list[Taken], Estimate | None]:
     known = [bulge for _, bulge in read if bulge is not None and bulge.value is not None and bulge.std]
     return [one for one, _ in read], min(known, key=lambda bulge: bulge.std or 0.0, default=None)
 

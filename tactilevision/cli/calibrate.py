@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -99,35 +97,20 @@ def _outcomes(paths: Sequence[Path], law: str, *, prior: bool, cluster: str | No
     """Of each recording, the oldest first; on a cluster each is a task of its own, which writes nothing."""
     if cluster is None:
         return [calibrate_one(taken, law, prior=prior) for taken in take(paths)]
-    from tactilevision.cluster.pool import cluster_pool
+    from tactilevision.cli.on_cluster import each_on_cluster
 
     given = oldest_first(paths)
-    with cluster_pool(cluster) as pool, console.progress_bar("calibrating recordings") as progress:
-        tasks = [pool.submit(_on_worker, one.path.absolute(), law, prior) for one in given]
-        outcomes = []
-        for recording, task in zip(given, tasks, strict=True):
-            outcome, warnings = task.result()
-            console.warn(warnings)
-            if not isinstance(outcome, Outcome):
-                raise outcome
-            outcomes.append(replace(outcome, taken=replace(outcome.taken, recording=recording)))
-            progress(len(outcomes), len(given))
-    return outcomes
+    found = each_on_cluster(_there, given, law, prior, cluster=cluster, title="calibrating recordings")
+    return [
+        replace(one, taken=replace(one.taken, recording=recording))
+        for one, recording in zip(found, given, strict=True)
+    ]
 
 
-def _on_worker(path: Path, law: str, prior: bool) -> tuple[Outcome | TactilevisionError, list[str]]:
-    """What became of a recording, or why nothing did, and the warnings; what made maps stays here: it is large."""
-    from tactilevision.errors import TactilevisionError
-
-    outcome: Outcome | TactilevisionError
-    with redirect_stderr(io.StringIO()) as said:
-        try:
-            outcome = calibrate_one(take([path])[0], law, prior=prior)
-            outcome = replace(outcome, taken=replace(outcome.taken, reconstructor=None))
-        except TactilevisionError as fault:
-            outcome = fault
-    mark = "warning: "
-    return outcome, [line.removeprefix(mark) for line in said.getvalue().splitlines() if line.startswith(mark)]
+def _there(path: Path, law: str, prior: bool) -> Outcome:
+    """Of one recording, as it travels: without what made its maps, which is large."""
+    outcome = calibrate_one(take([path])[0], law, prior=prior)
+    return replace(outcome, taken=replace(outcome.taken, reconstructor=None))
 
 
 def calibrate_one(taken: Taken, law: str, *, prior: bool = True) -> Outcome:

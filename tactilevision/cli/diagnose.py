@@ -12,7 +12,6 @@ import typer
 
 from tactilevision.cli import console
 from tactilevision.cli.analysis import (
-    ANSWERED,
     Private,
     Recordings,
     Seed,
@@ -22,9 +21,8 @@ from tactilevision.cli.analysis import (
     keep_history,
     named_effects,
     observed,
-    with_nu,
+    taken_with_nu,
 )
-from tactilevision.cli.measure import take
 from tactilevision.cli.steps import forget_found, keep_calibration
 
 if TYPE_CHECKING:
@@ -44,6 +42,7 @@ def diagnose(
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
     prior: console.PriorOption = True,
+    cluster: console.ClusterOption = None,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
     json: console.JsonOption = None,
@@ -63,7 +62,7 @@ def diagnose(
 
     deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
-    taken, bulge = with_nu(take(recordings, answered=ANSWERED))
+    taken, bulge = taken_with_nu(recordings, cluster=cluster)
     with console.progress_bar("diagnosing") as progress:
         watch, data, rng = Watch(progress, deadline), observed(taken), np.random.default_rng(seed)
         found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)

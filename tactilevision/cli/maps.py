@@ -45,6 +45,10 @@ class Maps:
                 height = replace(height, std_mm=std_mm)
         return height, None
 
+    def stretch(self, what: str) -> list[int]:
+        """Numbers of frames to film: a film needs frames, and raises InputError here."""
+        raise InputError("a film needs frames, not depth TIFFs", where="--film", value=what)
+
     def best(self) -> tuple[HeightMap, None]:
         """The deepest, by depth.csv; else the first."""
         from tactilevision.batch.folder import TABLE

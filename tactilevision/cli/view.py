@@ -67,18 +67,15 @@ def view(
     from tactilevision.exports import export as write
     from tactilevision.plots import style
 
-    _check_known(export or [])
-    if window:
-        style.check_screen()
+    _check(export or [], screen=window)
     rgb: Bytes | None = None
-    opened: _Opened | Maps | None = find_maps(path, mm_per_px)
+    opened: _Opened | Maps | None = None
     filmed: list[int] = []
     if is_tiff(path):
         height = read_map(path, mm_per_px)
-    elif opened is not None:
-        height, rgb = opened.best() if frame is None else opened.named(frame)
     else:
-        opened = _Opened(path, source.Choice(sensor, reference, method, mm_per_px))
+        chosen = source.Choice(sensor, reference, method, mm_per_px)
+        opened = find_maps(path, mm_per_px) or _Opened(path, chosen)
         filmed = [] if film is None else opened.stretch(film)
         height, rgb = opened.best() if frame is None else opened.named(frame)
     console.warn([f"{height.name}: {MEANING[flag]}" for flag in height.flags])
@@ -117,10 +114,14 @@ def _window(height: HeightMap, opened: _Opened | Maps | None, other: HeightMap |
     return Window(names, lambda n: opened.named(names[n])[0], number=opened.number(height.name), marked=other)
 
 
-def _check_known(forms: list[str]) -> None:
+def _check(forms: list[str], *, screen: bool) -> None:
+    """Whether all forms are known, and a screen is there where one is needed; before anything is drawn."""
     from tactilevision.errors import InputError
     from tactilevision.exports import EXPORTS
+    from tactilevision.plots import style
 
+    if screen:
+        style.check_screen()
     unknown = [form for form in forms if form not in EXPORTS]
     if unknown:
         raise InputError(

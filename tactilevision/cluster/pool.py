@@ -6,6 +6,7 @@ its arguments that writes its result whole under its own name, so a second time 
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
@@ -25,6 +26,8 @@ BACK_S = 600.0  # s that a scheduler may be away before the run gives up
 SWEEP_S = 1.0  # s between two looks at every task, for those that were lost in silence
 PAUSE_S = 0.5  # s between two tries to reach a scheduler
 UNTOLD = 20  # tries of a task on workers that have not been told of the run
+
+_log = logging.getLogger(__name__)
 
 
 class EndsWorkers(TactilevisionError):
@@ -158,6 +161,8 @@ class ClusterPool(Executor):
     def _bring_back(self) -> None:
         """Find the scheduler again, and hand over what was lost."""
         until = time.monotonic() + BACK_S
+        if self._client.status != "running":
+            _log.warning("the scheduler is away: waiting %.0f s for it; workers may have ended with it", BACK_S)
         while not self._closed:
             try:
                 if self._client.status != "running":
@@ -200,7 +205,15 @@ def cluster_pool(where: str, start: Callable[..., None] | None = None, *given: A
     answers there, there are no workers, or theirs is another version of this library.
     """
     pool = ClusterPool(where, start, given)
+    theirs = logging.getLogger("distributed.client")
+    theirs.addFilter(_is_no_farewell)
     try:
         yield pool
     finally:
         pool.shutdown()
+        theirs.removeFilter(_is_no_farewell)
+
+
+def _is_no_farewell(record: logging.LogRecord) -> bool:
+    """Whether Dask's client says more than how it lost its scheduler, which `_bring_back` says."""
+    return record.exc_info is None

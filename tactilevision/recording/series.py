@@ -114,7 +114,7 @@ def rotation(settings: ForceSettings, toml: Path) -> Floats | None:
 
 
 def turns(rotation: Floats) -> bool:
-    """Whether a matrix (3, 3) turns without stretching."""
+    """Whether a matrix (3, 3), dimensionless, turns without stretching."""
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3))
 
 

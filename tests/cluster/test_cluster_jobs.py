@@ -169,7 +169,9 @@ def test_a_frame_that_kills_its_workers_is_named_and_the_others_are_read(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_started_anew_is_found_again(machines: Machines, tmp_path: Path) -> None:
+def test_a_scheduler_that_is_started_anew_is_found_again(
+    machines: Machines, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     source = recording(tmp_path / "in", 120)
     reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
 
@@ -186,6 +188,8 @@ def test_a_scheduler_that_is_started_anew_is_found_again(machines: Machines, tmp
     address = str(machines.folder / "at.json")
     reconstruct_folder(source, reconstructor(), tmp_path / "many", cluster=address, progress=at(20, restart))
     assert len(machines.started) > before
+    assert "the scheduler is away: waiting 600 s for it" in caplog.text
+    assert "Traceback" not in caplog.text
     alike(tmp_path / "one", tmp_path / "many")
 
 
@@ -248,6 +252,21 @@ def test_recordings_calibrated_on_the_cluster_give_the_same_files(
     for path in names:
         if (tmp_path / "one" / path).is_file():
             assert (tmp_path / "one" / path).read_bytes() == (tmp_path / "many" / path).read_bytes(), path
+
+
+@pytest.mark.slow
+def test_recordings_diagnosed_on_the_cluster_give_the_same_findings(
+    machines: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = []
+    for out, more in (("one", ()), ("many", ("--cluster", machines.address))):
+        command = ["tactilevision", "diagnose", str(SAMPLES / "paper_points"), "--out", str(tmp_path / out), *more]
+        monkeypatch.setattr(sys, "argv", command)
+        assert main() == 0
+        said.append(capsys.readouterr().out.replace(str(tmp_path / out), "OUT"))
+    assert said[0] == said[1]
+    for name in ("diagnosis.json", "report.html"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
 
 
 def test_a_task_that_raises_says_so_here(machines: Machines) -> None:
