@@ -25,6 +25,9 @@ from calibration.report.verdict import (
 from tactilevision.errors import InputError
 
 MISFIT = 0.05  # p of the most telling covariate, below which the page says that the model fails
+ANEW = (
+    " Below, what was read is corrected by these sizes; `compare` reads the frames anew instead, to another error."
+)
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -211,7 +214,8 @@ def _size(one: InadmissibleBeta) -> str:
 def _in_plain_words(added: Added) -> str:
     about = _about(added.key)
     said = about.title if about is not None and about.title else in_words(added.key)
-    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}."
+    anew = ANEW if about is not None and about.treatment else ""
+    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}.{anew}"
 
 
 def _parameter(name: str) -> str:
