@@ -281,7 +281,8 @@ def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
 
 def after_words(found: Diagnosis) -> str:
     """What E after a diagnosis is of."""
-    return "with what was found" if found.effects else "with all that may be missing"
+    bent = ",\nbent as theory allows" if "bend_within_theory" in found.flags else ""
+    return ("with what was found" if found.effects else "with all that may be missing") + bent
 
 
 def _material(found: Diagnosis) -> str:
