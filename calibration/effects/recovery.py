@@ -83,7 +83,7 @@ def carried(force_N: Floats, time_s: float, *, data: Observations) -> Floats:
         if before >= 0:
             left[k] = whole[before] * exp(-rest_s / time_s) * largest[k] / largest[before]
             whole[k] += left[k] * kept[k]
-    return fresh + np.array(left)[data.press] * decay
+    return np.asarray(fresh + np.array(left)[data.press] * decay)
 
 
 @lru_cache(maxsize=KEPT)
