@@ -62,8 +62,9 @@ class Remainder:
     def sentence(self) -> str:
         """In words."""
         size, off = 1e3 * self.rms_mm, 100 * abs(self.E_off)
-        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), f"over {self.key}")
-        return f"left over: {size:.2g} um ({plain}); E moves by {off:.1g} %"
+        plain = next((error.words for error in INSTRUMENT_ERRORS if error.key == self.key), "")
+        on = f"as of {plain}" if plain else f"over {self.key}"
+        return f"what is left is worth {size:.2g} µm of depth ({on}); E moves by {off:.1g} %"
 
     def as_json(self) -> dict[str, Any]:
         """Its entry `left_over` in diagnosis.json."""

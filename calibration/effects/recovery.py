@@ -95,7 +95,7 @@ def carried(force_N: Floats, time_s: float, *, data: Observations, at_once: floa
             left[k] = whole[before] * exp(-rest_s / time_s) * largest[k] / largest[before]
             whole[k] += left[k] * kept[k]
     grown = 1 - at_once + at_once * force_N / highest[data.press]
-    return fresh + np.array(left)[data.press] * decay * grown
+    return np.asarray(fresh + np.array(left)[data.press] * decay * grown)
 
 
 @lru_cache(maxsize=KEPT)

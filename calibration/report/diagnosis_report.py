@@ -25,6 +25,9 @@ from calibration.report.verdict import (
 from tactilevision.errors import InputError
 
 MISFIT = 0.05  # p of the most telling covariate, below which the page says that the model fails
+ANEW = (
+    " Below, what was read is corrected by these sizes; `compare` reads the frames anew instead, to another error."
+)
 OWN_IDEA = (
     "An idea what it is? Write it as an effect of your own and try it: tactilevision new-effect my_effect.py, "
     "then diagnose with --effect my_effect.py."
@@ -211,7 +214,8 @@ def _size(one: InadmissibleBeta) -> str:
 def _in_plain_words(added: Added) -> str:
     about = _about(added.key)
     said = about.title if about is not None and about.title else in_words(added.key)
-    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}."
+    anew = ANEW if about is not None and about.treatment else ""
+    return f"{in_words(added.key).capitalize()}: {said}; {_values(added)}.{anew}"
 
 
 def _parameter(name: str) -> str:
@@ -277,7 +281,8 @@ def _fall_of(found: Diagnosis, key: str) -> list[tuple[str, str]]:
 
 def after_words(found: Diagnosis) -> str:
     """What E after a diagnosis is of."""
-    return "with what was found" if found.effects else "with all that may be missing"
+    bent = ",\nbent as theory allows" if "bend_within_theory" in found.flags else ""
+    return ("with what was found" if found.effects else "with all that may be missing") + bent
 
 
 def _material(found: Diagnosis) -> str:

@@ -168,7 +168,7 @@ def _press_table(points: Sequence[CertifiedPoint]) -> str:
         (
             point.press,
             point.indenter,
-            "accepted" if point.accepted else f"rejected: {_why(point)}",
+            "accepted" if point.accepted else _why(point),
             _with_std(point.depth_mm, point.depth_std_mm),
             wording.number(point.depth_uncorrected_mm, point.depth_std_mm),
             _with_std(point.fz_N, point.fz_std_N),
@@ -183,7 +183,7 @@ def _why(point: CertifiedPoint) -> str:
     """Why a press was rejected, in a sentence where one was kept, else in a word."""
     words = point.reason.replace("_", " ")
     said = point.details.findings.partition("; ")[0].removeprefix(f"{point.reason}: ")
-    return f"{words} ({said})" if said else words
+    return f"rejected ({words}): {said}" if said else f"rejected: {words}"
 
 
 def _with_std(value: float, std: float) -> str:

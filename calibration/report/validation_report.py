@@ -50,7 +50,8 @@ def table(found: Validation, law: str) -> list[str]:
     samples = found.samples
     for k, press in enumerate(samples.press):
         values = (
-            f"{100 * one.depth_error[k]:+12.1f}" if isfinite(one.depth_error[k]) else f"{'-':>12s}" for one in mine
+            f"{round(100 * one.depth_error[k], 1) + 0.0:+12.1f}" if isfinite(one.depth_error[k]) else f"{'-':>12s}"
+            for one in mine
         )
         lines.append(f"{press:>12s} {samples.depth_mm[k]:8.3f} {samples.force_N[k]:8.4f} " + " ".join(values))
     return lines

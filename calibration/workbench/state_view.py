@@ -90,6 +90,7 @@ def _verdict(shown: Shown) -> dict[str, Any]:
         "asking": shown.asking,
         "troubled": shown.troubled,
         "named": [] if found is None else _not_yet(found.named, shown),
+        "nearest": [] if found is None or not found.nearest else _not_yet((found.nearest,), shown),
         "next": [] if found is None else [
             {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
             for action, minutes, sigma in found.measure_next
@@ -318,7 +319,7 @@ def _week(row: HistoryRow) -> dict[str, Any]:
         "modulus": row.youngs_modulus.as_json(),
         "ratio": row.poisson_ratio.as_json(),
         "words": [wording.estimate(row.youngs_modulus), wording.estimate(row.poisson_ratio)],
-        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)",
+        "change": f"{100 * row.change:+.1f} % (95 %: {low:+.1f} to {high:+.1f} %)" if low < high else "the first",
         "moved": row.moved,
     }
 

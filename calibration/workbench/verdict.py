@@ -23,7 +23,8 @@ class Verdict:
     """What a diagnosis says, in words: the verdict, its sentence, what else is to be said, what to measure next.
 
     `named` are the effects that it added, `candidates` those that these data cannot tell from them; `odd` presses
-    that stand out; `measure_next` what to do, its minutes, and the expected separation in std.
+    that stand out; `measure_next` what to do, its minutes, and the expected separation in std; `nearest` the plain
+    error that comes nearest where nothing could be named, empty for none.
     """
 
     word: str
@@ -33,6 +34,7 @@ class Verdict:
     named: tuple[str, ...]
     candidates: tuple[str, ...]
     odd: tuple[str, ...]
+    nearest: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,4 +135,5 @@ def diagnosed(question: Question, tell: Callable[[str], None]) -> Verdict:
         named=tuple(effect.key for effect in found.effects),
         candidates=found.candidates,
         odd=found.odd.presses,
+        nearest="" if found.plain is None else found.plain.effect.key,
     )

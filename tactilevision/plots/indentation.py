@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tactilevision.plots import style
-from tactilevision.plots.misfit import radius_colours
+from tactilevision.plots.misfit import LEFT, radius_colours
 from tactilevision.records import Bools, Estimate, Floats, Pair
 
 if TYPE_CHECKING:
@@ -75,8 +75,11 @@ def draw_fit(cloud: PointCloud, lines: Sequence[FittedLine], *, title: str = "")
             )
     rest.axhline(0, color=style.GREY, lw=0.8)
     force.set(xlabel="depth w (mm)", ylabel="force P (N)", title=title or "Force against certified depth")
-    stiffness.set(xlabel="w / h", ylabel="P / w (N/mm)", title="The line that gives c and β")
-    rest.set(xlabel="w / h", ylabel="measured − fitted (mN)", title="What the fit leaves")
+    strain_label = "depth over thickness, w / h"
+    stiffness.set(
+        xlabel=strain_label, ylabel="force over depth, P / w (N/mm)", title="The line that gives c and β"
+    )
+    rest.set(xlabel=strain_label, ylabel=LEFT, title="Measured less fitted force")
     style.legend_below(figure, corner=corner)
     return figure
 

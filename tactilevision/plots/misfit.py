@@ -162,7 +162,7 @@ def _strip(axes: Axes, strip: Strip, shown: ResidualStrips, kept: Sequence[int])
             ms=4.5,
             color=colour,
             elinewidth=1.1,
-            label=f"{shown.models[k]}: mean and its 95 % interval",
+            label=f"{shown.models[k]} (mean, 95 %)",
         )
     axes.axhline(0, color=style.GREY, lw=0.8)
     axes.set_ylim(-1.15e3 * shown.reach_N, 1.15e3 * shown.reach_N)

@@ -26,7 +26,7 @@ def test_a_rejected_press_says_why_in_a_sentence() -> None:
         CertifiedPoint("p2", "A", 0.2, 0.5, accepted=False, reason="short_rest"),
     ]
     page = calibration_page("title", None, points=points)
-    assert "rejected: tangential (the tangential force is 21 % of the normal one)</td>" in page
+    assert "rejected (tangential): the tangential force is 21 % of the normal one</td>" in page
     assert "rejected: short rest</td>" in page
 
 

@@ -24,6 +24,7 @@ from calibration.workbench.curve_view import curve_view, tried_view
 from calibration.workbench.models import Models
 from calibration.workbench.opened import file_marks
 from calibration.workbench.state_view import state_view
+from calibration.workbench.verdict import Verdict
 from tactilevision.errors import InputError
 from tactilevision.files import as_json
 
@@ -286,3 +287,13 @@ def test_a_card_says_that_its_effect_reads_the_frames_anew(made: Bench) -> None:
     assert changes.seconds_anew("cast_shadow", opened) == 10 * changes.PRESS_S
     assert "read anew" in changes.in_words("add", "cast_shadow", opened)
     assert changes.seconds_allowed("add", "cast_shadow", opened) > changes.seconds_allowed("add", "tilt", opened)
+
+
+def test_where_nothing_can_be_named_the_nearest_plain_error_is_offered(made: Bench) -> None:
+    unknown = Verdict("UNKNOWN", "Something is missing.", (), (), (), (), (), nearest="depth_along_depth")
+    made._show(verdict=unknown)
+    shown = state_view(made)["verdict"]
+    assert shown["nearest"] == [{"key": "depth_along_depth", "title": "depth along depth"}]
+    assert shown["named"] == []
+    made._show(verdict=None)
+    assert state_view(made)["verdict"]["nearest"] == []

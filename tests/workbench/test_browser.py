@@ -157,3 +157,21 @@ def test_the_page_fits_a_screen_and_is_reached_by_keyboard(
     assert unnamed == 0
     assert watched.faults == []
     page.close()
+
+
+def test_after_a_change_a_phone_shows_how_the_error_falls(workbench: tuple[str, Path], browser: Any) -> None:
+    watched = Watched(browser, workbench[0], "phone")
+    page = watched.page
+    page.wait_for_selector("#falls .bartext")
+    before = len(watched.bars())
+    button = "[data-remove=viscoelasticity]" if before == 2 else "[data-add=viscoelasticity]"
+    page.locator(button).first.click()
+    page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length === {3 - before}")
+    page.wait_for_function(
+        "() => { const top = document.getElementById('falls').getBoundingClientRect().top;"
+        " return top >= 0 && top < innerHeight / 2; }"
+    )
+    page.click("#undo")
+    page.wait_for_function(f"() => document.querySelectorAll('#falls .bartext').length === {before}")
+    assert watched.faults == []
+    page.close()

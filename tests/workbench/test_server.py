@@ -5,6 +5,8 @@ from __future__ import annotations
 import http.client
 import json
 import socket
+import struct
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -164,3 +166,14 @@ def test_a_taken_port_is_said(server: Server) -> None:
         taken.listen()
         with pytest.raises(InputError, match="--port"):
             Server(server.bench, taken.getsockname()[1])
+
+
+def test_a_browser_that_goes_in_the_middle_of_a_question_is_no_fault(
+    server: Server, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", server.page.port)) as link:
+        link.sendall(b"GET /half")
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closing sends a reset
+    assert ask(server)[0] == 200
+    time.sleep(0.3)
+    assert "Traceback" not in capfd.readouterr().err

@@ -74,7 +74,7 @@ function show() {
   $("label").disabled = $("export").disabled = !state.components.length;
   if (state.notice) say(state.notice);
   if (state.saved) part("saved", state.saved, (saved) => say(`Written: ${saved}, with calibration.json and repeat.sh beside it.`));
-  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
+  part("warnings", state.warnings, (warnings) => fill("warnings", warnings.map((text) => h("li", {}, `${/^\S*\./.test(text) ? text[0] : text[0].toUpperCase()}${text.slice(1)}.`.replace(/\.\.$/, ".")))));
   tick();
   part("verdict", [state.verdict, state.falls.map((f) => [f.sentence, f.reached]), state.material[0]], showVerdict);
   part("falls", state.falls, showFalls);
@@ -103,6 +103,8 @@ function showVerdict([verdict, falls, modulus]) {
         verdict.asking ? h("span", { class: "soft" }, ` (${verdict.asking} …)`) : ""),
     verdict.named.length ? h("p", {}, verdict.named.map((one) => h("button", { class: "main", "data-cure": one.key,
       onclick: () => { act("add", one.key); toTop(); } }, `Add ${one.title}`)), " and watch the error fall.") : "",
+    verdict.nearest.length ? h("p", {}, verdict.nearest.map((one) => h("button", { class: "main", "data-cure": one.key,
+      onclick: () => { act("add", one.key); toTop(); } }, `Try ${one.title}`)), " and see whether the error falls.") : "",
     h("p", { class: "soft" }, `${withWords}.`),
     falls.map(([sentence, reached]) => h("p", { class: clean && reached ? "good" : "" }, sentence)),
     modulus ? h("p", {}, `${modulus.name}: ${modulus.before}${modulus.now === modulus.before ? "" : ` → ${modulus.now}`}`) : "",
