@@ -13,6 +13,7 @@ from tactilevision.photometric.background import BackgroundSums, SlopeBackground
 from tactilevision.photometric.ball.consistency import (
     contradicting_radii,
     coverage_warnings,
+    label_warnings,
     odd_balls,
     reference_warnings,
     scale_warnings,
@@ -115,6 +116,7 @@ def calibrate_from_balls(
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(alone.balls) or _contact_in_reference(change, pictures, alone.balls, mm_per_px)
     warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
+    warnings += label_warnings([(one.centre_px, one.contact_radius_px) for one in pictures], balls)
     warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(

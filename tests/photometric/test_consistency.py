@@ -10,7 +10,7 @@ from lamp_room import BALL_MM, MM_PER_PX, ball, ball_pictures, flat, picture, pr
 
 from tactilevision.errors import InputError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, calibrate_from_balls, make_reference
-from tactilevision.photometric.ball.consistency import scale_warnings, shared_contact
+from tactilevision.photometric.ball.consistency import label_warnings, scale_warnings, shared_contact
 from tactilevision.photometric.ball.detection import Ball, find_ball
 from tactilevision.records import Bytes, Floats
 
@@ -83,3 +83,18 @@ def test_colours_that_no_lamp_makes_of_the_stated_slopes_are_named() -> None:
     change = slopes @ np.array([[1.5, -0.8, -0.7], [0.1, 1.3, -1.4]])
     assert scale_warnings(change, slopes) == []
     assert "mm_per_px" in scale_warnings(change, 0.1 * slopes)[0]
+
+
+def test_labels_that_the_pictures_do_not_show_are_named() -> None:
+    """Circles clicked on a blurred blob: too wide, and beside the middle. Good ones, or one slip, say nothing."""
+    balls = [Ball((50.0 + 10 * n, 60.0), 20.0, 4.0) for n in range(6)]
+    right: list[tuple[tuple[float, float] | None, float | None]] = [
+        ((ball.centre_px[0] + 1.0, ball.centre_px[1]), 22.0) for ball in balls
+    ]
+    moved = [((ball.centre_px[0] + 9.0, ball.centre_px[1]), 40.0) for ball in balls]
+    assert label_warnings(right, balls) == []
+    assert label_warnings([moved[0], *right[1:]], balls) == []
+    assert label_warnings([(None, None)] * 6, balls) == []
+    (said,) = label_warnings(moved, balls)
+    assert said.startswith("6 of 6")
+    assert "9.0 px" in said and "2 times" in said

@@ -7,7 +7,7 @@ import pytest
 
 from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.card import MethodCard
-from tactilevision.uncertainty.ball_validation import Known, bands, dent_mm, told
+from tactilevision.uncertainty.ball_validation import Known, bands, conformal_factor, dent_mm, told
 from tactilevision.uncertainty.depth_scale import gain_std, place_gain_std
 
 
@@ -59,3 +59,20 @@ def test_what_other_balls_would_have_changed_is_told_place_by_place() -> None:
     assert place_gain_std(card, 0.5) == pytest.approx(np.array([[0.05, 0.03]]))
     assert gain_std(card, 0.5) == 0.03, "from ball to ball alone"
     assert place_gain_std(MethodCard(), 0.5) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("count", [3, 5, 10, 40])
+@pytest.mark.parametrize("tail", [2.0, 50.0])
+def test_the_stated_deviation_holds_for_a_further_ball(count: int, tail: float) -> None:
+    """Two thirds of further errors lie within it, whatever their law, and however few balls told it."""
+    rng = np.random.default_rng(count)
+    off = 3.0 * np.abs(rng.standard_t(tail, (4000, count + 1)))
+    held = np.mean([one[-1] < conformal_factor(one[:-1]) for one in off])
+    chance = min(count, np.ceil(0.6827 * (count + 1))) / (count + 1)
+    assert held == pytest.approx(chance, abs=0.025)
+    assert chance > 0.66
+
+
+def test_no_ball_left_out_changes_nothing_stated() -> None:
+    assert conformal_factor(np.array([])) == 1.0
+    assert conformal_factor(np.zeros(12)) == 0.5

@@ -28,6 +28,9 @@ OUTLIER_SIGMA = 5.0  # times the scatter of the others
 MAX_ANSWER = (
     5.0  # relative change of colour for a unit of slope: lamps at 11 degrees; real sensors have 1.2 to 1.7
 )
+MAX_LABEL_MOVE = 0.25  # of the contact radius: clicks of a hand lie within .1
+MAX_LABEL_RATIO = 1.35  # of contact radii: circles by eye are up to 1.3 times as wide as what is fitted
+MIN_LABELS_OFF = 0.25  # of the labels: a single slip moves nothing
 MAX_NAMED = 3  # odd balls that are named in warnings, the oddest first
 MIN_NAMED_SHARE = 0.1  # share of the expected slopes below which its figure says no more than that
 
@@ -116,6 +119,26 @@ def scale_warnings(change: Floats, slopes: Floats) -> list[str]:
     return [
         f"colours change {answer:.0f} times as much as the gel is said to slope, and low lamps make 1 to 4: "
         "is mm_per_px stated too small, or ball_radius_mm too large?"
+    ]
+
+
+def label_warnings(labels: Sequence[tuple[Pair | None, float | None]], balls: Sequence[Ball | None]) -> list[str]:
+    """A warning where labelled circles, centre (x, y) and contact radius in px, are not what the pictures show."""
+    pairs = [
+        (centre, radius, ball)
+        for (centre, radius), ball in zip(labels, balls, strict=True)
+        if centre is not None and radius is not None and ball is not None
+    ]
+    moved = np.array([np.hypot(*np.subtract(centre, ball.centre_px)) for centre, _, ball in pairs])
+    wider = np.array([radius / ball.contact_radius_px for _, radius, ball in pairs])
+    allowed = MAX_LABEL_MOVE * np.array([ball.contact_radius_px for _, _, ball in pairs])
+    off = (moved > allowed) | (np.abs(np.log(wider)) > np.log(MAX_LABEL_RATIO))
+    if len(pairs) == 0 or off.mean() < MIN_LABELS_OFF:
+        return []
+    return [
+        f"{off.sum()} of {len(pairs)} labelled circles are not what their pictures show: centres lie "
+        f"{np.median(moved):.1f} px beside, contact radii are {np.median(wider):.2g} times those (medians). The "
+        "pictures' own circles are used; see reference/ball.csv"
     ]
 
 
