@@ -24,7 +24,7 @@ SEEN_SHARE = 0.2  # of the forecast shadow: four sensors showed .31 to 1.26, wit
 UNDONE_LEAN = 1.6
 SAID = (
     "the frames show cast shadows: they are undone by the lamps' places, which the balls tell; a deep frame takes "
-    "half a second (--no-shadows leaves them)"
+    "up to a second (--no-shadows leaves them)"
 )
 
 
