@@ -41,7 +41,7 @@ def load_sensor(
 
     `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
     With `shadows`, those that lamps cast are undone where the profile knows its lamps; a deep frame then takes
-    half a second.
+    up to a second.
     Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
     """
     return CalibratedSensor(read_profile(path), indenter=indenter, shadows=shadows)

@@ -35,7 +35,7 @@ HANDED_OVER_MM = (2.0, 3.5)  # mm beyond the edge, between which the map takes o
 ALIKE = (0.15, 0.3)  # of the face's depth that the map may lie off the law, wholly and at all: shadows make .27
 FEWEST = 200  # pixels of gel that tell beta, and pixels of a face: fewer tell neither
 MIN_FACE_MM = 0.08  # mm: gentler faces cast no shadow that matters
-ROUNDED = 0.02  # of a/h: cases so near share a profile, which changes by less than .002 w
+ROUNDED = 0.005  # of a/h: cases so near share a profile, which changes by less than .001 w
 
 
 def with_faces(

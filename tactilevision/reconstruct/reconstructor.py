@@ -67,7 +67,7 @@ class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
     `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
-    lamps' light, cast shadows are undone (unshadowed.py), which takes up to half a second a frame.
+    lamps' light, cast shadows are undone (unshadowed.py), which takes up to a second a frame.
     """
 
     def __init__(

@@ -1,11 +1,12 @@
 """A height map without cast shadows: the light that lamps lost on their way is given back, and the map made anew.
 
-    depth <- map(picture / dimming(with_faces(depth))),    damped, until it moves no more
+    depth <- map(picture / (reflected dimming)),    both of with_faces(depth); damped, until it moves no more
 
 The forecast of shadows (`photometric/illumination/cast_shadow.py`) needs the depth that it mends. Gel in
 shadow is read too deep beside the wall, so a forecast from it is too short: round flat faces it starts from the
-surface that theory has there (`pressed_gel.py`). Half steps from one map to the next settle where whole ones
-swing. What was given back is known to a share of itself, which the deviation holds.
+surface that theory has there (`pressed_gel.py`). The light that its wall sends to the gel beside it goes, too
+(`interreflection.py`). Half steps from one map to the next settle where whole ones swing. What was given back is
+known to a share of itself, which the deviation holds.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, reached_by_all, visibility
+from tactilevision.photometric.illumination.interreflection import reflected, without
 from tactilevision.reconstruct.pressed_gel import with_faces
 from tactilevision.records import Bools, Bytes
 
@@ -56,7 +58,8 @@ def undo_shadows(
         shape = with_faces(depth, edges(), lit=lit, mm_per_px=field.mm_per_px, thickness_mm=thickness_mm)
         seen = visibility(field.lamps, shape, field.mm_per_px)
         lit = reached_by_all(seen)
-        surface, valid, std, flags = mapped(_brightened(rgb, dimming(field, shape, seen)))
+        own = without(rgb, reflected(field, shape))
+        surface, valid, std, flags = mapped(_brightened(own, dimming(field, shape, seen)))
         moved = STEP * (surface - depth)
         depth += moved
         if np.percentile(np.abs(moved), 99) < SETTLED_MM:
