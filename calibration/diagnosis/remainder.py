@@ -82,12 +82,11 @@ class Remainder:
 def remainder(fitted: Fit, left: ScoreTest, *, level: float) -> Remainder | None:
     """The largest of what stands out of a fit at this level, over what a reading and E are known to; else None."""
     keys = [s.key for s in (*left.covariates, *left.others) if s.p_adjusted <= level and s.key != STANDS_OUT]
-    found = _all(at_denoised_depth(fitted), keys) if keys else []
+    found = _all(at_denoised_depth(fitted), keys, _std_of_E(fitted)) if keys else []
     return max(found, key=lambda one: max(one.over_reading, one.over_E), default=None)
 
 
-def _all(fitted: Fit, keys: Sequence[str]) -> list[Remainder]:
-    std_E = _std_of_E(fitted)
+def _all(fitted: Fit, keys: Sequence[str], std_E: float) -> list[Remainder]:
     steps, plain = covariate_steps(fitted), {error.key: error for error in INSTRUMENT_ERRORS}
     found = []
     for key in keys:

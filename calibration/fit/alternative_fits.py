@@ -8,6 +8,7 @@ costs t^2 D, so that intervals of 95 % reach a share 1.96/sqrt(D) of the way.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,21 +31,34 @@ class Rival:
     share: float
 
 
+_RIVALS: deque[tuple[Fit, tuple[Rival, ...]]] = deque(maxlen=4)
+
+
 def rivals(fitted: Fit) -> tuple[Rival, ...]:
     """A gel that sticks, rounded edges, and both, as far as they may be; none where nu is fixed.
 
-    Raises ConvergenceError.
+    Kept for the last few fits, since more than one judgement asks for them. Raises ConvergenceError.
     """
+    for known, found in _RIVALS:
+        if known is fitted:
+            return found
+    others = tuple(_rivals(fitted))
+    _RIVALS.append((fitted, others))
+    return others
+
+
+def _rivals(fitted: Fit) -> Iterator[Rival]:
     law, data = fitted.model.law, fitted.data
     fixed = fitted.parameters[fitted.index("poisson_ratio")].fixed
     if fixed or np.unique(data.presses.radius_mm).size == 1 or not isinstance(law, FlatPunch):
-        return ()
+        return
     known = _fits(fitted, EDGE) or all(i.edge_radius_mm is not None for i in data.indenters)
     glued = stuck(fitted)
     laws = [law] if glued is None else [law, replace(law, sticking=1.0)]
     fits = [] if known else [_again(fitted, one, with_usual_edges(data)) for one in laws]
     fits += [] if glued is None else [glued]
-    return tuple(Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0)) for one in fits)
+    for one in fits:
+        yield Rival(one, min(1.96 / max(one.chi2 - fitted.chi2, 1e-9) ** 0.5, 1.0))
 
 
 def stuck(fitted: Fit) -> Fit | None:

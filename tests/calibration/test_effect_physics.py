@@ -95,8 +95,11 @@ def test_the_memory_fills_during_a_press_and_fades_in_the_wait() -> None:
 def test_softening_runs_from_its_full_size_to_nothing_at_the_largest_depth() -> None:
     data = one_press(np.array([0.3, 0.9, 0.9, 0.05]))
     bare = Model(FlatPunch()).predict(LAW, data)
-    force = (Model(FlatPunch()) + EFFECTS["mullins"]).predict(np.append(LAW, [0.1, 0.3]), data)
+    model = Model(FlatPunch()) + EFFECTS["mullins"]
+    force = model.predict(np.append(LAW, [0.1, 0.3, 0.0]), data)
     np.testing.assert_allclose(force / bare, [1, 1, 1, 0.9], rtol=1e-6)
+    wide = model.predict(np.append(LAW, [0.1, 0.3, 1.0]), data)  # by hand: erf((.81 - .0025)/(.09 + .81))
+    np.testing.assert_allclose(wide / bare, [1, 1, 1, 1 - 0.1 * 0.7955], rtol=1e-4)
 
 
 @pytest.mark.parametrize(("radius", "strain", "by_elements"), [(1.8, 0.1, 1.0606), (2.55, 0.15, 1.1602)])
