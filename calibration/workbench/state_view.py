@@ -24,6 +24,7 @@ from calibration.workbench.bench import Bench, Shown
 from calibration.workbench.changes import seconds_anew
 from calibration.workbench.evidence import Evidence
 from calibration.workbench.opened import Opened
+from calibration.workbench.verdict import Verdict
 from tactilevision.plots.diagnosis import Overlay
 from tactilevision.plots.misfit import CERTAIN, model_colours
 from tactilevision.records.misfit import ErrorFall
@@ -89,13 +90,18 @@ def _verdict(shown: Shown) -> dict[str, Any]:
         "with": kept,
         "asking": shown.asking,
         "troubled": shown.troubled,
-        "named": [] if found is None else _not_yet(found.named, shown),
-        "nearest": [] if found is None or not found.nearest else _not_yet((found.nearest,), shown),
+        "named": [] if found is None or found.word == "AMBIGUOUS" else _not_yet(found.named, shown),
+        "nearest": [] if found is None else _not_yet(_to_try(found), shown),
         "next": [] if found is None else [
             {"action": action, "minutes": f"{minutes:.0f}", "gain": f"{sigma:.1f}" if sigma > 0 else ""}
             for action, minutes, sigma in found.measure_next
         ],
     }  # fmt: skip
+
+
+def _to_try(found: Verdict) -> tuple[str, ...]:
+    """What may be it and is not sure: candidates that look alike, or the plain error that comes nearest."""
+    return found.candidates if found.word == "AMBIGUOUS" else (found.nearest,) * bool(found.nearest)
 
 
 def _not_yet(named: tuple[str, ...], shown: Shown) -> list[dict[str, str]]:

@@ -289,11 +289,16 @@ def test_a_card_says_that_its_effect_reads_the_frames_anew(made: Bench) -> None:
     assert changes.seconds_allowed("add", "cast_shadow", opened) > changes.seconds_allowed("add", "tilt", opened)
 
 
-def test_where_nothing_can_be_named_the_nearest_plain_error_is_offered(made: Bench) -> None:
+def test_where_nothing_is_sure_what_may_be_it_is_offered_to_try(made: Bench) -> None:
     unknown = Verdict("UNKNOWN", "Something is missing.", (), (), (), (), (), nearest="depth_along_depth")
     made._show(verdict=unknown)
     shown = state_view(made)["verdict"]
     assert shown["nearest"] == [{"key": "depth_along_depth", "title": "depth along depth"}]
     assert shown["named"] == []
+    alike = replace(unknown, word="AMBIGUOUS", named=("tilt",), candidates=("tilt", "skin"), nearest="")
+    made._show(verdict=alike)
+    shown = state_view(made)["verdict"]
+    assert [one["key"] for one in shown["nearest"]] == ["tilt", "skin"]
+    assert shown["named"] == [], "of several that look alike none is added as if it were sure"
     made._show(verdict=None)
     assert state_view(made)["verdict"]["nearest"] == []
