@@ -24,6 +24,7 @@ from tactilevision.records import Bytes, Floats, Pair
 REFLECTANCE = 0.5  # of the ink, a share: the middle of grey inks; .1 moves nu by .001 (docs/evidence/rendered.md)
 CELL_MM = 0.25  # mm, side of the cells that light is exchanged between
 STEEP = 0.2  # slope from which a cell counts as one that shines on others: gentler ones give a hundredth
+CHUNK = 32  # steep cells whose light is worked out at once: more do not fit the cache
 FAINT = 0.2  # of a channel's light, the least that the reflected one is held against, as in cast_shadow.py
 SPREAD = (0.7548776662, 0.5698402910)  # steps of a low-discrepancy grid (Roberts 2018), of a grey level a pixel
 
@@ -67,15 +68,20 @@ def without(rgb: Bytes, factor: Picture) -> Bytes:
 
 def _received(z: Floats, slopes: tuple[Floats, Floats], light: Floats, step: Pair) -> Floats:
     """sum_Q of the equation above over pi (3, h, w), from heights (h, w) mm, their slopes and the light there."""
-    p, q = slopes
-    total = np.zeros_like(light)
-    rows, columns = np.indices(z.shape)
-    for i, j in np.argwhere(np.hypot(p, q) > STEEP):
-        x, y, rise = (j - columns) * step[0], (i - rows) * step[1], z[i, j] - z
-        here = rise - p * x - q * y
-        there = p[i, j] * x + q[i, j] * y - rise
-        square = x * x + y * y + rise * rise
-        square[i, j] = np.inf
-        kernel = np.maximum(here, 0.0) * np.maximum(there, 0.0) / (square * square)
-        total += light[:, i, j, None, None] * kernel
-    return total * (step[0] * step[1] / np.pi)
+    p, q = (slope.ravel() for slope in slopes)
+    rows, columns = (at.ravel() * mm for at, mm in zip(np.indices(z.shape), step[::-1], strict=True))
+    places, one = np.stack([columns, rows, z.ravel()]), np.ones(z.size)  # mm
+    normals = np.stack([-p, -q, one])
+    along, far = np.sum(normals * places, axis=0), np.sum(places**2, axis=0)
+    total, every = np.zeros((len(light), z.size)), light.reshape(len(light), -1)
+    steep = np.flatnonzero(np.hypot(p, q) > STEEP)
+    for start in range(0, len(steep), CHUNK):
+        own = steep[start : start + CHUNK]
+        here = places[:, own].T @ normals - along
+        there = normals[:, own].T @ places - along[own, None]
+        square = far[own, None] - 2.0 * (places[:, own].T @ places) + far
+        square[np.arange(len(own)), own] = np.inf
+        kernel = np.maximum(here, 0.0) * np.maximum(there, 0.0)
+        kernel /= square * square
+        total += every[:, own] @ kernel
+    return total.reshape(light.shape) * (step[0] * step[1] / np.pi)
