@@ -199,7 +199,7 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             remedy=f"Name what was calibrated before with {named}."
             + (f" Ready without balls: {', '.join(ready_models())}." if flats else "")
             + (
-                f" Or take in {MIN_CONTACTS} frames or more in which something round touches the gel."
+                f" Or take in a frame in which something round touches the gel; {MIN_CONTACTS} do better."
                 if flats
                 else ""
             )
