@@ -58,6 +58,8 @@ from tactilevision.photometric.reference import Reference
 from tactilevision.records import Bytes, Floats, Pair
 
 REFERENCE_CONTACT_SHARE = 0.85  # of the ball pictures
+MAX_SLOPE_NOISE = 0.03  # slope of a pixel's noise, worst direction: real .001 to .006, a tenth as coloured .047
+MAX_NOISE_RATIO = 4.0  # worst over best, beyond which that counts: real 1.8 to 2.7, a tenth as coloured 4.6
 MAX_GAP_DEG = 200.0  # degrees between colours' sides: five real sensors leave 131 to 184, two lamps 250
 RIDGES = (1e-4, 1e-3, 1e-2)  # penalties to choose from, in parts of the terms' power; balls held out choose
 
@@ -102,11 +104,11 @@ def calibrate_from_balls(
     Assumes that inside the contact circle the gel has the ball's shape. Raises InputError for fewer than
     MIN_BALLS presses that can be used, naming what was wrong with the others.
     """
-    rng = rng or np.random.default_rng(0)
-    change = ColourChange(reference)
+    rng, change = rng or np.random.default_rng(0), ColourChange(reference)
     alone = collect_balls(change, pictures, mm_per_px, rng)
     seen = refine_balls(alone, change, pictures, mm_per_px, rng)
-    balls, warnings, every = list(seen.balls), list(seen.warnings), seen.every
+    balls, every = list(seen.balls), seen.every
+    warnings = [*seen.warnings, *label_warnings([(p.centre_px, p.contact_radius_px) for p in pictures], balls)]
     pressed, resting = told_alike(*every, min_balls=MIN_BALLS)
     if isinstance(fit, PictureFitter):
         fit = fit.prepared(change, [picture.rgb for picture in pictures], balls, mm_per_px)
@@ -116,7 +118,6 @@ def calibrate_from_balls(
     cover = 0.5 * np.ptp(pressed.place, axis=0)  # places run from -1 to 1
     contact_px = shared_contact(alone.balls) or _contact_in_reference(change, pictures, alone.balls, mm_per_px)
     warnings += scale_warnings(pressed.change, pressed.slopes) + coverage_warnings(cover)
-    warnings += label_warnings([(one.centre_px, one.contact_radius_px) for one in pictures], balls)
     warnings += _observability_warnings(light) + _radii_warnings(best, balls, pressed, resting)
     warnings += reference_warnings(contact_px) or _odd_ball_warnings(best, balls, pictures, pressed)
     card = replace(
@@ -266,7 +267,7 @@ def _contact_in_reference(
 
 def _observability_warnings(light: Observability) -> list[str]:
     """A direction in which even a gentle slope drowns in a pixel's noise is not told by these lights."""
-    if light.worst < SLOPE_SOFTENING:
+    if light.worst < (MAX_SLOPE_NOISE if light.worst > MAX_NOISE_RATIO * light.best else SLOPE_SOFTENING):
         return _dark_side_warnings(light)
     return [
         f"these lights hardly tell slopes along {light.worst_deg:.0f} degrees (from x, right, to y, down): one of "

@@ -89,7 +89,7 @@ def held_out_depth(
 
 
 def conformal_factor(off: Floats) -> float:
-    """k, no unit, of errors in stated deviations `off` (n,): a further one lies within k with 68 %."""
+    """k, a ratio: a further ball's error over its stated deviation, as those of `off` (n,), is less with 68 %."""
     if len(off) == 0:
         return 1.0
     j = min(len(off), int(np.ceil((len(off) + 1) * ONE_SIGMA_SHARE)))

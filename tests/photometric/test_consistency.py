@@ -97,4 +97,5 @@ def test_labels_that_the_pictures_do_not_show_are_named() -> None:
     assert label_warnings([(None, None)] * 6, balls) == []
     (said,) = label_warnings(moved, balls)
     assert said.startswith("6 of 6")
-    assert "9.0 px" in said and "2 times" in said
+    assert "9.0 px" in said
+    assert "2 times" in said
