@@ -91,7 +91,7 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
 
 
 def the_picture_topic(path: Path | str) -> str:
-    """The one topic of a log that holds pictures. Raises InputError, which lists them, for several and for none."""
+    """The one topic of a log that holds pictures. Raises InputError, which lists them, where it is not one."""
     log = Log(Path(path))
     for _ in log.messages(()):  # none is wanted: the topics are told on the way
         pass
