@@ -17,8 +17,11 @@ def import_log(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="A .bag, .db3 or .mcap file, or a ROS 2 bag's folder.")
     ],
-    frames: Annotated[str, typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the recording; made if missing.")],
+    frames: Annotated[
+        str | None,
+        typer.Option(metavar="TOPIC", help="Pictures: Image or CompressedImage; the only such topic if left out."),
+    ] = None,
     wrench: Annotated[str | None, typer.Option(metavar="TOPIC", help="Forces: WrenchStamped.")] = None,
     clock: Annotated[Clock, typer.Option(help="Times of the headers, or those of the log.")] = Clock.HEADER,
     sensor: Annotated[str | None, typer.Option(help="Its kind's name, or its profile (.tvs).")] = None,
@@ -29,11 +32,15 @@ def import_log(
     json: console.JsonOption = None,
 ) -> None:
     """Turn a log of ROS 1, ROS 2 or MCAP into a recording: frames, forces and their times. No ROS is needed."""
-    from tactilevision.logs.read import ImportSettings, import_log
+    from tactilevision.logs.read import ImportSettings, import_log, the_picture_topic
 
-    settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, _rotation(rotation))
+    turn = _rotation(rotation)
+    frames = frames or the_picture_topic(log)
+    settings = ImportSettings(frames, wrench, clock, sensor, mm_per_px, turn)
     found = import_log(log, out, settings)
-    console.say(f"{found.frames} frames over {found.seconds:.3f} s, {found.readings} readings of force: {out}")
+    console.say(
+        f"{found.frames} frames of {frames} over {found.seconds:.3f} s, {found.readings} readings of force: {out}"
+    )
     if sensor is None:
         console.warn(["recording.toml names no sensor: give --sensor, or add its kind under [sensor]"])
     console.warn(found.warnings)

@@ -132,10 +132,10 @@ def _read_mcap(log: Log, path: Path, wanted: Collection[str]) -> Iterator[Messag
                     log.topics[record.topic] = kind
                 elif isinstance(record, records.Message) and channels[record.channel_id][0] in wanted:
                     topic, kind, encoding = channels[record.channel_id]
-                    yield Message(topic, _ros2(kind), record.log_time, _plain(record.data, path), encoding)
+                    yield Message(topic, ros2_name(kind), record.log_time, _plain(record.data, path), encoding)
 
 
-def _ros2(kind: str) -> str:
+def ros2_name(kind: str) -> str:
     """sensor_msgs/Image, as ROS 1 names it, is sensor_msgs/msg/Image."""
     return kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
 

@@ -23,6 +23,12 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _COLOURS = {"rgb8": (3, False), "bgr8": (3, True), "rgba8": (4, False), "bgra8": (4, True), "8UC3": (3, True)}
+_PAIRED = {  # two pixels share their colour, as USB cameras send it
+    "yuv422": cv2.COLOR_YUV2BGR_UYVY,
+    "uyvy": cv2.COLOR_YUV2BGR_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
+    "yuyv": cv2.COLOR_YUV2BGR_YUY2,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,14 +142,14 @@ def _stamp(found: Any, message: Message) -> Stamp:
 
 def _png(found: Any, where: str) -> bytes:
     """A raw picture, without loss."""
-    if found.encoding not in _COLOURS:
+    if found.encoding not in {*_COLOURS, *_PAIRED}:
         raise InputError(
             "colours of this encoding are not read",
             where=where,
             value=found.encoding,
-            remedy="Slopes are read from colours of 8 bits: " + ", ".join(_COLOURS) + ".",
+            remedy="Slopes are read from colours of 8 bits: " + ", ".join((*_COLOURS, *_PAIRED)) + ".",
         )
-    channels, blue_first = _COLOURS[found.encoding]
+    channels, blue_first = _COLOURS.get(found.encoding, (2, True))
     check(found.width * found.height, "MAX_PIXELS", what="a picture's pixels", where=where)
     data = np.asarray(found.data, np.uint8)
     if found.step < channels * found.width or len(data) != found.step * found.height or not len(data):
@@ -154,5 +160,9 @@ def _png(found: Any, where: str) -> bytes:
         )
     rows = data.reshape(found.height, found.step)[:, : channels * found.width]
     picture = rows.reshape(found.height, found.width, channels)[..., :3]
+    if found.encoding in _PAIRED:
+        if found.width % 2:
+            raise InputError("a picture of paired pixels has an odd width", where=where, value=found.width)
+        picture = cv2.cvtColor(np.ascontiguousarray(picture), _PAIRED[found.encoding])
     _, packed = cv2.imencode(".png", picture if blue_first else np.ascontiguousarray(picture[..., ::-1]))
     return packed.tobytes()

@@ -14,8 +14,8 @@ import tomli_w
 from tactilevision.errors import InputError, OutputError
 from tactilevision.files import staged, write_text
 from tactilevision.logs.clocks import Clock, check_clock, check_same_clock, first_ns, times_s
-from tactilevision.logs.log import Log
-from tactilevision.logs.messages import Stamp, WrenchReading, decode_picture, decode_wrench
+from tactilevision.logs.log import Log, ros2_name
+from tactilevision.logs.messages import COMPRESSED, IMAGE, Stamp, WrenchReading, decode_picture, decode_wrench
 from tactilevision.logs.sensor_table import SensorTable
 from tactilevision.logs.transforms import fixed_rotation
 from tactilevision.recording import layout
@@ -88,6 +88,22 @@ def import_log(path: Path | str, out: Path | str, settings: ImportSettings) -> I
     turned = readings[0].stamp.frame_id if readings else None
     largest_N = max((float(np.abs(one.force_N).max()) for one in readings), default=0.0)
     return Imported(len(names), len(readings), float(np.ptp(frame_s)), stamps[0].frame_id, turned, largest_N)
+
+
+def the_picture_topic(path: Path | str) -> str:
+    """The one topic of a log that holds pictures. Raises InputError, which lists them, where it is not one."""
+    log = Log(Path(path))
+    for _ in log.messages(()):  # none is wanted: the topics are told on the way
+        pass
+    shown = sorted(name for name, kind in log.topics.items() if ros2_name(kind) in (IMAGE, COMPRESSED))
+    if len(shown) == 1:
+        return shown[0]
+    has = ", ".join(shown or (f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:MAX_LISTED]))
+    raise InputError(
+        "the log has several topics of pictures" if shown else "the log has no topic of pictures",
+        where=log.path,
+        remedy=f"Name one with --frames: {has}." if shown else f"It has: {has or 'no topic at all'}.",
+    )
 
 
 def _messages(

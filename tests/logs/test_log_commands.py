@@ -42,7 +42,7 @@ def test_a_log_becomes_a_recording_and_its_depth_a_log(
     taken = ["--frames", "/camera", "--wrench", "/ft", "--rotation", AXES, "--out", rec, "--sensor", "digit"]
     taken += ["--mm-per-px", "0.03"]
     assert run("import", log, *taken, "--json", told) == 0
-    assert "4 frames over 0.120 s, 4 readings" in capsys.readouterr().out
+    assert "4 frames of /camera over 0.120 s, 4 readings" in capsys.readouterr().out
     assert json.loads(told.read_text())["wrench_frame_id"] == "wrist"
     (tmp_path / "depth").mkdir()
     zero = HeightMap(np.zeros((6, 8), np.float32), np.ones((6, 8), bool), (0.03, 0.03))
@@ -106,3 +106,21 @@ def test_forces_that_no_gel_stands_are_told(
             put("/ft", wrench_message(force, moment, time_ns=at_ns, frame_id="tool", encoding=kind), at_ns)
     assert run("import", path, "--frames", "/camera", "--wrench", "/ft", "--out", tmp_path / "rec") == 0
     assert ("the wrench reaches 4000 N, which no gel stands" in capsys.readouterr().err) == told
+
+
+def test_the_only_topic_of_pictures_is_taken_and_several_are_listed(
+    draw: Draw, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("import", draw("bag"), "--out", tmp_path / "rec") == 0
+    assert "4 frames of /camera over" in capsys.readouterr().out
+    path = tmp_path / "two.mcap"
+    with open_writer(path) as (put, kind):
+        for topic in ("/left", "/right"):
+            put(topic, image(pictures(1)[0], at_ns=time_ns(0), drawn=Drawn(), kind=kind), time_ns(0))
+    assert run("import", path, "--out", tmp_path / "rec2") == 2
+    assert "several topics of pictures. Name one with --frames: /left, /right." in capsys.readouterr().err
+    force = tmp_path / "force.mcap"
+    with open_writer(force) as (put, kind):
+        put("/ft", wrench_message(np.zeros(3), np.zeros(3), time_ns=1, frame_id="a", encoding=kind), 1)
+    assert run("import", force, "--out", tmp_path / "rec3") == 2
+    assert "no topic of pictures. It has: /ft (geometry_msgs/msg/WrenchStamped)." in capsys.readouterr().err

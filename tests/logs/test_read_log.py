@@ -14,13 +14,14 @@ from rosbags.highlevel import AnyReader
 from tactilevision.errors import InputError
 from tactilevision.logs.clocks import Clock
 from tactilevision.logs.log import Log
-from tactilevision.logs.messages import COMPRESSED, typestore
+from tactilevision.logs.messages import COMPRESSED, IMAGE, typestore
 from tactilevision.logs.read import ImportSettings, import_log
 from tactilevision.logs.write import _header, open_writer
 from tactilevision.recording import layout, read_frame, read_recording
 from tactilevision.recording.series import read_frame_table
 
 BOTH = ImportSettings("/camera", "/ft", sensor="gelsight_mini", mm_per_px=0.03)
+FRAMES_ALONE = ImportSettings("/camera", sensor="gelsight_mini", mm_per_px=0.03)
 
 
 @pytest.fixture
@@ -216,3 +217,31 @@ def test_pictures_that_were_packed_stay_as_they_came(tmp_path: Path) -> None:
     import_log(tmp_path / "log.mcap", tmp_path / "rec", ImportSettings("/camera"))
     kept = [path.read_bytes() for path in sorted((tmp_path / "rec" / "frames").iterdir())]
     assert kept == [one.tobytes() for one in jpegs]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "code"),
+    [("yuv422_yuy2", cv2.COLOR_RGB2YUV_YUY2), ("yuyv", cv2.COLOR_RGB2YUV_YUY2), ("uyvy", cv2.COLOR_RGB2YUV_UYVY)],
+)
+def test_pictures_of_paired_pixels_are_read(tmp_path: Path, encoding: str, code: int) -> None:
+    y, x = np.mgrid[:24, :32].astype(np.float32)
+    rgb = np.stack([60 + 3 * x, 90 + 2 * y, 170 - 2 * x], axis=2).astype(np.uint8)
+    with open_writer(tmp_path / "log.mcap") as (put, kind):
+        for number in range(2):
+            at_ns = START_NS + number * 40_000_000
+            data = cv2.cvtColor(rgb, code).reshape(-1)
+            about = {"height": 24, "width": 32, "encoding": encoding, "is_bigendian": 0, "step": 64, "data": data}
+            put("/camera", typestore(kind).types[IMAGE](header=_header(at_ns, "tool", kind), **about), at_ns)
+    import_log(tmp_path / "log.mcap", tmp_path / "rec", FRAMES_ALONE)
+    read = read_frame(read_recording(tmp_path / "rec"), 0).rgb.astype(int)
+    assert np.abs(read - rgb).max() <= 6
+    assert np.abs(np.mean(read - rgb.astype(int), axis=(0, 1))).max() < 1.0
+
+
+def test_an_odd_width_of_paired_pixels_is_refused(tmp_path: Path) -> None:
+    with open_writer(tmp_path / "log.mcap") as (put, kind):
+        about = {"height": 2, "width": 3, "encoding": "yuyv", "is_bigendian": 0, "step": 6}
+        data = np.zeros(12, np.uint8)
+        put("/camera", typestore(kind).types[IMAGE](header=_header(START_NS, "tool", kind), data=data, **about), 1)
+    with pytest.raises(InputError, match="paired pixels has an odd width"):
+        import_log(tmp_path / "log.mcap", tmp_path / "rec", FRAMES_ALONE)
