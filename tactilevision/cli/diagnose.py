@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -21,6 +23,7 @@ from tactilevision.cli.analysis import (
     commands_of,
     keep_history,
     named_effects,
+    not_in_frames,
     observed,
     with_nu,
 )
@@ -35,6 +38,8 @@ With = Annotated[
     list[str] | None,
     typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
 ]
+
+ABSENT = "the frames show none, where the balls tell how they would look"  # why an effect is ruled out
 
 
 def diagnose(
@@ -66,7 +71,12 @@ def diagnose(
     taken, bulge = with_nu(take(recordings, answered=ANSWERED))
     with console.progress_bar("diagnosing") as progress:
         watch, data, rng = Watch(progress, deadline), observed(taken), np.random.default_rng(seed)
-        found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
+        asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
+        found = asked(rng)
+        absent = not_in_frames(taken, found)
+        if absent:  # the frames rule out what was named: once more without it
+            found = asked(np.random.default_rng(seed), ruled_out=absent)
+            found = replace(found, not_testable={**found.not_testable, **dict.fromkeys(absent, ABSENT)})
     files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
