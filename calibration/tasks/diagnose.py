@@ -75,13 +75,12 @@ def diagnose(
     `bulge`: nu from the rise beside the punch, held within `bound`; forces are fitted with it, and the picture is
     held against none of its own. A candidate that cannot be fitted is passed over. Where the time of `watch` is
     over, nothing new is looked for: the answer is the best so far, `stopped`. `ruled_out`: keys of effects of the
-    picture that its frames are known not to show. Raises InputError where no law can
-    be fitted at all.
+    picture that its frames are known not to show. Raises InputError where no law can be fitted at all.
     """
     data = clear_of_touch(usable(data))
     catalogue = [*EFFECTS.values(), *effects]
-    fitted = partial(_diagnosed, catalogue=catalogue, known=known, rng=rng, bulge=bulge, bound=bound,
-                     ruled_out=ruled_out, watch=watch)  # fmt: skip
+    held = partial(_diagnosed, known=known, rng=rng, bulge=bulge, bound=bound, watch=watch)
+    fitted = partial(held, catalogue=catalogue, ruled_out=ruled_out)
     found = whole = fitted(data)
     aside, foreign = tuple[str, ...](), False
     while not watch.over and found.odd.presses and len(aside) + len(found.odd.presses) <= FEW * data.count:
