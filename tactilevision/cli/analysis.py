@@ -98,6 +98,19 @@ def treated(
     return {UNDO_SHADOWS: observed([new or old for new, old in zip(again, taken, strict=True)], left_out)}
 
 
+def not_in_frames(taken: Sequence[Taken], found: Diagnosis) -> tuple[str, ...]:
+    """Keys of effects that the diagnosis names or leaves open, whose cause no frame of any recording shows."""
+    from calibration.effects import EFFECTS
+    from tactilevision.reconstruct.shadows_seen import shows_none
+
+    named = {effect.key for effect in found.effects} | set(found.candidates)
+    keys = [key for key in named if getattr(EFFECTS.get(key), "treatment", "") == UNDO_SHADOWS]
+    told = bool(keys) and all(
+        one.reconstructor is not None and shows_none(one.recording, one.reconstructor) for one in taken
+    )
+    return tuple(keys) if told else ()
+
+
 def named_effects(names: Sequence[str | Path] | None) -> tuple[list[Effect], dict[str, str]]:
     """Effects in the order named, by key or by the file of one's own; and the file of each that has one."""
     from calibration.effects import get_effect

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -20,6 +22,7 @@ from tactilevision.cli.analysis import (
     commands_of,
     keep_history,
     named_effects,
+    not_in_frames,
     observed,
     taken_with_nu,
 )
@@ -28,11 +31,14 @@ from tactilevision.cli.steps import forget_found, keep_calibration
 if TYPE_CHECKING:
     from calibration.diagnosis.diagnosis import Diagnosis
     from calibration.session import Step
+    from tactilevision.cli.measure import Taken
 
 With = Annotated[
     list[str] | None,
     typer.Option("--with", metavar="KEY|FILE.py", help="An effect that is in from the start."),
 ]
+
+ABSENT = "the frames show none, where the balls tell how they would look"  # why an effect is ruled out
 
 
 def diagnose(
@@ -49,7 +55,6 @@ def diagnose(
     time_limit: TimeLimit = None,
 ) -> None:
     """Find out what is missing from the model: which effect, how sure, and what to measure next."""
-    import numpy as np
 
     from calibration.inputs.deadline import Deadline, Watch
     from calibration.laws.flat_punch import elastomer_bound
@@ -64,8 +69,9 @@ def diagnose(
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
     taken, bulge = taken_with_nu(recordings, cluster=cluster)
     with console.progress_bar("diagnosing") as progress:
-        watch, data, rng = Watch(progress, deadline), observed(taken), np.random.default_rng(seed)
-        found = method.diagnose(data, rng, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
+        watch, data = Watch(progress, deadline), observed(taken)
+        asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
+        found = _asked_of_frames(asked, taken, seed)
     files = sure_files | own_files
     steps = [*(Step(effect.key, files.get(effect.key, "")) for effect in sure), *steps_of(found, files)]
     commands = commands_of(recordings, found, files, prior=prior)
@@ -85,6 +91,18 @@ def diagnose(
     console.say(*summary(found), *(f"to try: {text}" for text in commands))
     console.say(f"wrote {out / 'report.html'}, and the tables and figures beside it")
     console.hand_over(content, json)
+
+
+def _asked_of_frames(asked: Callable[..., Diagnosis], taken: Sequence[Taken], seed: int) -> Diagnosis:
+    """What was asked; once more without what is named, where the frames rule it out."""
+    import numpy as np
+
+    found = asked(np.random.default_rng(seed))
+    absent = not_in_frames(taken, found)
+    if not absent:
+        return found
+    again = asked(np.random.default_rng(seed), ruled_out=absent)
+    return replace(again, not_testable={**again.not_testable, **dict.fromkeys(absent, ABSENT)})
 
 
 def steps_of(found: Diagnosis, files: Mapping[str, str]) -> list[Step]:

@@ -54,8 +54,9 @@ def parse_json(text: str | bytes, *, where: object) -> dict[str, Any]:
     """The table that a JSON text holds, its numbers finite. Raises InputError where it is no such table."""
     check(len(text) / 1e6, "MAX_TEXT_MB", what="its size in MB", where=where)
     try:
-        content = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_finite,
-                             object_pairs_hook=_once)  # fmt: skip
+        content = json.loads(
+            text, parse_float=_finite, parse_int=_whole, parse_constant=_finite, object_pairs_hook=_once
+        )
     except (ValueError, RecursionError) as fault:
         raise InputError(f"is not JSON: {str(fault)[:200]}", where=where) from fault
     if not isinstance(content, dict):

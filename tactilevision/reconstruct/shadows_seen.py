@@ -36,22 +36,41 @@ def with_shadows(
     None: FRAMES_READ of the recording's. Needs its balls or a method's file that knows the lamps; without them, or
     without shadows, the reader stays as it is.
     """
-    method = reader.referenced
-    frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
-    if method is None or not (recording.balls or getattr(method, "lamps", None)):
-        return reader
-    peaks = [float(reader.rectified_map(rgb).depth_mm.max()) for rgb in frames]
-    deepest = [frames[k] for k in np.argsort(peaks)[::-1][:FRAMES_TRIED] if peaks[k] > MIN_DEPTH_MM]
-    lamps = find_lamps(recording, reader) if deepest else None
-    if lamps is None:
-        return reader
-    field = undo_by(reader, lamps)
-    pictures = [(rgb, reader.rectified_map(rgb).depth_mm) for rgb in deepest]
-    if shadow_share(field, pictures, reference=method.reference.rgb) > SEEN_SHARE:  # no share is no shadow
+    share = share_seen(recording, reader, frames=frames)
+    if share is not None and share > SEEN_SHARE:  # no share (NaN) is no shadow
         reader.warnings += (SAID,)
     else:
         leave(reader)
     return reader
+
+
+def share_seen(
+    recording: Recording, reader: Reconstructor, *, frames: Sequence[Bytes] | None = None
+) -> float | None:
+    """Share of the forecast shadow that `frames` (H, W, 3), rectified, show; NaN: none is forecast.
+
+    None where it cannot be told: without balls, lamps that explain them, or a deep frame. The reader undoes
+    shadows afterwards where it could be told; `leave` takes that back.
+    """
+    method = reader.referenced
+    if method is None or not (recording.balls or getattr(method, "lamps", None)):
+        return None
+    frames = some_frames(recording, count=FRAMES_READ) if frames is None else frames
+    peaks = [float(reader.rectified_map(rgb).depth_mm.max()) for rgb in frames]
+    deepest = [frames[k] for k in np.argsort(peaks)[::-1][:FRAMES_TRIED] if peaks[k] > MIN_DEPTH_MM]
+    lamps = find_lamps(recording, reader) if deepest else None
+    if lamps is None:
+        return None
+    field = undo_by(reader, lamps)
+    pictures = [(rgb, reader.rectified_map(rgb).depth_mm) for rgb in deepest]
+    return shadow_share(field, pictures, reference=method.reference.rgb)
+
+
+def shows_none(recording: Recording, reader: Reconstructor) -> bool:
+    """Whether it can be told that the frames show no cast shadows; the reader leaves them afterwards."""
+    share = share_seen(recording, reader)
+    leave(reader)
+    return share is not None and share <= SEEN_SHARE
 
 
 def undo_by(reader: Reconstructor, lamps: Lamps) -> LightField:

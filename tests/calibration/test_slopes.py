@@ -196,3 +196,12 @@ def test_a_ceiling_of_slopes_has_no_unit_and_moves_no_certified_depth() -> None:
     assert 0 < found.visible["slope_saturation"] < 8
     assert not shown_size(found, "slope_saturation").endswith("mm")
     assert found.below_visibility["slope_saturation"] == 0
+
+
+@pytest.mark.slow
+def test_what_the_frames_rule_out_is_not_named() -> None:
+    force = 0.9 * DEPTHS * (1 + 0.8 * DEPTHS / 3) * (1 + 2e-3 * np.resize([1, -1, 0], DEPTHS.size))
+    dark = shaded(7).with_force(force)
+    named = diagnose(dark, np.random.default_rng(0), ruled_out=("cast_shadow",))
+    assert "cast_shadow" not in named.candidates
+    assert "cast_shadow" not in [one.key for one in named.effects]
