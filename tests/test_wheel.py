@@ -53,6 +53,7 @@ def test_installed_alone_it_reproduces_the_papers_figures(wheel: Path, tmp_path:
     out = subprocess.run(
         [
             str(home / "bin" / "python"),
+            "-I",
             "-c",
             entry,
             "calibrate",
@@ -70,7 +71,12 @@ def test_installed_alone_it_reproduces_the_papers_figures(wheel: Path, tmp_path:
     assert out.returncode == 0, out.stderr
     assert "0.1988" in out.stdout
     where = subprocess.run(
-        [str(home / "bin" / "python"), "-c", "import tactilevision, calibration; print(tactilevision.__file__)"],
+        [
+            str(home / "bin" / "python"),
+            "-I",
+            "-c",
+            "import tactilevision, calibration; print(tactilevision.__file__)",
+        ],
         cwd=tmp_path,
         check=True,
         capture_output=True,

@@ -42,8 +42,6 @@ def read_archive(path: Path | str) -> dict[str, bytes]:
 def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
     total = sum(about.file_size for about in members)
     check(total / 1e6, "MAX_ARRAY_MB", what="what it holds, in MB,", where=path)
-    if total > size:  # members that share their bytes
-        raise InputError("the archive states more than the file has", where=path, value=total)
     names = [about.filename for about in members]
     if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
         raise InputError("the archive holds more files than ours do, or one twice", where=path, value=len(names))
@@ -57,3 +55,5 @@ def _check(members: list[zipfile.ZipInfo], path: Path, *, size: int) -> None:
                 value=about.filename,
                 remedy="Take the file that `tactilevision calibrate-sensor` wrote.",
             )
+    if total > size:  # members that share their bytes
+        raise InputError("the archive states more than the file has", where=path, value=total)

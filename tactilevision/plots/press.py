@@ -42,7 +42,7 @@ def draw_press(evidence: Evidence, point: CertifiedPoint, *, rgb: Bytes | None) 
             _bevel_window(axes, evidence)
             # the scale bar says it, and ticks take their time
             axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
-        frame.set_title("Frame at the contact event" if evidence.touch is not None else "The deepest frame")
+        frame.set_title("Frame of the press" if evidence.touch is None else "Frame at the contact event")
         depth.set_title("Height map of that frame")
     figure.suptitle(f"Press {point.press} ({point.indenter}): {verdict}", x=0.02, ha="left", fontsize=11)
     _bevel_signal(bevel, evidence)

@@ -112,7 +112,7 @@ SAID = {
     "Name it with --sensor: gelslim3": ("depth", "{frames}"),
     "Name what was calibrated before with --method FILE.npz or --sensor FILE.tvs": (
         "depth",
-        "{frames}",
+        "{untouched}",
         "--sensor",
         "digit",
         "--mm-per-px",
@@ -134,9 +134,11 @@ def test_what_is_wrong_is_said_with_the_option_that_would_help(
     write_image(tmp_path / "small" / "a.png", free()[:90, :120])
     write_image(tmp_path / "untold" / "ball" / "a.png", pressed())
     write_image(tmp_path / "untold" / "flat" / "a.png", free())
+    for name in "ab":
+        write_image(tmp_path / "untouched" / f"{name}.png", free())
     (tmp_path / "empty").mkdir()
     (tmp_path / "sensor.toml").write_text(TOML)
-    places = {name: tmp_path / name for name in ("frames", "small", "empty", "untold")}
+    places = {name: tmp_path / name for name in ("frames", "small", "empty", "untold", "untouched")}
     places |= {"tvs": saved(tmp_path), "toml": tmp_path / "sensor.toml"}
     before = {path.name for path in tmp_path.iterdir()}
     assert run(*(str(word).format(**places) for word in SAID[said])) == 2
