@@ -21,7 +21,7 @@ Values: TypeAlias = dict[str, Value]
 WORD = re.compile(r"[\w.+:/-]{0,40}")
 NOT_RESULTS = frozenset({"versions", "path", "recordings", "command", "date", "why", "files", "figures"})
 STATISTICS: dict[str, Callable[[Floats], np.floating]] = {"min": np.min, "max": np.max, "mean": np.mean}
-MOST = 48  # values of a list or rows of a table that are kept; of longer ones every n-th
+MAX_VALUES = 48  # values of a list or rows of a table that are kept; of longer ones every n-th
 
 
 def of_json(path: Path, prefix: str, skip: Collection[str] = ()) -> Values:
@@ -110,7 +110,7 @@ def _listed(content: Sequence[object], name: str) -> Iterator[tuple[str, Value]]
     if any(isinstance(one, str) and not WORD.fullmatch(one) for one in values):
         yield f"{name}.count", len(values)
         return
-    step = -(-len(values) // MOST) or 1
+    step = -(-len(values) // MAX_VALUES) or 1
     if step > 1:
         yield f"{name}.count", len(values)
     yield name, values[::step]

@@ -35,7 +35,7 @@ Row = tuple[str, ...]
 Timed = tuple[list[Row], float]  # rows of a task, and the seconds that it took
 Progress = Callable[[int, int], None]
 CHUNK = 16  # frames that a worker reads for itself, one ahead of the other
-LEAST_CHUNK = 4  # frames of a task in a short run, so that each worker has some
+MIN_CHUNK = 4  # frames of a task in a short run, so that each worker has some
 SHIPMENT = 4  # frames of the first tasks for a cluster, until it is known how long one takes
 TASK_S = 1.0  # s of work in a task for a cluster: its hand-over costs some ten milliseconds
 MAX_SHIPMENT = 256  # frames that are done again with a worker that is killed
@@ -223,7 +223,7 @@ def _rows(recording: Recording, left: list[int], what: tuple[Job, Journal], work
         for number, frame in zip(left, _frames(recording, left), strict=True):
             yield _do(number, frame, *what)
         return
-    with worker_pool(min(workers, -(-len(left) // LEAST_CHUNK)), _start_worker, recording, *what) as pool:
+    with worker_pool(min(workers, -(-len(left) // MIN_CHUNK)), _start_worker, recording, *what) as pool:
         pending: set[Future[list[Row]]] = set()
         for future in _tasks(pool, recording, left, chunk=_chunk(len(left), workers)):
             pending.add(future)
@@ -305,7 +305,7 @@ def _timed(do: Callable[..., list[Row]], *given: Any) -> Timed:
 
 def _chunk(count: int, workers: int) -> int:
     """Frames of a task, so that workers end at about the same time."""
-    return min(max(LEAST_CHUNK, count // (4 * workers)), CHUNK)
+    return min(max(MIN_CHUNK, count // (4 * workers)), CHUNK)
 
 
 def _tasks(pool: Executor, recording: Recording, left: list[int], *, chunk: int) -> Iterator[Future[list[Row]]]:

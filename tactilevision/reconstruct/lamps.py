@@ -11,7 +11,7 @@ from tactilevision.reconstruct.reconstructor import Reconstructor
 from tactilevision.recording import Recording, read_image
 from tactilevision.sensors import rectify
 
-MOST = 300  # samples of one ball
+MAX_SAMPLES = 300  # samples of one ball
 BEST_MISFIT = 3.0  # stated deviations: balls that fit worse are lit by something else than three near lamps
 
 
@@ -34,7 +34,7 @@ def find_lamps(recording: Recording, reconstructor: Reconstructor) -> Lamps | No
         changes, _, valid = change.measure(picture)
         mm_per_px = recording.sensor.mm_per_px
         parts.append(
-            ball_samples(changes, ball, mm_per_px=mm_per_px, number=number, most=MOST, valid=valid, rng=rng)
+            ball_samples(changes, ball, mm_per_px=mm_per_px, number=number, most=MAX_SAMPLES, valid=valid, rng=rng)
         )
     if not parts:
         return None

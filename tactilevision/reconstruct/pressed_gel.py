@@ -33,7 +33,7 @@ FACE = 0.75  # of the radius, within which the face's plane is read: beyond, wal
 LIT_MM = (0.4, 2.5)  # mm beyond the edge, between which the map tells beta
 HANDED_OVER_MM = (2.0, 3.5)  # mm beyond the edge, between which the map takes over: there shadows end
 ALIKE = (0.15, 0.3)  # of the face's depth that the map may lie off the law, wholly and at all: shadows make .27
-FEWEST = 200  # pixels of gel that tell beta, and pixels of a face: fewer tell neither
+MIN_COUNT = 200  # pixels of gel that tell beta, and pixels of a face: fewer tell neither
 MIN_FACE_MM = 0.08  # mm: gentler faces cast no shadow that matters
 ROUNDED = 0.005  # of a/h: cases so near share a profile, which changes by less than .001 w
 
@@ -57,7 +57,7 @@ def _with_face(depth: Depth, edge: PunchEdge, *, lit: Bools | None, mm_per_px: P
     y = (np.arange(rows) * mm_per_px[1] - edge.centre_mm[1])[:, None]
     r, a = np.hypot(x, y), edge.radius_mm
     beyond, face = r - a, r < FACE * a
-    if np.count_nonzero(face) < FEWEST:
+    if np.count_nonzero(face) < MIN_COUNT:
         return depth
     terms = np.stack([np.ones_like(r), x + 0.0 * y, y + 0.0 * x])
     (w, *tilt), *_ = np.linalg.lstsq(terms[:, face].T, depth[face], rcond=None)
@@ -69,7 +69,7 @@ def _with_face(depth: Depth, edge: PunchEdge, *, lit: Bools | None, mm_per_px: P
     )
     told = (beyond > LIT_MM[0]) & (beyond < LIT_MM[1]) & (False if lit is None else lit)
     share = USUAL_SHARE
-    if np.count_nonzero(told) >= FEWEST:
+    if np.count_nonzero(told) >= MIN_COUNT:
         between = (high - low)[told]
         share = float(np.clip(between @ (depth - low)[told] / (between @ between), *SHARES))
     surface = low + share * (high - low)

@@ -31,7 +31,7 @@ MIN_VARYING = 24  # contacts for a law that varies over the picture
 MIN_SPREAD = 1.0  # half the picture: a law that varies runs away where nothing touched
 PRIOR = 0.3  # weight of the prior; of 1 to .01 tried on four real sensors, all within a degree
 RIDGE = 1e-4  # of a term's own power
-ROUNDS = 3  # of weighing equations anew; they settle in two
+MAX_ITERATIONS = 3  # of weighing equations anew; they settle in two
 OUTLYING = 2.0  # deviations at which an equation counts half
 USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors 1.6 to 3.5
 MIN_GAP = 4.0  # second least curl over the least: less, and contacts do not tell the law; real ones 14 to 60
@@ -95,7 +95,7 @@ def _solve(equations: Floats, terms: Floats, target: Floats) -> tuple[Floats, Fl
     found = np.linalg.solve(held, wanted)
     start = float(np.mean((equations @ found) ** 2))
     weights = np.ones(len(equations))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         curl = (equations * weights[:, None]).T @ equations / (len(equations) * start)
         found = np.linalg.solve(curl + PRIOR * held, PRIOR * wanted)
         slopes = terms @ found.reshape(2, -1).T
@@ -112,7 +112,7 @@ def _least_curl(equations: Floats, samples: Floats, change: Floats, outward: Flo
     power = terms.T @ terms / len(terms)
     power[np.diag_indices(3)] *= 1.0 + RIDGE
     weights = np.ones(len(reduced))
-    for _ in range(ROUNDS + 1):
+    for _ in range(MAX_ITERATIONS + 1):
         curl = (reduced * weights[:, None]).T @ reduced / len(reduced)
         values, vectors = scipy.linalg.eigh(curl, scipy.linalg.block_diag(power, power))
         weights = _cauchy(reduced @ vectors[:, 0])

@@ -39,14 +39,14 @@ GROWTH = 1.15  # from one such step to the next: what stands farther off is seen
 LONGEST = 2.5  # cells, the longest step
 LIT = 0.97  # of a lamp's light: less is shadow
 STANDS_OUT_MM = 0.03  # mm over the level gel: less throws no shadow of a cell's length
-LEAST_TANGENT = 0.1  # of a lamp's elevation: lower lamps would shade all of the pad
+MIN_TANGENT = 0.1  # of a lamp's elevation: lower lamps would shade all of the pad
 
 FAINTEST = 0.2  # of a channel's light that is left in shadow: darker is not believed
 SMOOTH_PX = 1.0  # px, sigma: as the camera blurs the shadow's edge, about
 EVIDENCE_CELL_MM = 0.25  # mm, side of the squares in which shadows are looked for
 LEVEL = 0.25  # slope up to which squares count: the wall's own light is another matter
 MIN_SHADE = 0.08  # of the light that is forecast to be missing in a square that counts as dark
-FEWEST = 25  # dark squares: fewer tell nothing
+MIN_COUNT = 25  # dark squares: fewer tell nothing
 
 Picture = npt.NDArray[np.float32]
 
@@ -96,7 +96,7 @@ def shadow_share(
     """
     seen = [_shade_and_missing(field, rgb, reference=reference, depth_mm=depth) for rgb, depth in pictures]
     shade, missing = (np.concatenate(part) for part in zip(*seen, strict=True))
-    if np.count_nonzero(shade < -MIN_SHADE) < FEWEST:
+    if np.count_nonzero(shade < -MIN_SHADE) < MIN_COUNT:
         return float("nan")
     return float(np.polyfit(shade, missing, 1)[0])
 
@@ -191,7 +191,7 @@ def _box(lamps: Lamps, heights: Picture, cell: Pair) -> tuple[slice, slice] | No
     if not raised.any():
         return None
     tangent = min(lamp.height_mm / (lamp.distance_mm + lamp.length_mm) for lamp in lamps.lamps)
-    reach = (float(heights.max()) - level) / max(tangent, LEAST_TANGENT)
+    reach = (float(heights.max()) - level) / max(tangent, MIN_TANGENT)
     found = []
     for axis, mm in ((1, cell[1]), (0, cell[0])):
         where = np.flatnonzero(raised.any(axis=axis))
@@ -207,7 +207,7 @@ def _reached(
     over_x, over_y = point[0] - places[0], point[1] - places[1]
     distance = np.hypot(over_x, over_y)
     towards_x, towards_y = over_x / distance, over_y / distance
-    tangent = np.maximum(point[2] / distance, LEAST_TANGENT).astype(np.float32)
+    tangent = np.maximum(point[2] / distance, MIN_TANGENT).astype(np.float32)
     column = np.arange(heights.shape[1], dtype=np.float32)[None, :]
     row = np.arange(heights.shape[0], dtype=np.float32)[:, None]
     towards_x, towards_y = ((a / b).astype(np.float32) for a, b in zip((towards_x, towards_y), cell, strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactilevision.errors import InputError
-from tactilevision.photometric.illumination.lamps import MOST_POWER, Lamp, Lamps
+from tactilevision.photometric.illumination.lamps import MAX_POWER, Lamp, Lamps
 from tactilevision.records import Floats
 
 PLACE = ("azimuth_rad", "distance_mm", "height_mm", "length_mm", "aim_mm")  # rad and mm; then three colours
@@ -44,7 +44,7 @@ def lamps_of(arrays: Mapping[str, npt.NDArray[Any]], *, where: Path) -> Lamps | 
         raise InputError(
             "a lamp stands beside and above the gel, at most 10 m away", where=where, value=places.tolist()
         )
-    if not 0 < power <= MOST_POWER or misfit < 0 or colours.min() < 0 or np.any(colours.max(axis=1) <= 0):
+    if not 0 < power <= MAX_POWER or misfit < 0 or colours.min() < 0 or np.any(colours.max(axis=1) <= 0):
         raise InputError(
             "the lamps' light is none: colours, power and misfit", where=where, value=[float(power), float(misfit)]
         )

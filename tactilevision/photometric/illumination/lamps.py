@@ -39,9 +39,9 @@ SOFT = 0.05  # of a lamp's light on level gel: rounds off where the surface turn
 STD_OF_BALLS = (0.01, 0.03)  # relative deviation of a ball's pixel, level, and for each unit of slope
 STD_OF_FREE = 0.015  # relative deviation of the untouched picture from the law: ink, vignetting
 ROBUST = 3.0  # deviations beyond which a ball's pixel counts less: shadow, gloss
-MOST_KNOWN = 64  # lamps whose light is kept during the fit: a step and its derivatives
+MAX_KNOWN = 64  # lamps whose light is kept during the fit: a step and its derivatives
 DARKEST = 0.02  # of the untouched gel's grey level
-FEWEST = 200  # samples of balls, fewer do not tell three lamps
+MIN_COUNT = 200  # samples of balls, fewer do not tell three lamps
 PRIORS = {  # of ln distance, ln tangent of elevation, ln length, aim; lengths in half widths of the pad
     "distance": (np.log(1.7), 0.3),
     "tangent": (np.log(0.45), 0.5),
@@ -54,7 +54,7 @@ PRIOR_CROSS = (
 )  # ln of a lamp's light to another channel over its own, and deviation
 PRIOR_POWER = (2.0, 0.3)  # of a camera: sRGB and video, and their deviation
 LENGTHS = (0.3, 3.0)  # of a lamp, in half widths of the pad: from a point to a strip along all of a side
-MOST_POWER = 3.0  # of a camera, beyond all that are in use
+MAX_POWER = 3.0  # of a camera, beyond all that are in use
 
 
 @dataclass(frozen=True)
@@ -109,14 +109,14 @@ def fit_lamps(
     `place` (N, 2) runs from -1 to 1 over the picture. None where there are too few samples. No unit of light is
     known: colours hold among each other alone.
     """
-    if len(place) < FEWEST:
+    if len(place) < MIN_COUNT:
         return None
     some = np.linspace(0, len(place) - 1, min(SAMPLES, len(place))).astype(np.intp)
     task = _Task.of(change[some], slopes[some], place[some], reference, mm_per_px)
     from scipy.optimize import least_squares
 
     low, high = np.full(task.count, -np.inf), np.full(task.count, np.inf)
-    low[24], high[24] = 1.0, MOST_POWER
+    low[24], high[24] = 1.0, MAX_POWER
     low[3:24:8], high[3:24:8] = np.log(LENGTHS)
     found = least_squares(task.residual, task.start(), bounds=(low, high), x_scale="jac", max_nfev=60)
     off = task.of_balls(found.x)
@@ -186,7 +186,7 @@ class _Task:
         """Its light on the balls (3, n), and upright on the untouched picture, whatever its colour."""
         plain = replace(lamp, colour=(0.0, 0.0, 0.0))
         if plain not in self.known:
-            if len(self.known) > MOST_KNOWN:
+            if len(self.known) > MAX_KNOWN:
                 self.known.clear()
             self.known[plain] = lamp.light(self.x_mm, self.y_mm), lamp.light(self.free_x_mm, self.free_y_mm)[2]
         return self.known[plain]
