@@ -80,7 +80,7 @@ def test_beside_another_thread_workers_are_started_anew_and_a_missing_guard_is_n
 @pytest.mark.parametrize("ended_by", [signal.SIGKILL, signal.SIGTERM])
 def test_workers_end_with_their_parent(tmp_path: Path, ended_by: signal.Signals) -> None:
     path = tmp_path / "script.py"
-    path.write_text(HEAD + "def busy(k):\n    print(os.getpid(), flush=True)\n    time.sleep(60)\n"
+    path.write_text(HEAD + "def busy(k):\n    os.write(1, b'%d\\n' % os.getpid())\n    time.sleep(60)\n"
                     "with worker_pool(2) as pool:\n    list(pool.map(busy, range(2)))\n")  # fmt: skip
     with subprocess.Popen([sys.executable, str(path)], stdout=subprocess.PIPE, text=True, cwd=ROOT) as parent:
         assert parent.stdout is not None
