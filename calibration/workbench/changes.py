@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from calibration.inputs.left_out import press_names
+from calibration.inputs.excluded_presses import press_names
 from calibration.report.error_fall import BASE
 from calibration.session import History, Labelled, Step
 from calibration.workbench.opened import Opened

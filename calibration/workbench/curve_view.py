@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.fit.least_squares import Fit
-from calibration.inputs.left_out import press_names
+from calibration.inputs.excluded_presses import press_names
 from calibration.report.error_fall import BASE
 from calibration.report.force_curves import force_curves
 from calibration.report.residual_strips import residual_strips

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.inputs.left_out import leave_out
+from calibration.inputs.excluded_presses import leave_out
 from calibration.inputs.observations import Observations
 from calibration.model.stages import Effect
 from calibration.tasks.compare import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.diagnosis.refit import Candidate
 from calibration.fit.tolerances import TOLERANCES
-from calibration.inputs.left_out import press_names
+from calibration.inputs.excluded_presses import press_names
 from calibration.model.stages import EffectBase
 from calibration.report import wording
 from calibration.report.comparison_report import OF_MATERIAL, fall_sentence, parameter

@@ -79,8 +79,8 @@ def _sharpest(read: Sequence[tuple[Taken, Estimate | None]]) -> tuple[list[Taken
 
 def observed(taken: Sequence[Taken], left_out: Sequence[str] = ()) -> Observations:
     """The curves of these recordings where there are any, else the certified points, without some presses."""
+    from calibration.inputs.excluded_presses import leave_out
     from calibration.inputs.gather import observe_all
-    from calibration.inputs.left_out import leave_out
     from calibration.tasks.calibrate import observe
 
     sets = [one.measured for one in taken]

@@ -13,7 +13,7 @@ import pytest
 from made_bench import PRESSES, bench, do, presses
 
 from calibration.effects.support.private import load_effect, new_effect
-from calibration.inputs.left_out import leave_out, press_names
+from calibration.inputs.excluded_presses import leave_out, press_names
 from calibration.session import History, load_history
 from calibration.tasks.compare import compare
 from calibration.workbench import bench as bench_module
