@@ -11,6 +11,7 @@ import hmac
 import secrets
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -49,20 +50,15 @@ class Answer:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
-Get = Callable[[str, Mapping[str, str]], "Answer | dict[str, Any] | None"]
-Post = Callable[[str, dict[str, Any]], "Answer | dict[str, Any] | None"]
+class LocalPage(ABC):
+    """A page while it is open. Who makes one says what `get` and `post` answer.
 
-
-class LocalPage:
-    """The page while it is open.
-
-    `get` takes what stands below the token and the parameters after "?", `post` that and the JSON sent. Either
-    gives an answer, a dictionary that is sent as JSON, or None where there is nothing of that name. What they
+    Each gives an answer, a dictionary that is sent as JSON, or None where there is nothing of that name. What they
     raise is told: an InputError in its sentence, a KeyError, ValueError or TypeError as a request not understood.
     """
 
-    def __init__(self, get: Get, post: Post, *, port: int, headers: Mapping[str, str] | None = None) -> None:
-        self.get, self.post, self.headers = get, post, {**HEADERS, **(headers or {})}
+    def __init__(self, *, port: int = 0, headers: Mapping[str, str] | None = None) -> None:
+        self.headers = {**HEADERS, **(headers or {})}
         self.token = secrets.token_urlsafe(24)
         try:
             self._server = _Listener((LOCALHOST, port), self)
@@ -75,6 +71,14 @@ class LocalPage:
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(POLL_S,), name="local page", daemon=True
         )
+
+    @abstractmethod
+    def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
+        """Answer for what stands below the token; `asked` holds the parameters after "?"."""
+
+    @abstractmethod
+    def post(self, name: str, content: dict[str, Any]) -> Answer | dict[str, Any] | None:
+        """Answer for what stands below the token and the JSON sent to it."""
 
     @property
     def address(self) -> str:

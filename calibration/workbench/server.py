@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from calibration.workbench.answers import ANSWERS
 from calibration.workbench.bench import Bench
@@ -28,32 +28,21 @@ PLOTLYS_POLICY = POLICY.replace("style-src 'self'", "style-src 'self' 'unsafe-in
 )  # plotly writes its own styles, and makes pictures in the browser
 
 
-class Server:
+class Server(LocalPage):
     """The page while it is open."""
 
     def __init__(self, bench: Bench, port: int = 0) -> None:
         self.bench = bench
         plotly()  # said now where it is missing
-        self.page = LocalPage(
-            self._get, self._post, port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY}
-        )
-
-    @property
-    def address(self) -> str:
-        """Where a browser finds it."""
-        return self.page.address
-
-    def __enter__(self) -> Self:
-        self.page.__enter__()
-        return self
+        super().__init__(port=port, headers={"Content-Security-Policy": PLOTLYS_POLICY})
 
     def __exit__(
         self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.bench.end()
-        self.page.__exit__(kind, fault, trace)
+        super().__exit__(kind, fault, trace)
 
-    def _get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
+    def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
         if name in PAGE_FILES:
             file, kind = PAGE_FILES[name]
             return Answer(kind, (PAGE / file).read_bytes())
@@ -61,7 +50,7 @@ class Server:
             return Answer("text/javascript; charset=utf-8", plotly(), KEPT)
         return ANSWERS[name](self.bench, asked) if name in ANSWERS else None
 
-    def _post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
+    def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
         if name != "act":
             return None
         action, value, version = content["action"], content.get("value", ""), content["version"]

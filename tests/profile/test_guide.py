@@ -63,15 +63,15 @@ def page(recording: Path) -> Iterator[Guide]:
 def ask(page: Guide, method: str, path: str, **headers: str) -> tuple[int, bytes, Any]:
     """One request; the token goes before `path` unless that begins with a slash."""
     body = headers.pop("body", None)
-    whole = path if path.startswith("/") else f"/{page.page.token}/{path}"
-    with closing(http.client.HTTPConnection("127.0.0.1", page.page.port, timeout=30)) as line:
+    whole = path if path.startswith("/") else f"/{page.token}/{path}"
+    with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)) as line:
         line.request(method, whole, body, {name.replace("_", "-"): value for name, value in headers.items()})
         answer = line.getresponse()
         return answer.status, answer.read(), answer.headers
 
 
 def post(page: Guide, path: str, content: object) -> tuple[int, dict[str, Any]]:
-    own = f"http://127.0.0.1:{page.page.port}"
+    own = f"http://127.0.0.1:{page.port}"
     status, body, _ = ask(
         page, "POST", path, Origin=own, Content_Type="application/json", body=json.dumps(content)
     )
@@ -125,11 +125,11 @@ def test_circles_that_are_none_are_refused(page: Guide) -> None:
 
 
 def test_only_who_knows_the_address_may_ask_and_from_this_page_alone(page: Guide) -> None:
-    own, kind = f"http://127.0.0.1:{page.page.port}", "application/json"
+    own, kind = f"http://127.0.0.1:{page.port}", "application/json"
     assert ask(page, "GET", "presses", Origin=own)[0] == 200
-    for path in ("/", "/presses", "//presses", f"/{page.page.token[:-1]}/presses", "/favicon.ico"):
+    for path in ("/", "/presses", "//presses", f"/{page.token[:-1]}/presses", "/favicon.ico"):
         assert ask(page, "GET", path)[0] == 404, path
-    for host in ("evil.example", f"evil.example:{page.page.port}", "127.0.0.1"):
+    for host in ("evil.example", f"evil.example:{page.port}", "127.0.0.1"):
         assert ask(page, "GET", "presses", Host=host)[0] == 403, host
     for origin in ("", "http://127.0.0.1", own.replace("http:", "https:")):
         assert ask(page, "GET", "presses", Origin=origin)[0] == 403, origin

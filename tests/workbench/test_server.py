@@ -48,12 +48,12 @@ def ask(
     token: str | None = None,
 ) -> tuple[int, dict[str, str], bytes]:
     """A request as a browser sends it, but for what the test changes."""
-    link = http.client.HTTPConnection("127.0.0.1", server.page.port, timeout=30)
-    own = {"Host": server.page.hosts[0]}
+    link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    own = {"Host": server.hosts[0]}
     if method == "POST":
-        own |= {"Origin": f"http://{server.page.hosts[0]}", "Content-Type": "application/json"}
+        own |= {"Origin": f"http://{server.hosts[0]}", "Content-Type": "application/json"}
     sent = None if body is None else json.dumps(body) if not isinstance(body, str) else body
-    target = f"/{server.page.token if token is None else token}/{path}"
+    target = f"/{server.token if token is None else token}/{path}"
     link.request(method, target, sent, {k: v for k, v in (own | (headers or {})).items() if v})
     answer = link.getresponse()
     content = answer.read()
@@ -63,7 +63,7 @@ def ask(
 
 def test_it_listens_on_this_machine_alone_and_its_page_may_ask_nobody_else(server: Server) -> None:
     assert server.address.startswith("http://127.0.0.1:")
-    assert len(server.page.token) >= 32
+    assert len(server.token) >= 32
     status, headers, page = ask(server, "")
     assert status == 200
     assert b"<title>tactilevision workbench" in page
@@ -171,7 +171,7 @@ def test_a_taken_port_is_said(server: Server) -> None:
 def test_a_browser_that_goes_in_the_middle_of_a_question_is_no_fault(
     server: Server, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with socket.create_connection(("127.0.0.1", server.page.port)) as link:
+    with socket.create_connection(("127.0.0.1", server.port)) as link:
         link.sendall(b"GET /half")
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closing sends a reset
     assert ask(server)[0] == 200

@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from importlib.resources import files
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from tactilevision.errors import InputError
 from tactilevision.local_page import Answer, LocalPage
@@ -21,55 +20,41 @@ PAGES = {
 }
 
 
-class Guide:
+class Guide(LocalPage):
     """The page while it is open. `wait` returns when a person is done."""
 
     def __init__(self, session: Session, *, port: int = 0) -> None:
         self.session, self.done = session, threading.Event()
-        self.page = LocalPage(self.get, self.post, port=port)
-
-    @property
-    def address(self) -> str:
-        """Where a browser finds it; who has it may draw circles."""
-        return self.page.address
-
-    def __enter__(self) -> Self:
-        self.page.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.page.__exit__(kind, fault, trace)
+        super().__init__(port=port)
 
     def wait(self) -> None:
         """Until the page says that all is done; Ctrl-C ends it, too."""
         while not self.done.wait(0.5):
             pass
 
-    def get(self, path: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
+    def get(self, name: str, asked: Mapping[str, str]) -> Answer | dict[str, Any] | None:
         """A file of the page, the presses, a picture or a section."""
-        if path in PAGES:
-            name, kind = PAGES[path]
-            return Answer(kind, (files("tactilevision.profile.guide") / "page" / name).read_bytes())
-        if path == "presses":
+        if name in PAGES:
+            file, kind = PAGES[name]
+            return Answer(kind, (files("tactilevision.profile.guide") / "page" / file).read_bytes())
+        if name == "presses":
             return self.session.to_json()
-        kind_of_view, _, at = path.partition("/")
+        kind_of_view, _, at = name.partition("/")
         if kind_of_view == "section":
             return self.session.section(self._index(at))
         view = self.session.view(self._index(at), kind_of_view) if kind_of_view in VIEWS else None
         return None if view is None else Answer("image/png", view)
 
-    def post(self, path: str, asked: dict[str, Any]) -> dict[str, Any] | None:
+    def post(self, name: str, content: dict[str, Any]) -> dict[str, Any] | None:
         """A circle, a search, a fit, the table, the end."""
-        what, _, at = path.partition("/")
+        what, _, at = name.partition("/")
         plain: dict[str, Callable[[], dict[str, Any]]] = {"fit": self.session.fit, "save": self.session.save}
         one = {"set": self.session.set, "find": self.session.find}
         if what in plain and not at:
             return plain[what]()
         if what in one:
-            return one[what](self._index(at), asked)
-        if path == "done":
+            return one[what](self._index(at), content)
+        if name == "done":
             kept = self.session.save()
             self.done.set()
             return kept
