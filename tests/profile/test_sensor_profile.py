@@ -105,17 +105,24 @@ def test_a_batch_is_its_frames(sensor: CalibratedSensor) -> None:
     seen = sensor.read(frames)
     assert isinstance(seen, SeenBatch)
     one = read_one(sensor, frames[1])
+    assert seen.std is not None
     assert seen.height.shape == seen.contact.shape == seen.std.shape == (2, *SHAPE)
     np.testing.assert_array_equal(seen.contact[1], one.contact)
     assert one.tractions is not None
     assert seen.tractions is not None
     np.testing.assert_array_equal(seen.tractions[1, 2], one.tractions.t_z)
+    assert seen.wrench is not None
     assert seen.wrench.shape == (2, 6)
     assert seen.wrench[1, 2] == one.tractions.resultant_N[2]
     assert seen.footprint == (None, None)
     assert seen.flags[1] == one.flags
     with pytest.raises(InputError, match="at least one"):
         sensor.read(frames[:0])
+    unsolved = SeenBatch((replace(one, tractions=None), one))
+    assert unsolved.wrench is not None
+    assert np.isnan(unsolved.wrench).all(axis=1).tolist() == [True, False]
+    assert unsolved.tractions is not None
+    assert np.isnan(unsolved.tractions[0]).all()
 
 
 def test_a_frame_of_another_kind_is_refused(sensor: CalibratedSensor) -> None:
@@ -207,7 +214,7 @@ def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:
     assert seen.frames[0].tractions is None
     assert seen.frames[0].wrench is None
     assert seen.tractions is None
-    assert np.isnan(seen.wrench).all()
+    assert seen.wrench is None
     assert Stream(sensor).take(Frame(pressed())).wrench is None
     with pytest.raises(InputError, match="needs the gel, its E and nu"):
         ForceField(sensor)
