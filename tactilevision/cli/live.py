@@ -128,7 +128,7 @@ def _open(
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
     from tactilevision.profile.sensor import CalibratedSensor
-    from tactilevision.recording import list_references, read_image
+    from tactilevision.recording import faults_of_reference, list_references, read_image
 
     if chosen.profile is None:
         raise InputError(
@@ -138,7 +138,10 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
         )
     sensor = CalibratedSensor(chosen.profile, indenter=indenter)
     flats = list_references(chosen.reference)
-    return sensor.with_reference([read_image(path) for path in flats]) if flats else sensor
+    if not flats:
+        return sensor
+    with faults_of_reference(chosen.reference):
+        return sensor.with_reference([read_image(path) for path in flats])
 
 
 def _tell_audit(opened: _Opened, found: Audit) -> None:

@@ -49,6 +49,8 @@ def read_folder(
     flats = list_references(None if reference is None else Path(reference))
     if sensor is None and (root / layout.SETTINGS).is_file():
         own = read_recording(root)
+        if own.frame_size_px is not None:
+            check_references(own.frame_size_px, flats[:1])
         return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
     frames_path, names = _frames_of(root)
     if sensor is None:
