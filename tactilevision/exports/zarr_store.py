@@ -9,7 +9,8 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    with told_as_output(scratch):
+    with told_as_output(scratch), _own_threads():
         group = _new_group(scratch, about)
         for name, unit in fields.items():
             array = group.create_array(
@@ -130,6 +131,28 @@ def _move(scratch: Path, path: Path) -> None:
 
 def _old(path: Path) -> Path:
     return path.with_name(f".{path.name}-old")
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """Zarr's threads end with what began them here, so that workers can be copies of this process (runs.py)."""
+    _zarr()
+    try:
+        from zarr.core import sync
+    except ImportError:  # another version of zarr: workers are then started anew
+        yield
+        return
+    if sync.loop[0] is not None:  # begun by others, who may be using them
+        yield
+        return
+    try:
+        yield
+    finally:
+        loop, thread = sync.loop[0], sync.iothread[0]
+        if loop is not None and thread is not None:
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
+            sync.cleanup_resources()
 
 
 def _zarr() -> Any:
