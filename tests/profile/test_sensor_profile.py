@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lamp_sensor import GEL, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
+from lamp_sensor import GEL, LAMPS, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.errors import InputError
 from tactilevision.files import write_archive
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.live import Stream
-from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.profile import contents
 from tactilevision.profile.make import stated_material
 from tactilevision.profile.read import read_profile
@@ -173,17 +172,6 @@ def test_a_face_law_is_kept(tmp_path: Path) -> None:
     assert read_profile(there).face_law == law
 
 
-LAMPS = Lamps(
-    (
-        Lamp(0.1, 24.0, 11.0, 12.0, 4.0, (1.0, 0.2, 0.1)),
-        Lamp(2.2, 24.0, 11.0, 12.0, 4.0, (0.1, 1.0, 0.2)),
-        Lamp(4.3, 24.0, 11.0, 12.0, 4.0, (0.2, 0.1, 1.0)),
-    ),
-    2.2,
-    1.0,
-)
-
-
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
     laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
     held = replace(profile(), face_law=laws[False], lamps=LAMPS, undone_face_law=laws[True])
@@ -191,6 +179,8 @@ def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -
     assert read_profile(there).lamps == LAMPS
     left, undone = load_sensor(there, indenter="A1"), load_sensor(there, indenter="A1", shadows=True)
     assert left.reconstructor.shadows is None, "by default frames are read fast"
+    assert "shadow" in read_one(left, pressed(4, 2.0)).flags
+    assert "shadow" not in (*read_one(undone, pressed(4, 2.0)).flags, *read_one(left, free(3)).flags)
     by_hand = Reconstructor(profile().sensor, profile().method)
     undo_by(by_hand, LAMPS)
     rgb = pressed(4, 2.0)
