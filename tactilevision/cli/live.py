@@ -28,7 +28,7 @@ EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
 KEPT = (
     "this sensor's lamps cast shadows beside deep contacts, and they stay: such frames have the flag shadow. "
-    "--shadows undoes them as `depth` does; a deep frame then takes up to a second, and those that come meanwhile drop"
+    "--shadows undoes them as `depth` does; a deep frame then takes up to a second, and others are dropped"
 )
 
 

@@ -10,8 +10,9 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from tactilevision.files import told_as_output, unfinished
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]
+ZARR_THREADS = "zarr.core.sync"  # where zarr 3 keeps them
 
 
 def write_zarr(path: Path | str, height: HeightMap) -> None:
@@ -137,22 +139,27 @@ def _old(path: Path) -> Path:
 def _own_threads() -> Iterator[None]:
     """Zarr's threads end with what began them here, so that workers can be copies of this process (runs.py)."""
     _zarr()
-    try:
-        from zarr.core import sync
-    except ImportError:  # another version of zarr: workers are then started anew
-        yield
-        return
-    if sync.loop[0] is not None:  # begun by others, who may be using them
+    if _loop_and_thread() is not None:  # begun by others, who may be using them
         yield
         return
     try:
         yield
     finally:
-        loop, thread = sync.loop[0], sync.iothread[0]
-        if loop is not None and thread is not None:
+        begun = _loop_and_thread()
+        if begun is not None:
+            loop, thread = begun
             loop.call_soon_threadsafe(loop.stop)
             thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
-            sync.cleanup_resources()
+            import_module(ZARR_THREADS).cleanup_resources()
+
+
+def _loop_and_thread() -> tuple[Any, Any] | None:
+    """What zarr has at work beside this thread; None of a version that keeps it elsewhere, too."""
+    with suppress(ImportError, AttributeError):
+        sync = import_module(ZARR_THREADS)
+        if sync.loop[0] is not None and sync.iothread[0] is not None:
+            return sync.loop[0], sync.iothread[0]
+    return None
 
 
 def _zarr() -> Any:

@@ -278,8 +278,11 @@ def tripled(number: int) -> int:
 
 @pytest.mark.slow
 def test_steps_of_an_analysis_outlive_a_worker_and_the_scheduler(machines: Machines) -> None:
+    def kill() -> None:
+        os.kill(worker_pid(machines), signal.SIGKILL)
+
     with step_pool(None, machines.address) as each:
-        for act in (lambda: os.kill(worker_pid(machines), signal.SIGKILL), machines.restart):
+        for act in (kill, machines.restart):
             steps = each(tripled, range(100))
             found = [next(steps)() for _ in range(10)]
             act()
