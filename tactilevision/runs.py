@@ -238,6 +238,12 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, *given: An
         reader.close()
 
 
+def copies_are_safe() -> bool:
+    """Whether workers would be copies of this process, since no other thread runs in it."""
+    with _one_thread() as alone:
+        return alone
+
+
 @contextmanager
 def _one_thread() -> Iterator[bool]:
     """Whether this process has no second thread, of a library neither: tickers and OpenCV's rest meanwhile."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, refit_with
 from calibration.diagnosis.score_test import LEVEL
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS, InstrumentError
 from calibration.fit.least_squares import Fit
+from calibration.inputs.deadline import Each, in_turn
 from calibration.model.parameters import Parameter
 from calibration.model.stages import Effect
 from tactilevision.records import Pair
@@ -56,10 +58,10 @@ class AlternativeExplanation:
         }
 
 
-def plain_errors(searched: Searched) -> tuple[Candidate, ...]:
+def plain_errors(searched: Searched, each: Each = in_turn) -> tuple[Candidate, ...]:
     """Each plain error on what a search began with, under the noise that it ended with, the nearest first."""
     begin = _begin(searched)
-    return tuple(sorted(_fitted(begin, INSTRUMENT_ERRORS), key=lambda one: _cost(one, begin)))
+    return tuple(sorted(_fitted(begin, INSTRUMENT_ERRORS, each), key=lambda one: _cost(one, begin)))
 
 
 def alternative_explanation(
@@ -123,8 +125,7 @@ def suggested(fitted: Fit) -> tuple[Candidate, ...]:
     return tuple(sorted(better, key=lambda one: one.cost))
 
 
-def _fitted(begin: Fit, effects: Sequence[Effect]) -> Iterator[Candidate]:
-    for effect in effects:
-        if not effect.missing(begin.data):
-            with suppress(*CANNOT_FIT):
-                yield refit_with(begin, effect)
+def _fitted(begin: Fit, effects: Sequence[Effect], each: Each = in_turn) -> Iterator[Candidate]:
+    for refit in each(partial(refit_with, begin), [one for one in effects if not one.missing(begin.data)]):
+        with suppress(*CANNOT_FIT):
+            yield refit()

@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, hold_out, press_folds, separation
 from calibration.fit.least_squares import Fit
+from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
 from calibration.noise.inner_products import Weighing
 
@@ -21,7 +23,9 @@ TOLD_APART = 3.0  # std between two candidates: nearer ones stay in the set toge
 NEAR = 0.1  # of what the best takes off: a rival this near is weighed again
 
 
-def weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+def weighed_again(
+    current: Fit, first: Candidate, candidates: Sequence[Candidate], each: Each = in_turn
+) -> Sequence[Candidate]:
     """The candidates, best first; those near the first one by the likelihood of their own fits: a model that lacks
     the effect takes it for noise, and its first touch for another.
     """
@@ -30,9 +34,9 @@ def weighed_again(current: Fit, first: Candidate, candidates: Sequence[Candidate
     if len(near) < 2:
         return candidates
     own = {}
-    for one in near:
+    for one, adopted in zip(near, each(partial(adopt, current), near), strict=True):
         with suppress(*CANNOT_FIT):
-            fitted = adopt(current, one)
+            fitted = adopted()
             cost = fitted.chi2 + _log_volume(fitted)
             own[one.effect.key] = replace(one, values=fitted.values, chi2=cost, force_N=fitted.force_N)
     least = min((one.cost for one in own.values()), default=0.0)

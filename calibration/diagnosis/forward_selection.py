@@ -13,7 +13,9 @@ exactly the form that it is given here.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from calibration.diagnosis.refit import CANNOT_FIT, Candidate, adopt, refit_with
 from calibration.diagnosis.score_test import Scored, ScoreTest, score_test
 from calibration.fit.identifiability import beta_name
 from calibration.fit.least_squares import Fit, fit
-from calibration.inputs.deadline import UNWATCHED, Watch
+from calibration.inputs.deadline import UNWATCHED, Each, Watch
 from calibration.laws.flat_punch import FlatPunch
 from calibration.laws.theory.admissible_range import beta_outside_theory
 from calibration.model.composition import Model
@@ -131,14 +133,16 @@ def forward_selection(
                 start = room
             continue
         watch.tell("weighing the best against the others")
-        step = _confirmed(current, turn, now)
+        step = _confirmed(current, turn, now, watch.each)
         if step is None:
             break
         steps.append(step)
         current = step.fitted
         if cured_anew(step):  # what else is left is looked for once the frames are read anew
             break
-    last = rounds[-1].score_test if looked_at is current else score_test(current, (), rng=rng, of_rig=of_rig)
+    last = rounds[-1].score_test
+    if looked_at is not current:
+        last = score_test(current, (), rng=rng, of_rig=of_rig, each=watch.each)
     return Searched(base, start, tuple(rounds), tuple(steps), last, () if steps else bend_or, watch.over)
 
 
@@ -249,24 +253,23 @@ def _look(
 ) -> Round:
     """Screen, then refit the best eight and every effect that acts as a threshold."""
     watch.tell("looking for what stands out")
-    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig)
+    seen = score_test(current, catalogue, rng=rng, of_rig=of_rig, each=watch.each)
     by_key = {e.key: e for e in catalogue}
     scored = {s.key: s for s in seen.effects}
     chosen = [s.key for s in seen.effects[:REFITTED] if s.p < level]
     chosen += [k for k in scored if getattr(by_key[k], "threshold", False) and k not in chosen]
     candidates = []
-    for key in chosen:
+    refits = watch.each(partial(refit_with, current), [by_key[key] for key in chosen])
+    for key, refit in zip(chosen, refits, strict=True):
         if watch.over:
             break
         watch.tell(f"fitting {key.replace('_', ' ')}")
-        try:
-            candidates.append(refit_with(current, by_key[key]))
-        except CANNOT_FIT:
-            continue  # it screened well but does not fit: no candidate
+        with suppress(*CANNOT_FIT):  # it screened well but does not fit: no candidate
+            candidates.append(refit())
     return Round(seen, tuple(sorted(candidates, key=lambda c: c.cost)), scored)
 
 
-def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
+def _confirmed(current: Fit, turn: Round, level: float, each: Each) -> Step | None:
     """The best candidate, if its improvement is beyond chance for having looked at all, and carries over."""
     may = [
         c
@@ -274,7 +277,7 @@ def _confirmed(current: Fit, turn: Round, level: float) -> Step | None:
         if turn.scored[c.effect.key].p_adjusted <= level and inside(c) and c.cost <= current.chi2
     ]
     keys = {c.effect.key for c in may}  # the others: chance, at the end of the range, or held back beforehand
-    again = weighed_again(current, may[0], turn.candidates) if may else ()
+    again = weighed_again(current, may[0], turn.candidates, each) if may else ()
     for best in (c for c in again if c.effect.key in keys):
         scored = turn.scored[best.effect.key]
         try:

@@ -87,7 +87,7 @@ def against_instrument_errors(force: Outcome, watch: Watch, *, level: float) -> 
     if watch.over or not (force.steps or (force.unknown and not force.odd)):
         return force
     watch.tell("holding plain errors of an instrument against it")
-    plain = plain_errors(force.searched)
+    plain = plain_errors(force.searched, watch.each)
     found = alternative_explanation(force.searched, plain, level=level)
     nearest_of_all = next(iter(plain), None) if found is not None or force.unknown else None
     if found is None:

@@ -10,7 +10,6 @@ from calibration.fit.least_squares import Fit
 from calibration.noise.inner_products import Weighing
 from calibration.noise.model import Noise, Whitener
 from calibration.repeats.draws import draw_errors
-from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.records import Floats
 
 SEEN = 0.03  # a direction with less left beside the fit is the fit's own: a ramp's speed, known to .5 %, makes it
@@ -96,9 +95,7 @@ class Cast:
         own = self._weighing.product(self._own, self._weighing.take(residual_N)).under(self.fitted.noise)
         return np.asarray(residual_N - self._jacobian @ (own + self._priors.T @ priors))
 
-    def null(self, rng: np.random.Generator, draws: int) -> tuple[list[Noise], Floats, Floats]:
-        """Draws of the model itself: the noise estimated anew from each, errors (N, draws), priors (k, draws)."""
-        fitted = self.fitted
-        errors = draw_errors(fitted, rng, draws)
-        priors = rng.standard_normal((len(self._priors), draws))
-        return renewed_noise(fitted, errors), errors, priors
+    def null(self, rng: np.random.Generator, draws: int) -> tuple[Floats, Floats]:
+        """Draws of the model itself: errors (N, draws), priors (k, draws)."""
+        errors = draw_errors(self.fitted, rng, draws)
+        return errors, rng.standard_normal((len(self._priors), draws))

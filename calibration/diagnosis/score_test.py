@@ -21,15 +21,19 @@ from calibration.diagnosis.tail_probability import Tail
 from calibration.effects.instrument_errors import INSTRUMENT_ERRORS
 from calibration.fit.least_squares import Fit
 from calibration.inputs.conditions import Covariate, bins, covariates
+from calibration.inputs.deadline import Each, in_turn
 from calibration.model.stages import Effect
 from calibration.noise.heteroscedasticity import Scatter
+from calibration.noise.model import Noise
 from calibration.repeats.at_denoised_depth import at_denoised_depth
 from calibration.repeats.outlying_presses import PressLooks
+from calibration.repeats.repeat_noise import renewed_noise
 from tactilevision.errors import InputError
 from tactilevision.records import Floats
 
 DRAWS = 399  # of the bootstrap: p to .0025, finer by the tail's fit
 FIRST_DRAWS = 99  # after which it ends where all is decided
+BATCH = 50  # draws of one step, which any process may do: .2 s for 1600 samples
 FAR_FROM = (
     4.0  # times the level: of 99 draws a fifth or more are below p, and with p at the level 1e-7 of the time
 )
@@ -93,6 +97,7 @@ def score_test(
     rng: np.random.Generator,
     draws: int = DRAWS,
     of_rig: bool = False,
+    each: Each = in_turn,
 ) -> ScoreTest:
     """Score `effects` and every covariate against the residual of `fitted`, whose noise is taken as its own; with
     `of_rig` plain errors of the rig and presses that are odd as well.
@@ -108,10 +113,10 @@ def score_test(
             missing[key] = "the base model takes all of it: these data cannot tell it from E, nu or beta"
     looks = _Looks(cast, fitted, searched=len(tables) + len(plain), of_rig=of_rig)
     keys = [*tables, *plain, *steps, *looks.names]
-    first = looks.table(rng, min(FIRST_DRAWS, draws))
+    first = looks.table(rng, min(FIRST_DRAWS, draws), each)
     found = _family(keys, first, len(tables), missing)
     if draws > FIRST_DRAWS and min((s.p_adjusted for part in found for s in part), default=1.0) < FAR_FROM * LEVEL:
-        more = looks.table(rng, draws - FIRST_DRAWS)
+        more = looks.table(rng, draws - FIRST_DRAWS, each)
         found = _family(keys, np.vstack([first, more[1:]]), len(tables), missing)
     named, rest, of_residual = *found, {*steps, SCATTER}
     return ScoreTest(
@@ -144,25 +149,40 @@ class _Looks:
         self._presses = PressLooks(fitted) if of_rig else None
         self.names = [*([SCATTER] if self._scatter.seen else []), *(self._presses.names if self._presses else [])]
 
-    def table(self, rng: np.random.Generator, draws: int) -> Floats:
-        """Statistics (1 + draws, n) of the residual itself and of each draw."""
-        noises, errors, priors = self._cast.null(rng, draws)
-        noises = [self._fitted.noise, *noises]
-        errors = np.column_stack([self._fitted.residual_N, errors])
-        priors = np.column_stack([self._cast.own_priors, priors])
-        scores, most = self._cast.scores(noises, errors, priors), self._searched
-        rows = [
-            [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
-            for row in scores
-        ]
-        columns = list(np.array(rows).reshape(1 + draws, -1).T)
+    def table(self, rng: np.random.Generator, draws: int, each: Each) -> Floats:
+        """Statistics (1 + draws, n) of the residual itself and of each draw; a batch of draws is one step."""
+        own = self._fitted.residual_N[:, None], self._cast.own_priors[:, None]
+        errors, priors = self._cast.null(rng, draws)
+        cuts = np.arange(0, draws, BATCH)[1:]
+        given = list(zip(np.split(errors, cuts, axis=1), np.split(priors, cuts, axis=1), strict=True))
+        parts = [self._part(*own, [self._fitted.noise]), *(fetch() for fetch in each(self._drawn, given))]
+        scores, loading, presses = (np.concatenate(part) for part in zip(*parts, strict=True))
+        if not self._scatter.seen:
+            return np.hstack([scores, presses])
+        usual = float(np.mean([one.mean() for one in loading[1:]]))
+        scattered = np.array([self._scatter.statistic(one, usual) for one in loading])
+        return np.column_stack([scores, scattered, presses])
+
+    def _drawn(self, given: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+        """`_part` of drawn errors (N, b) and priors (k, b), each under the noise estimated anew from it."""
+        return self._part(*given, renewed_noise(self._fitted, given[0]))
+
+    def _part(self, errors: Floats, priors: Floats, noises: Sequence[Noise]) -> tuple[Floats, Floats, Floats]:
+        """Scores (b, k), how much more each press scatters while loading (b, M'), and what presses say (b, q)."""
+        count, most = len(noises), self._searched
+        scores = np.array(
+            [
+                [*(np.max(s**2, initial=0.0) for s in row[:most]), *(np.sum(s**2) for s in row[most:])]
+                for row in self._cast.scores(noises, errors, priors)
+            ]
+        ).reshape(count, -1)
+        loading, presses = np.zeros((count, 0)), np.zeros((count, 0))
         if self._scatter.seen:
-            white = [self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises)]
-            usual = float(np.mean([self._scatter.differences(one).mean() for one in white[1:]]))
-            columns.append(np.array([self._scatter.statistic(one, usual) for one in white]))
+            white = (self._cast.white(noise, errors[:, k], priors=priors[:, k]) for k, noise in enumerate(noises))
+            loading = np.array([self._scatter.differences(one) for one in white])
         if self._presses is not None:
-            columns += list(self._presses.statistics(self._cast.left_of(errors, priors)))
-        return np.array(columns).reshape(len(columns), 1 + draws).T
+            presses = self._presses.statistics(self._cast.left_of(errors, priors)).T
+        return scores, loading, presses
 
 
 def _either_way(table: Floats) -> Floats:

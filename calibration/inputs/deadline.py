@@ -1,11 +1,16 @@
-"""How long an analysis may take, and who is told how far it is."""
+"""How long an analysis may take, who is told how far it is, and who does its independent steps."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf
-from typing import Protocol
+from typing import Protocol, TypeVar
+
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 
 
 class Progress(Protocol):
@@ -31,6 +36,17 @@ class Deadline:
         return time.monotonic() > self.at_s
 
 
+class Each(Protocol):
+    """Independent steps `act(one)`, in the order given: each is fetched by a call, which raises what it raised."""
+
+    def __call__(self, act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]: ...
+
+
+def in_turn(act: Callable[[Given], Made], given: Sequence[Given]) -> Iterator[Callable[[], Made]]:
+    """Done here, one after the other, each when it is fetched."""
+    return (partial(act, one) for one in given)
+
+
 def _silent(done: int, total: int, what: str = "") -> None:
     """Nobody is told."""
 
@@ -40,10 +56,10 @@ SILENT: Progress = _silent
 
 
 class Watch:
-    """Both at once for a job whose steps are not counted beforehand: each is told as one more."""
+    """All at once for a job whose steps are not counted beforehand: each is told as one more."""
 
-    def __init__(self, progress: Progress = SILENT, deadline: Deadline = NEVER) -> None:
-        self._progress, self._deadline, self._done = progress, deadline, 0
+    def __init__(self, progress: Progress = SILENT, deadline: Deadline = NEVER, each: Each = in_turn) -> None:
+        self._progress, self._deadline, self.each, self._done = progress, deadline, each, 0
 
     @property
     def over(self) -> bool:

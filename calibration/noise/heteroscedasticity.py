@@ -43,9 +43,8 @@ class Scatter:
         table = white[self._grid.rows] ** 2
         return np.asarray((_mean(table, self._load) - _mean(table, self._rest))[self._use])
 
-    def statistic(self, white: Floats, expected: float) -> float:
-        """t^2 against the mean that the model itself lets expect; 0 where loading scatters less."""
-        d = self.differences(white)
+    def statistic(self, d: Floats, expected: float) -> float:
+        """t^2 of `differences` d against the mean that the model lets expect; 0 where loading scatters less."""
         error = max(float(d.std(ddof=1)) / np.sqrt(d.size), 1e-300)
         return float(max((d.mean() - expected) / error, 0.0) ** 2)
 

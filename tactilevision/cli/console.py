@@ -36,6 +36,7 @@ ClusterOption = Annotated[
     str | None,
     typer.Option("--cluster", metavar="ADDRESS", help="A Dask cluster: tcp://HOST:PORT, or its scheduler file."),
 ]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Also write the result here, for a program.")]
 
 PriorOption = Annotated[

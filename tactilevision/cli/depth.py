@@ -47,7 +47,7 @@ def depth(
     ] = False,
     even_so: source.EvenSoOption = False,
     shadows: source.ShadowsOption = True,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the deepest frames to draw.")] = 3,
     json: console.JsonOption = None,

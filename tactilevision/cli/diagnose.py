@@ -48,6 +48,7 @@ def diagnose(
     private: Private = None,
     apply: Annotated[bool, typer.Option("--apply", help="Write calibration.json with the effects found.")] = False,
     prior: console.PriorOption = True,
+    workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     seed: Seed = 0,
     form: console.FormatOption = console.FigureFormat.PNG,
@@ -63,13 +64,14 @@ def diagnose(
     from calibration.tasks import diagnose as method
     from tactilevision.cli.findings import reliefs, write_diagnosis
     from tactilevision.cli.pictures import FigureFolder
+    from tactilevision.cluster.steps import step_pool
     from tactilevision.files import staged, write_json
 
     deadline, bound = Deadline.after(time_limit), elastomer_bound(prior)
     (sure, sure_files), (own, own_files) = named_effects(known), named_effects(private)
     taken, bulge = taken_with_nu(recordings, cluster=cluster)
-    with console.progress_bar("diagnosing") as progress:
-        watch, data = Watch(progress, deadline), observed(taken)
+    with step_pool(workers, cluster) as each, console.progress_bar("diagnosing") as progress:
+        watch, data = Watch(progress, deadline, each), observed(taken)
         asked = partial(method.diagnose, data, effects=own, known=sure, bulge=bulge, bound=bound, watch=watch)
         found = _asked_of_frames(asked, taken, seed)
     files = sure_files | own_files

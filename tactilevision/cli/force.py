@@ -41,7 +41,7 @@ def force(
     mm_per_px: source.ScaleOption = None,
     form: Annotated[Form, typer.Option("--format", help="How tractions are stored.")] = Form.NPZ,
     shadows: source.ShadowsOption = True,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core if left out.")] = None,
+    workers: console.WorkersOption = None,
     cluster: console.ClusterOption = None,
     pictures: Annotated[int, typer.Option(min=0, help="How many of the strongest frames to draw.")] = 3,
     json: console.JsonOption = None,

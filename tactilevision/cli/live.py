@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 EVERY_S = 1.0  # s between two lines on the terminal
 TABLE = "live.csv"
+KEPT = (
+    "this sensor's lamps cast shadows beside deep contacts, and they stay: such frames have the flag shadow. "
+    "--shadows undoes them as `depth` does; a deep frame then takes up to a second, and others are dropped"
+)
 
 
 class Format(StrEnum):
@@ -44,6 +48,7 @@ def live(
     method: source.MethodOption = None,
     mm_per_px: source.ScaleOption = None,
     even_so: source.EvenSoOption = False,
+    shadows: source.ShadowsOption = False,
     indenter: Annotated[
         str | None, typer.Option(help="Look for the face of this indenter of the profile.")
     ] = None,
@@ -69,7 +74,7 @@ def live(
     from tactilevision.camera.loop import Counts, run
     from tactilevision.camera.newest import Newest
 
-    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=False, even_so=even_so)
+    chosen = source.Choice(sensor, reference, method, mm_per_px, shadows=shadows, even_so=even_so)
     opened = _open(camera, chosen, indenter, form, rate=None if every else rate)
     found = audit(opened.first, timed=not opened.source.waits)
     _tell_audit(opened, found)
@@ -128,7 +133,7 @@ def _open(
 
 def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
     from tactilevision.profile.sensor import CalibratedSensor
-    from tactilevision.recording import list_references, read_image
+    from tactilevision.recording import faults_of_reference, list_references, read_image
 
     if chosen.profile is None:
         raise InputError(
@@ -136,9 +141,12 @@ def _calibrated(chosen: source.Choice, indenter: str | None) -> Any:
             where="live",
             remedy="Make one with `tactilevision calibrate-sensor`, and name it with --sensor FILE.tvs.",
         )
-    sensor = CalibratedSensor(chosen.profile, indenter=indenter)
+    sensor = CalibratedSensor(chosen.profile, indenter=indenter, shadows=chosen.shadows)
     flats = list_references(chosen.reference)
-    return sensor.with_reference([read_image(path) for path in flats]) if flats else sensor
+    if not flats:
+        return sensor
+    with faults_of_reference(chosen.reference):
+        return sensor.with_reference([read_image(path) for path in flats])
 
 
 def _tell_audit(opened: _Opened, found: Audit) -> None:
@@ -148,7 +156,7 @@ def _tell_audit(opened: _Opened, found: Audit) -> None:
     reader = opened.stream.reconstructor
     pictures = [reader.rectified(Frame(shot.rgb)) for shot in opened.first[:: max(1, len(opened.first) // 5)]]
     look = opened.stream.sensor.look if opened.stream.sensor is not None else None
-    before = reader.warnings
+    before = reader.warnings + ((KEPT,) if reader.keeps_shadows else ())
     said = look(pictures) if look is not None else ()
     timed = "" if opened.source.waits else f"{found.rate_Hz:.1f} frames a second, {found.lost} lost, "
     console.say(f"{opened.source.name}: {timed}{found.repeated} of {found.frames} frames repeat the one before")

@@ -9,8 +9,10 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from tactilevision.files import told_as_output, unfinished
 from tactilevision.records import HeightMap
 
 Singles = npt.NDArray[np.float32]
+ZARR_THREADS = "zarr.core.sync"  # where zarr 3 keeps them
 
 
 def write_zarr(path: Path | str, height: HeightMap) -> None:
@@ -58,7 +61,7 @@ def begin_frames(
     about: Mapping[str, Any],
 ) -> None:
     """Make a store of `fields` (name: unit), (frames, rows, columns) float32 of NaN, and of `frame`, the names."""
-    with told_as_output(scratch):
+    with told_as_output(scratch), _own_threads():
         group = _new_group(scratch, about)
         for name, unit in fields.items():
             array = group.create_array(
@@ -130,6 +133,33 @@ def _move(scratch: Path, path: Path) -> None:
 
 def _old(path: Path) -> Path:
     return path.with_name(f".{path.name}-old")
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """Zarr's threads end with what began them here, so that workers can be copies of this process (runs.py)."""
+    _zarr()
+    if _loop_and_thread() is not None:  # begun by others, who may be using them
+        yield
+        return
+    try:
+        yield
+    finally:
+        begun = _loop_and_thread()
+        if begun is not None:
+            loop, thread = begun
+            loop.call_soon_threadsafe(loop.stop)
+            thread.join()  # zarr itself waits .2 s, and fails on a machine that is busier
+            import_module(ZARR_THREADS).cleanup_resources()
+
+
+def _loop_and_thread() -> tuple[Any, Any] | None:
+    """What zarr has at work beside this thread; None of a version that keeps it elsewhere, too."""
+    with suppress(ImportError, AttributeError):
+        sync = import_module(ZARR_THREADS)
+        if sync.loop[0] is not None and sync.iothread[0] is not None:
+            return sync.loop[0], sync.iothread[0]
+    return None
 
 
 def _zarr() -> Any:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tactilevision.errors import InputError
 from tactilevision.photometric.markers import Marks, find_marks
+from tactilevision.recording import layout
 from tactilevision.records import Bools, Bytes
 from tactilevision.robust import MAD_TO_STD
 
@@ -53,12 +54,12 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
     if not flats:
         raise InputError(
             "no picture of the untouched gel",
-            where="reference/flat",
-            remedy="Put one or more frames without contact into reference/flat.",
+            where=layout.FLATS,
+            remedy="One or more frames without contact are needed.",
         )
     sizes = {flat.shape for flat in flats}
     if len(sizes) > 1:
-        raise InputError("the flat frames differ in size", where="reference/flat", value=sorted(sizes))
+        raise InputError("the flat frames differ in size", where=layout.FLATS, value=sorted(sizes))
     stack = np.stack([np.asarray(flat, dtype=np.float32) for flat in flats])
     mean = stack.mean(axis=0)
     noise = _noise_between(stack) if len(flats) > 1 else _noise_within(mean)
@@ -69,7 +70,7 @@ def make_reference(flats: Sequence[Bytes], *, may_have_marks: bool = True) -> Re
         dark = float(mean.mean()) < 100
         raise InputError(
             "most of the reference is " + ("black" if dark else "saturated"),
-            where="reference/flat",
+            where=layout.FLATS,
             value=f"mean grey {mean.mean():.0f} of 255",
             remedy="Check the lights." if dark else "Shorten the exposure.",
         )
@@ -119,7 +120,7 @@ def _check_agreement(stack: npt.NDArray[np.float32], noise: tuple[float, float, 
         if (size > 5.0).mean() > 0.002:
             raise InputError(
                 "a flat frame shows a contact, or the light changed over part of it",
-                where="reference/flat",
+                where=layout.FLATS,
                 value=f"frame {index + 1} of {len(stack)}",
                 remedy="Remove that frame.",
             )

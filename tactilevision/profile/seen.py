@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from tactilevision.records import Bools, Floats, Footprint, HeightMap, TractionMap, Wrench
 
 Singles = npt.NDArray[np.floating]
+AnyFloats = TypeVar("AnyFloats", Singles, Floats)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,8 @@ class SeenBatch:
     """N frames: what `Seen` has, stacked; `frames` has each by itself.
 
     `height` (N, H, W) depth in mm, NaN where it is not known; `std` alike; `contact` (N, H, W); `tractions`
-    (N, 3, rows, columns) MPa along x, y, z and `wrench` (N, 6), N and N mm, NaN where they are not known.
+    (N, 3, rows, columns) MPa along x, y, z; `wrench` (N, 6), N and N mm. As of one frame, what no frame has is
+    None. NaN stands where some frames have it and one does not: its force was not solved.
     """
 
     frames: tuple[Seen, ...]
@@ -55,10 +58,9 @@ class SeenBatch:
         return np.stack([np.where(one.height.valid, one.height.depth_mm, np.nan) for one in self.frames])
 
     @property
-    def std(self) -> Singles:
-        """Standard deviation (N, H, W) of the depth, mm."""
-        unknown = np.full(self.frames[0].contact.shape, np.nan, np.float32)
-        return np.stack([unknown if one.std is None else one.std for one in self.frames])
+    def std(self) -> Singles | None:
+        """Standard deviation (N, H, W) of the depth, mm; None where the method states none."""
+        return _stacked([one.std for one in self.frames])
 
     @property
     def contact(self) -> Bools:
@@ -74,17 +76,13 @@ class SeenBatch:
     def tractions(self) -> Floats | None:
         """Tractions (N, 3, rows, columns), MPa; None where no frame has any."""
         known = [one.tractions for one in self.frames]
-        shape = next(((3, *one.t_z.shape) for one in known if one is not None), None)
-        if shape is None:
-            return None
-        unknown = np.full(shape, np.nan)
-        return np.stack([unknown if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
+        return _stacked([None if one is None else np.stack([one.t_x, one.t_y, one.t_z]) for one in known])
 
     @property
-    def wrench(self) -> Floats:
-        """Force and moment (N, 6), N and N mm."""
-        wrenches = [one.wrench for one in self.frames]
-        return np.array([_UNKNOWN if one is None else (*one.force_N, *one.moment_Nmm) for one in wrenches])
+    def wrench(self) -> Floats | None:
+        """Force and moment (N, 6), N and N mm; None where no frame has any."""
+        known = [one.wrench for one in self.frames]
+        return _stacked([None if one is None else np.array([*one.force_N, *one.moment_Nmm]) for one in known])
 
     @property
     def flags(self) -> Sequence[tuple[str, ...]]:
@@ -92,4 +90,10 @@ class SeenBatch:
         return tuple(one.flags for one in self.frames)
 
 
-_UNKNOWN = (float("nan"),) * 6  # N and N mm: a wrench that is not known
+def _stacked(frames: Sequence[AnyFloats | None]) -> AnyFloats | None:
+    """Arrays of one shape, NaN for a frame without; None where no frame has one."""
+    first = next((one for one in frames if one is not None), None)
+    if first is None:
+        return None
+    unknown = np.full_like(first, np.nan)
+    return np.stack([unknown if one is None else one for one in frames])

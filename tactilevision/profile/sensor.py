@@ -41,7 +41,7 @@ def load_sensor(
 
     `indenter` is what to look for in frames: a record, or its name in the profile; None for contact alone.
     With `shadows`, those that lamps cast are undone where the profile knows its lamps; a deep frame then takes
-    up to a second.
+    up to a second. Without, deep maps of such a sensor have the flag `shadow`.
     Raises InputError where there is no such profile, where it is of a newer version, and where it was changed.
     """
     return CalibratedSensor(read_profile(path), indenter=indenter, shadows=shadows)
@@ -202,6 +202,7 @@ class CalibratedSensor:
             from tactilevision.reconstruct.shadows_seen import undo_by
 
             undo_by(self.reconstructor, self.profile.lamps)
+        self.reconstructor.keeps_shadows = self.profile.lamps is not None and not self.shadows
 
     def _use_gpu(self) -> None:
         device = find_gpu()

@@ -9,7 +9,7 @@ from tactilevision.errors import InputError
 from tactilevision.profile.model import Profile
 from tactilevision.profile.sensor import CalibratedSensor
 from tactilevision.quality.reference_match import some_frames
-from tactilevision.recording import Recording, layout, read_flats, read_folder, read_recording
+from tactilevision.recording import Recording, faults_of_flats, layout, read_flats, read_folder, read_recording
 
 NO_KIND = "custom"  # a kind that says nothing of the sensor
 
@@ -52,7 +52,8 @@ def sensor_for(recording: Recording, profile: Profile, *, shadows: bool = False)
     sensor = CalibratedSensor(profile, shadows=shadows)
     flats = read_flats(recording)
     if flats:
-        sensor = sensor.with_reference(flats)
+        with faults_of_flats(recording):
+            sensor = sensor.with_reference(flats)
     sensor.look(some_frames(recording))
     return sensor
 

@@ -58,7 +58,10 @@ def build_reconstructor(recording: Recording, method: str | PhotometricMethod | 
     for this kind of sensor, which its warnings then say. Raises InputError or RecordingError where the reference
     is missing or cannot be used.
     """
-    found = _built(recording, method)
+    from tactilevision.recording import faults_of_flats
+
+    with faults_of_flats(recording):
+        found = _built(recording, method)
     found.look([*some_frames(recording), *free_frames(recording)])
     return found
 

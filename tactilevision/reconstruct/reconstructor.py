@@ -38,9 +38,9 @@ from tactilevision.quality.contact_in_reference import check_reference
 from tactilevision.quality.fitness import unfit_warnings
 from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
-from tactilevision.reconstruct.unshadowed import undo_shadows
+from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
-from tactilevision.records.flags import DEEPER, INCONSISTENT, add
+from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, add
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
@@ -67,7 +67,8 @@ class Reconstructor:
     """Turns the frames of one sensor into height maps, one at a time: threads that share one wait for each other.
 
     `calibration` is what the method was made from, None for a method that came ready. Where `shadows` holds the
-    lamps' light, cast shadows are undone (unshadowed.py), which takes up to a second a frame.
+    lamps' light, cast shadows are undone (unshadowed.py), which takes up to a second a frame. Where the lamps are
+    known to cast some, and they stay, it `keeps_shadows`: maps deep enough to have them are flagged.
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class Reconstructor:
             self.grids = TwoGridPoisson(self.referenced.reference.shape, tiled.px, sensor.mm_per_px)
         self.elsewhere: TorchReader | None = None
         self.shadows: LightField | None = None
+        self.keeps_shadows = False
         self.lean = LEAN
         self.given_back: npt.NDArray[np.floating[Any]] | None = None
         self.reference_match = ReferenceMatch(self.referenced) if self.referenced else None
@@ -159,6 +161,8 @@ class Reconstructor:
             flags = add(flags, (DEEPER,))
         if self.inconsistency is not None and self.inconsistency.flagged:
             flags = add(flags, (INCONSISTENT,))
+        if self.keeps_shadows and surface.max() > MIN_DEPTH_MM:
+            flags = add(flags, (SHADOW,))
         return surface, valid, std, flags
 
     def _mapped(self, rgb: Bytes) -> Mapped:

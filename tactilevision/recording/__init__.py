@@ -5,7 +5,7 @@ from tactilevision.recording.folder import list_references, read_folder
 from tactilevision.recording.frames import iter_frames, read_flats, read_frame
 from tactilevision.recording.images import decode_image, read_image
 from tactilevision.recording.model import BadFrame, BallPress, Recording, StageSeries
-from tactilevision.recording.need import is_bare, require
+from tactilevision.recording.need import faults_of_flats, faults_of_reference, is_bare, require
 from tactilevision.recording.read import read_recording
 from tactilevision.recording.write import write_image, write_maps, write_recording, write_settings
 from tactilevision.recording.write_tables import (
@@ -25,6 +25,8 @@ __all__ = [
     "Recording",
     "StageSeries",
     "decode_image",
+    "faults_of_flats",
+    "faults_of_reference",
     "is_bare",
     "iter_frames",
     "list_references",

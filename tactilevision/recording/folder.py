@@ -48,8 +48,7 @@ def read_folder(
     root = Path(path)
     flats = list_references(None if reference is None else Path(reference))
     if sensor is None and (root / layout.SETTINGS).is_file():
-        own = read_recording(root)
-        return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
+        return _of_recording(root, flats, mm_per_px)
     frames_path, names = _frames_of(root)
     if sensor is None:
         raise RecordingError(
@@ -80,6 +79,13 @@ def read_folder(
         white_level=white_level,
         warnings=warnings + found[2],
     )
+
+
+def _of_recording(root: Path, flats: tuple[Path, ...], mm_per_px: float | None) -> Recording:
+    own = read_recording(root)
+    if own.frame_size_px is not None:
+        check_references(own.frame_size_px, flats[:1])
+    return replace(own, flats=flats or own.flats, sensor=_scaled(own.sensor, mm_per_px))
 
 
 def _built(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from tactilevision.errors import RecordingError
+from tactilevision.errors import InputError, RecordingError
 from tactilevision.recording import layout
 from tactilevision.recording.model import Recording
 
@@ -40,6 +43,34 @@ _PLACES: dict[Need, tuple[str, str, str]] = {
 def is_bare(recording: Recording) -> bool:
     """Whether its pictures came without a recording.toml."""
     return not (recording.path / layout.SETTINGS).is_file()
+
+
+@contextmanager
+def faults_of_flats(recording: Recording) -> Iterator[None]:
+    """A fault of pictures of the untouched gel names where they are; of a bare folder, the option for others."""
+    folder = recording.path / layout.FLATS
+    own = {flat.parent for flat in recording.flats} <= {folder} and not is_bare(recording)
+    with faults_of_reference(None if own else place_of_flats(recording)):
+        yield
+
+
+@contextmanager
+def faults_of_reference(where: Path | None) -> Iterator[None]:
+    """A fault of the pictures of the untouched gel names `where` they are, and --reference; None: as it is."""
+    try:
+        yield
+    except InputError as fault:
+        if where is None or fault.where != layout.FLATS:
+            raise
+        remedy = f"{fault.remedy} Name a picture of the untouched gel with --reference.".lstrip()
+        raise InputError(fault.what, where=where, value=fault.value, remedy=remedy) from None
+
+
+def place_of_flats(recording: Recording) -> Path:
+    """The picture of the untouched gel, or the folder of several; the recording where there is none."""
+    names, frames = recording.frame_names, recording.frames_path
+    flats = [*recording.flats, *(frames / names[k] for k in recording.flat_frames if frames is not None)]
+    return flats[0] if len(flats) == 1 else flats[0].parent if flats else recording.path
 
 
 def require(recording: Recording, *needs: Need, step: str) -> None:

@@ -12,6 +12,7 @@ BALLS = "balls"
 DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
 INCONSISTENT = "inconsistent_light"
+SHADOW = "shadow"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -25,6 +26,8 @@ MEANING = {
     "that has moved, or contact over much of it",
     INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "
     "light that the method does not know; depth that rests on them is uncertain",
+    SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
+    "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 

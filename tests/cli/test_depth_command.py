@@ -53,3 +53,25 @@ def test_no_map_at_all_is_no_success(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert run(monkeypatch, tmp_path / "one", [untouched(), black]) == 0
     assert command(monkeypatch, tmp_path / "one", tmp_path / "one" / "frames" / "0.png") == 0, "one picture alone"
     assert (tmp_path / "one" / "out" / "depth.csv").read_text().count("\n") == 2
+
+
+def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    monkeypatch.setattr(sys, "argv", ["tactilevision", "depth", *map(str, words)])
+    assert main() == 2
+    return capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_bad_reference_is_named_with_the_option_for_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No word of reference/flat, which a bare folder does not have."""
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((240, 320, 3), 255, np.uint8))
+    told = said(monkeypatch, capsys, tmp_path, "--sensor", "gelslim3", "--out", tmp_path / "out")
+    assert f"{tmp_path / '0.png'}: most of the reference is saturated" in told
+    assert "with --reference" in told
+    assert "reference/flat" not in told
+    assert not (tmp_path / "out").exists()
+    sample = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
+    told = said(monkeypatch, capsys, sample, "--reference", tmp_path / "0.png", "--out", tmp_path / "out")
+    assert f"{tmp_path / '0.png'}: the reference is 320 x 240, the frames " in told

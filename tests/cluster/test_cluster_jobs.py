@@ -20,6 +20,7 @@ from tactilevision.batch.folder import reconstruct_folder
 from tactilevision.batch.tree import reconstruct_tree
 from tactilevision.cli import main
 from tactilevision.cluster import connect, pool
+from tactilevision.cluster.steps import step_pool
 from tactilevision.cluster.versions import refusal, versions
 from tactilevision.errors import ClusterError, InputError
 from tactilevision.reconstruct import Reconstructor
@@ -94,6 +95,14 @@ class Machines:
 
     def start_worker(self) -> subprocess.Popen[bytes]:
         return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", "--death-timeout", "60")
+
+    def restart(self) -> None:
+        self.scheduler.kill()
+        self.scheduler.wait()
+        for worker in self.workers:
+            worker.terminate()
+            worker.wait(30)
+        self.scheduler, self.workers = self.start_scheduler(), [self.start_worker()]
 
     def end(self) -> None:
         for process in reversed(self.started):
@@ -175,18 +184,11 @@ def test_a_scheduler_that_is_started_anew_is_found_again(
     source = recording(tmp_path / "in", 120)
     reconstruct_folder(source, reconstructor(), tmp_path / "one", workers=1)
 
-    def restart() -> None:
-        machines.scheduler.kill()
-        machines.scheduler.wait()
-        for worker in machines.workers:
-            worker.terminate()
-            worker.wait(30)
-        machines.scheduler = machines.start_scheduler()
-        machines.workers = [machines.start_worker()]
-
     before = len(machines.started)
     address = str(machines.folder / "at.json")
-    reconstruct_folder(source, reconstructor(), tmp_path / "many", cluster=address, progress=at(20, restart))
+    reconstruct_folder(
+        source, reconstructor(), tmp_path / "many", cluster=address, progress=at(20, machines.restart)
+    )
     assert len(machines.started) > before
     assert "the scheduler is away: waiting 600 s for it" in caplog.text
     assert "Traceback" not in caplog.text
@@ -267,6 +269,24 @@ def test_recordings_diagnosed_on_the_cluster_give_the_same_findings(
     assert said[0] == said[1]
     for name in ("diagnosis.json", "report.html"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
+
+
+def tripled(number: int) -> int:
+    time.sleep(PAUSE_S)
+    return 3 * number
+
+
+@pytest.mark.slow
+def test_steps_of_an_analysis_outlive_a_worker_and_the_scheduler(machines: Machines) -> None:
+    def kill() -> None:
+        os.kill(worker_pid(machines), signal.SIGKILL)
+
+    with step_pool(None, machines.address) as each:
+        for act in (kill, machines.restart):
+            steps = each(tripled, range(100))
+            found = [next(steps)() for _ in range(10)]
+            act()
+            assert found + [step() for step in steps] == list(range(0, 300, 3))
 
 
 def test_a_task_that_raises_says_so_here(machines: Machines) -> None:

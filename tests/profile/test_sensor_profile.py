@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lamp_sensor import GEL, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
+from lamp_sensor import GEL, LAMPS, PUNCH, SHAPE, flat, free, method, picture, pressed, profile, saved
 
 from tactilevision.certificate.depth.depth_scale import DepthScale
 from tactilevision.errors import InputError
 from tactilevision.files import write_archive
 from tactilevision.force.field import ForceField, ForceSettings
 from tactilevision.live import Stream
-from tactilevision.photometric.illumination.lamps import Lamp, Lamps
 from tactilevision.profile import contents
 from tactilevision.profile.make import stated_material
 from tactilevision.profile.read import read_profile
@@ -105,17 +104,24 @@ def test_a_batch_is_its_frames(sensor: CalibratedSensor) -> None:
     seen = sensor.read(frames)
     assert isinstance(seen, SeenBatch)
     one = read_one(sensor, frames[1])
+    assert seen.std is not None
     assert seen.height.shape == seen.contact.shape == seen.std.shape == (2, *SHAPE)
     np.testing.assert_array_equal(seen.contact[1], one.contact)
     assert one.tractions is not None
     assert seen.tractions is not None
     np.testing.assert_array_equal(seen.tractions[1, 2], one.tractions.t_z)
+    assert seen.wrench is not None
     assert seen.wrench.shape == (2, 6)
     assert seen.wrench[1, 2] == one.tractions.resultant_N[2]
     assert seen.footprint == (None, None)
     assert seen.flags[1] == one.flags
     with pytest.raises(InputError, match="at least one"):
         sensor.read(frames[:0])
+    unsolved = SeenBatch((replace(one, tractions=None), one))
+    assert unsolved.wrench is not None
+    assert np.isnan(unsolved.wrench).all(axis=1).tolist() == [True, False]
+    assert unsolved.tractions is not None
+    assert np.isnan(unsolved.tractions[0]).all()
 
 
 def test_a_frame_of_another_kind_is_refused(sensor: CalibratedSensor) -> None:
@@ -166,17 +172,6 @@ def test_a_face_law_is_kept(tmp_path: Path) -> None:
     assert read_profile(there).face_law == law
 
 
-LAMPS = Lamps(
-    (
-        Lamp(0.1, 24.0, 11.0, 12.0, 4.0, (1.0, 0.2, 0.1)),
-        Lamp(2.2, 24.0, 11.0, 12.0, 4.0, (0.1, 1.0, 0.2)),
-        Lamp(4.3, 24.0, 11.0, 12.0, 4.0, (0.2, 0.1, 1.0)),
-    ),
-    2.2,
-    1.0,
-)
-
-
 def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -> None:
     laws = {False: DepthScale((1.2,), (0.05, 0.5), 0.01), True: DepthScale((1.0,), (0.05, 0.5), 0.01)}
     held = replace(profile(), face_law=laws[False], lamps=LAMPS, undone_face_law=laws[True])
@@ -184,6 +179,8 @@ def test_lamps_that_cast_shadows_are_kept_and_used_where_asked(tmp_path: Path) -
     assert read_profile(there).lamps == LAMPS
     left, undone = load_sensor(there, indenter="A1"), load_sensor(there, indenter="A1", shadows=True)
     assert left.reconstructor.shadows is None, "by default frames are read fast"
+    assert "shadow" in read_one(left, pressed(4, 2.0)).flags
+    assert "shadow" not in (*read_one(undone, pressed(4, 2.0)).flags, *read_one(left, free(3)).flags)
     by_hand = Reconstructor(profile().sensor, profile().method)
     undo_by(by_hand, LAMPS)
     rgb = pressed(4, 2.0)
@@ -207,7 +204,7 @@ def test_without_e_and_nu_there_is_depth_and_no_force(tmp_path: Path) -> None:
     assert seen.frames[0].tractions is None
     assert seen.frames[0].wrench is None
     assert seen.tractions is None
-    assert np.isnan(seen.wrench).all()
+    assert seen.wrench is None
     assert Stream(sensor).take(Frame(pressed())).wrench is None
     with pytest.raises(InputError, match="needs the gel, its E and nu"):
         ForceField(sensor)

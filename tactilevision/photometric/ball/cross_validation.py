@@ -15,13 +15,14 @@ jackknife states too much: without a ball the next one is twice as far away.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from tactilevision.photometric.ball.jackknife import gain_map
-from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball.samples import KEPT, Samples
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Floats
 from tactilevision.robust import mad_std
@@ -182,8 +183,11 @@ def patches_of(samples: Samples) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.
 def _fit_without(
     group: npt.NDArray[np.int64], fit: Fitter, contact: Samples, untouched_samples: Samples, *, ridge: float
 ) -> ColourLaw:
-    return fit(
-        contact.where(~np.isin(contact.press, group)),
-        untouched_samples.where(~np.isin(untouched_samples.press, group)),
-        ridge=ridge,
-    )
+    numbers = tuple(group.tolist())
+    return fit(_without(contact, numbers), _without(untouched_samples, numbers), ridge=ridge)
+
+
+@lru_cache(maxsize=KEPT)
+def _without(samples: Samples, numbers: tuple[int, ...]) -> Samples:
+    """The samples of other balls: one object for all ways to fit, which know by it what they have worked out."""
+    return samples.where(~np.isin(samples.press, numbers))

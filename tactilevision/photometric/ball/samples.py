@@ -18,8 +18,10 @@ RESTING = 4000  # samples of untouched gel
 INSIDE = 0.93  # of the contact radius: blur mixes the rim with the gel outside, which is not a sphere
 OUTSIDE = 4.0  # contact radii from which the gel is taken for untouched
 
+KEPT = 16  # sets of samples whose sums are kept: contact and rest of a calibration's groups and their pairs
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """`change` (N, 3), `place` (N, 2) from -1 to 1 over the picture, `slopes` (N, 2), `press` (N,) its number.
 

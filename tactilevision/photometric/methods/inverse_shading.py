@@ -20,10 +20,11 @@ no such law: balls left out decide which is used, one recording at a time (`Auto
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from tactilevision.photometric.ball.samples import Samples
+from tactilevision.photometric.ball.samples import KEPT, Samples
 from tactilevision.photometric.ball.shading_fit import PLACE_PENALTIES, colours_of, fit_light
 from tactilevision.photometric.methods.polynomial import Polynomial, fit_polynomial
 from tactilevision.photometric.protocols import ColourLaw
@@ -54,10 +55,8 @@ class InverseShading:
         return f"through_light: uneven {self.uneven:g}, share {self.share:g}"
 
     def __call__(self, contact: Samples, untouched_samples: Samples, *, ridge: float) -> Polynomial:
-        law = fit_light(contact, self.uneven)
-        return fit_polynomial(
-            contact, untouched_samples, ridge=ridge, drawn=_drawn(law, contact), share=self.share
-        )
+        drawn = _drawn(contact, self.uneven)
+        return fit_polynomial(contact, untouched_samples, ridge=ridge, drawn=drawn, share=self.share)
 
 
 class AutoMethod:
@@ -72,8 +71,10 @@ class AutoMethod:
         return fit_polynomial(contact, untouched_samples, ridge=ridge)
 
 
-def _drawn(law: Floats, contact: Samples) -> Samples:
-    """Samples of the law, spread evenly over slopes and places."""
+@lru_cache(maxsize=KEPT)
+def _drawn(contact: Samples, uneven: float) -> Samples:
+    """Samples of the law that tells `contact`, spread evenly over slopes and places."""
+    law = fit_light(contact, uneven)
     even = _evenly(DRAWN, 4)
     steep = MAX_SLOPE_SHARE * np.hypot(*contact.slopes.T).max() * even[:, 0] ** 0.75
     angle, place = 2 * np.pi * even[:, 1], 2.0 * even[:, 2:4] - 1.0

@@ -25,12 +25,13 @@ steepest slope seen.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache, reduce
 from itertools import combinations_with_replacement
 
 import numpy as np
 import numpy.typing as npt
 
-from tactilevision.photometric.ball.samples import TYPICAL, Samples
+from tactilevision.photometric.ball.samples import KEPT, TYPICAL, Samples
 from tactilevision.photometric.illumination.colour_change import Window, strips
 from tactilevision.records import Floats
 
@@ -120,6 +121,7 @@ def fit_polynomial(
     return Polynomial(coefficients, float(np.hypot(*contact.slopes.T).max()))
 
 
+@lru_cache(maxsize=KEPT)
 def _sums(samples: Samples) -> tuple[Floats, Floats, Floats]:
     """Weighted means over samples: of the design's products, of those of its noise, of design times slope."""
     weights = 1.0 / (np.sum(samples.slopes**2, axis=1) + TYPICAL**2)
@@ -202,7 +204,11 @@ class PolynomialEvaluator:
 
 
 def _design(change: Floats, place: Floats) -> Floats:
-    colour = np.stack([np.prod(change[:, pick], axis=1) for pick in PRODUCTS], axis=1)
-    x, y = place.T
-    powers = np.stack([x**i * y**j for i, j in POWERS], axis=1)
-    return np.asarray(colour[:, TERMS[:, 0]] * powers[:, TERMS[:, 1]])
+    colours = np.ascontiguousarray(change.T)
+    products = [reduce(np.multiply, colours[list(pick)]) for pick in PRODUCTS]
+    of_x, of_y = ([one**n for n in range(MAX_ORDER + 1)] for one in place.T)
+    powers = [of_x[i] * of_y[j] for i, j in POWERS]
+    columns = np.empty((len(TERMS), len(change)), np.result_type(change, place))
+    for column, (k, m) in zip(columns, TERMS, strict=True):
+        np.multiply(products[k], powers[m], out=column)
+    return columns.T

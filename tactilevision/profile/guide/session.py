@@ -16,7 +16,7 @@ from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.profile.guide.labels import MIN_RADIUS_PX, Circle, Label, labels_of, table_of, write_labels
 from tactilevision.profile.guide.outcome import Outcome, judge
 from tactilevision.profile.guide.pictures import draw_change, draw_depth, encode
-from tactilevision.recording import Recording, read_flats, read_image
+from tactilevision.recording import Recording, faults_of_flats, read_flats, read_image
 from tactilevision.records import Bytes
 from tactilevision.sensors import may_have_marks, rectify
 
@@ -32,7 +32,8 @@ class Session:
         self.table = table_of(recording)
         self.labels = list(labels_of(recording))
         flats = [rectify(self.sensor, rgb) for rgb in read_flats(recording)]
-        reference = make_reference(flats, may_have_marks=may_have_marks(self.sensor))
+        with faults_of_flats(recording):
+            reference = make_reference(flats, may_have_marks=may_have_marks(self.sensor))
         self.reference, self.change = reference, ColourChange(reference)
         self.pictures = [self._read(label) for label in self.labels]
         self.outcome: Outcome | None = None
