@@ -24,12 +24,7 @@ from tactilevision.photometric import BallPicture, Reference, load_network
 from tactilevision.photometric.ball.samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
-from tactilevision.photometric.contacts.self_calibration import (
-    MIN_WITH_PRIOR,
-    Prior,
-    calibrate_on_contacts,
-    contradict,
-)
+from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
 from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.protocols import ColourLaw
@@ -94,7 +89,7 @@ def few_contacts(
     """All balls, read by the law of a few contacts."""
     known = [contact for contact in contacts if contact is not None]
     for count in FEW:
-        if count < (1 if prior is None else MIN_WITH_PRIOR) or count >= len(known):
+        if count >= len(known):
             continue
         drawn = [[known[at] for at in rng.choice(len(known), count, replace=False)] for _ in range(DRAWS)]
         laws = [law for few in drawn if (law := calibrate_on_contacts(few, prior)) is not None]

@@ -24,12 +24,9 @@ from tactilevision.photometric.contacts.moments import TERMS, Contact, design
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
 from tactilevision.records import Floats
 
-MIN_CONTACTS = 4  # contacts; fewer are used where they slope to all sides, and said to be few
-MIN_WITH_PRIOR = 2  # contacts; one leaves slopes as far off as a network does, at worst farther
+MIN_CONTACTS = 4  # contacts; fewer are said to be few
 MIN_VARYING = 3  # contacts for a law that varies over the picture; two turned one real sensor by 58 degrees
-MIN_SLOPE_SPREAD = (
-    0.2  # least over most power of slope by direction, of fewer: 19 to 86 degrees off have .13 at most
-)
+MIN_SLOPE_SPREAD = 0.2  # least over most power of slope by direction: 19 to 86 degrees off have .13 at most
 ANCHOR = 10.0  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
 PRIOR = 0.3  # weight of the prior in the constant law; of 1 to .01 tried on four real sensors, all within a degree
 RIDGE = 1e-4  # of a term's own power
@@ -48,16 +45,15 @@ Prior = Callable[[Floats, Floats], Floats]
 def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> Polynomial | None:
     """The law, or None where the contacts do not tell it.
 
-    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1. Fewer contacts than
-    MIN_WITH_PRIOR tell nothing better than a prior.
+    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1.
     """
-    if not contacts or (prior is not None and len(contacts) < MIN_WITH_PRIOR):
+    if not contacts:
         return None
     seen = _joined(contacts)
     constant = _least_curl(seen) if prior is None else _corrected(seen, prior(seen.change, seen.place))
     if constant is None:
         return None
-    if len(contacts) < MIN_CONTACTS and _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
+    if _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
         return None
     elsewhere = _all_over(len(seen.change))
     change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])

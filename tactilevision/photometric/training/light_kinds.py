@@ -34,7 +34,7 @@ class LightKind:
     thrown_back: float = 0.5  # by the wall opposite, of a lamp's light, at most
     stray: float = 0.04  # of white, at most
     bulge: float = 0.0  # slope of the untouched gel at the border, at most
-    shaded: float = 0.0  # share of samples from which a lamp is kept, in part or whole, for each lamp in three
+    shaded: float = 0.0  # share of pressed samples from which a lamp is kept, in part or whole
 
 
 LIGHT_KINDS = {
