@@ -24,6 +24,7 @@ from tactilevision.photometric.methods.weights import find_model
 from tactilevision.reconstruct import build_reconstructor
 from tactilevision.recording import Recording, read_folder, read_recording
 from tactilevision.records import Floats, Sensor
+from tactilevision.records.flags import ASSUMED_SCALE
 from tactilevision.sensors import get_sensor, rectify
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
@@ -170,6 +171,9 @@ def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
     found = build_reconstructor(bare_folder(tmp_path, sensor))
     assert "16 contacts in the frames" in " ".join(found.warnings)
     assert "factor of two or three" in " ".join(found.warnings)
+    flat = cv2.imread(str(tmp_path / "untouched" / "flat.png"))
+    assert flat is not None
+    assert ASSUMED_SCALE in found.rectified_map(np.ascontiguousarray(flat[..., ::-1])).flags
     law, off = found.method.law, []  # type: ignore[attr-defined]
     change, rng = ColourChange(found.method.reference), np.random.default_rng(0)  # type: ignore[attr-defined]
     for number, ball in enumerate(sample.balls[::4]):
