@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.own_contacts import MINI_SCALE, mini
+from benchmarks.default_method import MINI_SCALE, mini
 from benchmarks.peers import calibrated, clicked
 from tactilevision.photometric import Reference
 from tactilevision.photometric.ball.detection import Ball, ball_slopes

@@ -1,11 +1,12 @@
 """Light calibrated on contacts of unknown shape, on real ball presses that are not said to be balls.
 
-    python -m benchmarks.own_contacts [SEED]
+    python -m benchmarks.own_contacts [SEED [CLONES]]
 
 A third of the frames at a time is left out, and read by the law that the contacts of the others gave. Beside it
-stand the ready network and, of the frames of other objects, what their contacts give for the balls. One to three
-contacts, drawn by a seed, read the other frames as well. The balls'
-radius is taken for 3.8 mm (GelSlim) and 4 mm (Mini): depth's scale rests on that, direction hardly does.
+stand the ready network and, of the frames of other objects, what their contacts give for the balls. One to eight
+contacts, drawn by a seed, read all balls as well. Sets F to I lie in clones in the folder CLONES
+(public_frames.py). The balls' radius is taken for 3.8 mm (A to D), 4 mm (E, I), 2 mm (F) and 3 mm (G, H, as
+stated): depth's scale rests on that, direction hardly does.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.default_method import REAL, ROOT, SCALE, gain, real_balls
-from tactilevision.photometric import BallPicture, Reference, make_reference
+from benchmarks.default_method import MINI_SCALE, REAL, ROOT, SCALE, gain, mini, real_balls
+from benchmarks.public_frames import SETS as PUBLIC
+from tactilevision.photometric import BallPicture, Reference, load_network
 from tactilevision.photometric.ball.samples import Samples, ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
-from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts
+from tactilevision.photometric.contacts.self_calibration import Prior, calibrate_on_contacts, contradict
 from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange
-from tactilevision.photometric.methods.network import Network
 from tactilevision.photometric.protocols import ColourLaw
 from tactilevision.records import Bytes, Pair
 
@@ -40,53 +41,68 @@ OBJECTS = {
     "B": ("gelslim3_mcubelab/objects", "*.jpg"),
     "D": ("gelslim_heightmap/test_data", "reconstruct*.jpg"),
 }
-MINI, MINI_SCALE, MINI_RADIUS_MM = "taxim_gelsight_mini", (0.0317, 0.0317), 4.0
+KINDS = {"E": "gelsight_mini", "F": "gelsight_mini", "G": "digit", "H": "digit", "I": "digit"}
 FOLDS = 3
-FEW, DRAWS = (1, 2, 3), 20  # contacts, and how often they are drawn
+FEW, DRAWS = (1, 2, 3, 4, 8), 20  # contacts, and how often they are drawn
 
 
-def main(seed: int = 0) -> None:
-    if not REAL.is_dir():
-        print("the real frames are not at hand")
-        return
-    network = Network((ROOT / "models" / "gelslim3.onnx").read_bytes(), 0.9).at
-    for name, folder in SETS.items():
-        reference, pictures = real_balls(REAL / folder)
-        contacts, samples = seen(reference, pictures, SCALE)
-        print(f"{name}: network {told([network(s.change, s.place) for s in samples], samples)}")
-        report(f"{name}: frames left out, scale of the network", contacts, samples, network)
-        report(f"{name}: frames left out, scale of a usual light", contacts, samples, None)
-        if name in OBJECTS:
-            objects = [contact for rgb in objects_of(name) if (contact := of(reference, rgb)) is not None]
-            law = calibrate_on_contacts(objects, network)
-            found = "none" if law is None else told([law.at(s.change, s.place) for s in samples], samples)
-            print(f"{name}: {len(objects)} objects alone: {found}")
-            few_contacts(f"{name}: objects", objects, samples, np.random.default_rng(seed))
-        few_contacts(f"{name}: balls", contacts, samples, np.random.default_rng(seed))
-    reference, pictures = mini()
-    contacts, samples = seen(reference, pictures, MINI_SCALE)
-    report("E: frames left out, scale of a usual light", contacts, samples, None)
-    few_contacts("E: balls", contacts, samples, np.random.default_rng(seed))
+def main(seed: int = 0, clones: str = "") -> None:
+    if REAL.is_dir():
+        for name, folder in SETS.items():
+            judge(name, *real_balls(REAL / folder), SCALE, seed=seed)
+        judge("E", *mini(), MINI_SCALE, seed=seed)
+    if clones:
+        for name, balls in PUBLIC.items():
+            judge(name, *balls(Path(clones)), seed=seed)
+
+
+def judge(name: str, reference: Reference, pictures: Sequence[BallPicture], mm_per_px: Pair, *, seed: int) -> None:
+    """All figures of a set."""
+    kind = KINDS.get(name, "gelslim3")
+    network = load_network(ROOT / "models" / f"{kind}.onnx", reference).law.at
+    contacts, samples = seen(reference, pictures, mm_per_px)
+    print(f"{name}: network {told([network(s.change, s.place) for s in samples], samples)}")
+    report(f"{name}: frames left out, network", contacts, samples, network)
+    report(f"{name}: frames left out, a usual light", contacts, samples, None)
+    for prior, words in ((network, "network"), (None, "a usual light")):
+        few_contacts(f"{name}: balls, {words}", contacts, samples, np.random.default_rng(seed), prior)
+    known = [[one] for one in contacts if one is not None]
+    swapped = [contradict(one, lambda u, place: network(u[:, ::-1], place)) for one in known]
+    wrong = [contradict(one, network) for one in known]
+    print(f"{name}: one contact contradicts its network {sum(wrong)}, red for blue {sum(swapped)} of {len(known)}")
+    if name in OBJECTS:
+        objects = [contact for rgb in objects_of(name) if (contact := of(reference, rgb)) is not None]
+        law = calibrate_on_contacts(objects, network)
+        found = "none" if law is None else told([law.at(s.change, s.place) for s in samples], samples)
+        print(f"{name}: {len(objects)} objects alone: {found}")
+        for prior, words in ((network, "network"), (None, "a usual light")):
+            few_contacts(f"{name}: objects, {words}", objects, samples, np.random.default_rng(seed), prior)
 
 
 def few_contacts(
-    name: str, contacts: Sequence[Contact | None], samples: Sequence[Samples], rng: np.random.Generator
+    name: str,
+    contacts: Sequence[Contact | None],
+    samples: Sequence[Samples],
+    rng: np.random.Generator,
+    prior: Prior | None,
 ) -> None:
-    """All balls, read by the law of one, two or three contacts, without a network."""
+    """All balls, read by the law of a few contacts."""
     known = [contact for contact in contacts if contact is not None]
     for count in FEW:
+        if count >= len(known):
+            continue
         drawn = [[known[at] for at in rng.choice(len(known), count, replace=False)] for _ in range(DRAWS)]
-        laws = [law for few in drawn if (law := calibrate_on_contacts(few, None)) is not None]
+        laws = [law for few in drawn if (law := calibrate_on_contacts(few, prior)) is not None]
         slopes = [[law.at(s.change, s.place) for s in samples] for law in laws]
         off = [np.median(np.concatenate(direction_errors(one, samples))) for one in slopes]
         scale = [np.median([gain(g, s.slopes) for g, s in zip(one, samples, strict=True)]) for one in slopes]
-        told = (
+        found = (
             f"{np.median(off):.1f} degrees ({np.max(off):.1f} at most), "
             f"scale {np.min(scale):.2f} to {np.max(scale):.2f}"
             if laws
             else ""
         )
-        print(f"{name}, {count} alone: {DRAWS - len(laws)} of {DRAWS} refused; {told}")
+        print(f"{name}, {count} alone: {DRAWS - len(laws)} of {DRAWS} refused; {found}", flush=True)
 
 
 def direction_errors(slopes: Sequence[np.ndarray], samples: Sequence[Samples]) -> list[np.ndarray]:
@@ -102,7 +118,9 @@ def seen(
         u, _, valid = change.measure(picture.rgb)
         contacts.append(contact_of(u, valid, rng))
         ball = locate(u, valid, picture=picture, mm_per_px=mm_per_px)
-        samples.append(ball_samples(u, ball, mm_per_px=mm_per_px, number=number, most=200, valid=valid, rng=rng))
+        part = ball_samples(u, ball, mm_per_px=mm_per_px, number=number, most=200, valid=valid, rng=rng).complete()
+        if len(part.change):  # else a colour is overexposed all over the ball
+            samples.append(part)
     return contacts, samples
 
 
@@ -137,12 +155,6 @@ def objects_of(name: str) -> list[Bytes]:
     return [np.ascontiguousarray(read(path)[x, y]) for path in sorted((REAL / folder).glob(pattern))]
 
 
-def mini() -> tuple[Reference, list[BallPicture]]:
-    names = sorted((REAL / MINI).glob("img_*.png"))
-    pictures = [BallPicture(read(path), MINI_RADIUS_MM, name=path.name) for path in names]
-    return make_reference([read(REAL / MINI / "f0.png")], may_have_marks=False), pictures
-
-
 def read(path: Path) -> Bytes:
     raw = cv2.imread(str(path))
     assert raw is not None, path
@@ -150,4 +162,4 @@ def read(path: Path) -> Bytes:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*map(int, sys.argv[1:2]), *sys.argv[2:])

@@ -26,8 +26,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.default_method import REAL, ROOT, SCALE, real_balls
-from benchmarks.own_contacts import FOLDS, MINI, MINI_SCALE, OBJECTS, SETS, mini, objects_of
+from benchmarks.default_method import MINI, MINI_SCALE, REAL, ROOT, SCALE, mini, real_balls
+from benchmarks.own_contacts import FOLDS, OBJECTS, SETS, objects_of
 from benchmarks.vision import milliseconds
 from tactilevision.errors import InputError, RecordingError
 from tactilevision.photometric import PHOTOMETRIC, BallPicture, Calibration, Reference, calibrate_from_balls

@@ -26,6 +26,11 @@ def unfit(card: MethodCard) -> str:
     return ", ".join(faults)
 
 
+def scale_is_assumed(card: MethodCard) -> bool:
+    """Whether no ball told the scale of slopes: a network of drawn lights, or contacts of unknown shape."""
+    return card.fitted_by == "contacts" or "scenes" in card.other
+
+
 def unfit_warnings(card: MethodCard) -> tuple[str, ...]:
     """A warning of a calibration that fails its own balls."""
     fault = unfit(card)

@@ -25,11 +25,11 @@ from tactilevision.photometric.ball.consistency import COVERED
 from tactilevision.photometric.illumination.drift import Drift
 from tactilevision.photometric.illumination.light_match import other_light
 from tactilevision.photometric.method import ReferencedMethod
-from tactilevision.quality.fitness import unfit
+from tactilevision.quality.fitness import scale_is_assumed, unfit
 from tactilevision.quality.image_shift import image_shift
 from tactilevision.quality.scene_faults import scene_faults
 from tactilevision.records import Bytes, Pair
-from tactilevision.records.flags import BALLS, LIGHT, MOVED, REFERENCE, UNFIT
+from tactilevision.records.flags import ASSUMED_SCALE, BALLS, LIGHT, MOVED, REFERENCE, UNFIT
 from tactilevision.sensors import rectify
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ class ReferenceMatch:
         self.shift_px: Pair | None = None
         self.contact_px: Pair | None = method.card.contact_in_reference_px
         self.unfit = bool(unfit(method.card))
+        self.assumed_scale = scale_is_assumed(method.card)
         self.residuals: tuple[float, ...] = ()
 
     def check_light(self, light: npt.ArrayLike) -> tuple[str, ...]:
@@ -100,6 +101,8 @@ class ReferenceMatch:
         lasting += [flag for flag, px in ((MOVED, self.shift_px), (REFERENCE, self.contact_px)) if px is not None]
         if min(self.method.card.balls_cover or (1.0,)) <= COVERED:
             lasting.append(BALLS)
+        if self.assumed_scale:
+            lasting.append(ASSUMED_SCALE)
         self.residuals = (drift.misfit if drift is not None else 0.0, zero.std_mm)
         misfit, flatness = (now / usual for now, usual in zip(self.residuals, self.baseline, strict=True))
         unlike = self.other_light or max(misfit / MAX_MISFIT, misfit * flatness / MAX_PRODUCT) > 1.0

@@ -209,8 +209,16 @@ def _uncalibrated(recording: Recording, flats: Sequence[Bytes]) -> Reconstructor
             + ("" if bare else " Or add them to the recording.")
             + _doubt_of_guess(recording),
         )
-    ready.warnings += (f"no ball presses: depth rests on the light of a usual {sensor.kind}, not of this one",)
+    ready.warnings += (_network_warning(ready, sensor.kind),)
     return ready
+
+
+def _network_warning(ready: Reconstructor, kind: str) -> str:
+    """What to expect of a ready network, by its card."""
+    presses = {} if ready.referenced is None else ready.referenced.card.other.get("real_ball_presses", {})
+    off = [sensor["direction_error_deg"] for sensor in presses.values()]
+    real = f"; on real ones slopes pointed {min(off):.0f} to {max(off):.0f} degrees off" if off else ""
+    return f"no ball presses: depth rests on the light of a usual {kind}, not of this one{real}"
 
 
 def _doubt_of_guess(recording: Recording) -> str:

@@ -11,7 +11,11 @@ from tactilevision.errors import InputError
 from tactilevision.photometric import CalibratedMethod, Reference
 from tactilevision.photometric.card import MethodCard
 from tactilevision.photometric.contacts.moments import contact_of
-from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS, calibrate_on_contacts
+from tactilevision.photometric.contacts.self_calibration import (
+    MIN_CONTACTS,
+    calibrate_on_contacts,
+    contradict,
+)
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.method import ReferencedMethod
 from tactilevision.quality.reference_match import some_frames
@@ -22,7 +26,8 @@ if TYPE_CHECKING:
 MAX_FRAMES = 48  # frames that are looked at; half of them are enough for a law that varies over the picture
 RELATIVE_ERROR = 0.5  # of a slope, where no network tells one's scale
 FEW_OFF_DEG = "7 to 14"  # degrees: medians by one to three contacts of five real sensors (benchmarks.own_contacts)
-SCALE_STD = 0.6  # of the depth's scale then: real sensors .74 to 1.58 of the usual one
+FEW_OFF_WITH_NETWORK_DEG = "6 to 11"  # the same by two or three contacts and a network, nine real sensors
+SCALE_STD = 0.6  # of the depth's scale then: nine real sensors .33 to 1.8 of the usual one
 
 
 def calibrated_on_frames(
@@ -30,7 +35,7 @@ def calibrated_on_frames(
 ) -> CalibratedMethod | None:
     """A method from contacts in a recording's frames, or None where they are too few to tell the light.
 
-    Its scale is that of `prior`, or a usual one.
+    Its scale is that of `prior`, or a usual one. A prior that the contacts contradict is set aside.
     """
     change, rng, contacts = ColourChange(reference), np.random.default_rng(0), []
     for rgb in some_frames(recording, count=MAX_FRAMES):
@@ -38,6 +43,8 @@ def calibrated_on_frames(
             changes, _, valid = change.measure(rgb)
             contacts.append(contact_of(changes, valid, rng))
     seen = [one for one in contacts if one is not None]
+    contradicted = prior is not None and contradict(seen, prior.law.at)
+    prior = None if contradicted else prior
     law = calibrate_on_contacts(seen, None if prior is None else prior.law.at)
     if law is None:
         return None
@@ -48,7 +55,11 @@ def calibrated_on_frames(
         sensor=recording.sensor.kind,
         held_out_gain_std=known.held_out_gain_std,
         steepest_slope=law.steepest,
-        other={"contacts": len(seen), "scale_of": "a usual light" if prior is None else prior.card.sensor},
+        other={
+            "contacts": len(seen),
+            "scale_of": "a usual light" if prior is None else prior.card.sensor,
+            "network_contradicted": contradicted,
+        },
     )
     error = RELATIVE_ERROR if prior is None else prior.relative_error
     return CalibratedMethod(law, reference, error, None, card)
@@ -56,12 +67,21 @@ def calibrated_on_frames(
 
 def scale_warning(method: CalibratedMethod, *, kind: str) -> str:
     """What to expect of a method from contacts alone."""
+    told = method.card.other
+    count, network = told["contacts"], told["scale_of"] != "a usual light"
     doubt = (
-        "the scale may be off by a factor of two"
-        if method.card.held_out_gain_std == SCALE_STD
-        else f"the scale is that of a usual {kind}, at times 40 % off"
+        f"the scale is that of a usual {kind}, at times 40 % off"
+        if network
+        else "the scale may be off by a factor of two or three"
     )
-    count = method.card.other["contacts"]
-    few = f"; so few have slopes {FEW_OFF_DEG} degrees off on real frames" if count < MIN_CONTACTS else ""
+    few_off = FEW_OFF_WITH_NETWORK_DEG if network else FEW_OFF_DEG
+    few = f"; so few have slopes {few_off} degrees off on real frames" if count < MIN_CONTACTS else ""
     contacts = "1 contact" if count == 1 else f"{count} contacts"
-    return f"no ball presses: the light is calibrated on {contacts} in the frames{few}; of their depth {doubt}"
+    contrary = (
+        f". They contradict the ready network for {kind}, which was set aside: is the picture mirrored or turned, "
+        "or red changed for blue?"
+        if told["network_contradicted"]
+        else ""
+    )
+    what = f"no ball presses: the light is calibrated on {contacts} in the frames"
+    return f"{what}{few}; of their depth {doubt}{contrary}"

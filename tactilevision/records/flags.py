@@ -11,6 +11,7 @@ REFERENCE = "reference"
 BALLS = "balls"
 DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
+ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
 MEANING = {
@@ -22,6 +23,8 @@ MEANING = {
     "and may be everywhere where the light was calibrated with it",
     BALLS: "the light was calibrated on balls in less than half of the picture, along one side at least: depth "
     "elsewhere is extrapolated",
+    ASSUMED_SCALE: "no ball told how deep a colour is: the depth's scale is that of a usual light, at times 40 % "
+    "off or, where no network for the sensor is ready, by a factor of two or three",
     LIGHT: "most of the picture is unlike the reference in a way that no drift explains: another light, a picture "
     "that has moved, or contact over much of it",
     INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -25,9 +26,10 @@ from tactilevision.photometric.ball.detection import Ball
 from tactilevision.photometric.ball.samples import Samples
 from tactilevision.photometric.illumination.colour_change import ColourChange
 from tactilevision.photometric.methods.network import Network
+from tactilevision.photometric.training.light_kinds import LIGHT_KINDS
 from tactilevision.photometric.training.network_training import NetworkFitter, augmented, fit_network
-from tactilevision.photometric.training.random_lights import draw_scenes, expose, shade
-from tactilevision.photometric.training.random_samples import draw_samples
+from tactilevision.photometric.training.random_lights import STRIP, draw_scenes, expose, shade
+from tactilevision.photometric.training.random_samples import draw_samples, draw_shade
 
 SCALE = (MM_PER_PX, MM_PER_PX)
 
@@ -165,7 +167,7 @@ def test_drawn_gel_is_lit_as_it_should_be() -> None:
 
     rng = torch.Generator().manual_seed(4)
     torch.manual_seed(4)
-    scenes = draw_scenes(32, rng)
+    scenes = draw_scenes(32, rng, LIGHT_KINDS["gelslim3"])
     centre = torch.zeros(32, 1, 2)
     tilted = {
         name: torch.tensor(s).expand(32, 1, 2)
@@ -178,6 +180,47 @@ def test_drawn_gel_is_lit_as_it_should_be() -> None:
     # and downwards: up, where blue comes from
     assert (light["up"][:, 2] > light["flat"][:, 2]).float().mean() > 0.8
     assert (light["up"][:, 0] < light["flat"][:, 0]).float().mean() > 0.8
+
+
+def test_lamps_of_other_kinds_stand_where_they_are_said_to() -> None:
+    """Gel that faces a lamp is brighter in its colour: Mini's red above, DIGIT's blue below."""
+    import torch
+
+    for kind, colour, up in (("gelsight_mini", 0, 0.3), ("digit", 2, -0.3)):
+        rng = torch.Generator().manual_seed(4)
+        torch.manual_seed(4)
+        scenes = draw_scenes(32, rng, LIGHT_KINDS[kind])
+        level, tilted = (torch.tensor(s).expand(32, 1, 2) for s in ((0.0, 0.0), (0.0, up)))
+        flat_light, facing = (
+            shade(scenes, torch.zeros(32, 1, 2), slopes=s)[:, 0, colour] for s in (level, tilted)
+        )
+        assert (facing > flat_light).float().mean() > 0.8
+
+
+def test_a_lamp_is_kept_from_some_samples() -> None:
+    import torch
+
+    rng = torch.Generator().manual_seed(0)
+    assert draw_shade(LIGHT_KINDS["gelslim3"], rng) is None
+    lit = draw_shade(LIGHT_KINDS["digit"], rng)
+    assert lit is not None
+    dimmed = (lit < 1.0)[..., ::STRIP]  # one strip of each colour, then what is thrown back
+    assert (dimmed.sum(-1)[..., None] <= 2).all()
+    assert dimmed[..., :3].any(-1).float().mean().item() == pytest.approx(0.05, abs=0.01)
+
+
+def test_slopes_of_the_median_light_are_as_steep_as_they_are() -> None:
+    """Lights that differ in strength: the best mean square is flat, the unbiased network is not."""
+    contact, rest = linear(6000)
+    strength = np.array([0.5, 0.7, 1.0, 1.4, 2.0])[contact.press]
+    mixed = dataclasses.replace(contact, change=contact.change * strength[:, None])
+    network = fit_network(mixed, rest, steps=150, unbiased=True)
+    found = network.at(mixed.change, mixed.place)
+    gains = [
+        float(np.sum(found[at] * mixed.slopes[at]) / np.sum(mixed.slopes[at] ** 2))
+        for at in (mixed.press == number for number in range(5))
+    ]
+    assert np.median(gains) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_samples_of_drawn_lights_repeat_with_their_seed() -> None:

@@ -12,13 +12,19 @@ from tactilevision.photometric import BallPicture, load_network, make_reference
 from tactilevision.photometric.ball.samples import ball_samples
 from tactilevision.photometric.calibrate import direction_error_deg
 from tactilevision.photometric.contacts.moments import Contact, contact_of
-from tactilevision.photometric.contacts.self_calibration import MIN_CONTACTS, calibrate_on_contacts
+from tactilevision.photometric.contacts.self_calibration import (
+    MIN_CONTACTS,
+    Prior,
+    calibrate_on_contacts,
+    contradict,
+)
 from tactilevision.photometric.found_balls import locate
 from tactilevision.photometric.illumination.colour_change import ColourChange, Planes
 from tactilevision.photometric.methods.weights import find_model
 from tactilevision.reconstruct import build_reconstructor
-from tactilevision.recording import read_folder, read_recording
-from tactilevision.records import Floats
+from tactilevision.recording import Recording, read_folder, read_recording
+from tactilevision.records import Floats, Sensor
+from tactilevision.records.flags import ASSUMED_SCALE
 from tactilevision.sensors import get_sensor, rectify
 
 SAMPLE = Path(__file__).parents[2] / "sample_frames" / "gelslim3"
@@ -77,19 +83,49 @@ def test_a_planted_light_is_found_but_for_its_scale(count: int) -> None:
 
 def test_the_scale_is_that_of_the_prior() -> None:
     given = contacts(10, seed=3)
-    turned = 3.0 * np.linalg.pinv(LIGHT)  # three times as steep as it is
-    law = calibrate_on_contacts(given, lambda change, place: change @ turned.T)
+    steeper = 3.0 * np.linalg.pinv(LIGHT)  # three times as steep as it is
+    law = calibrate_on_contacts(given, lambda change, place: change @ steeper.T)
     assert law is not None
     change = np.concatenate([one.change for one in given])
     place = np.concatenate([one.place for one in given])
-    slopes, wanted = law.at(change, place), change @ turned.T
+    slopes, wanted = law.at(change, place), change @ steeper.T
     assert np.sum(slopes * wanted) / np.sum(wanted**2) == pytest.approx(1.0, abs=0.02)
+
+
+def turned(degrees: float) -> Prior:
+    """The right law but for a turn of its slopes, as of a network made for lamps that stand a little elsewhere."""
+    angle = np.radians(degrees)
+    law = np.linalg.pinv(LIGHT).T @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return lambda change, place: change @ law
+
+
+@pytest.mark.parametrize(("count", "most_deg"), [(1, 15.0), (3, 10.0), (10, 6.0)])
+def test_contacts_correct_a_prior_that_is_turned(count: int, most_deg: float) -> None:
+    law = calibrate_on_contacts(contacts(count, seed=20 + count), turned(25.0))
+    assert law is not None
+    rng = np.random.default_rng(98)
+    p, q = bumps(rng, many=3)
+    steep = np.hypot(p, q) > 0.1
+    y, x = np.nonzero(steep)
+    place = np.stack([2 * x / (SIZE[1] - 1) - 1, 2 * y / (SIZE[0] - 1) - 1], axis=1)
+    found = law.at(shown(p, q, rng)[:, steep].T.astype(float), place)
+    assert np.median(direction_error_deg(found, np.stack([p[steep], q[steep]], axis=1))) < most_deg
+
+
+def test_contacts_contradict_swapped_colours_and_mirrored_pictures() -> None:
+    right = turned(0.0)
+    for count in (1, 4):
+        seen = contacts(count, seed=30 + count)
+        assert not contradict(seen, right)
+        assert not contradict(seen, turned(30.0))
+        assert contradict(seen, lambda change, place: right(change[:, ::-1], place))
+        assert contradict(seen, lambda change, place: right(change, place) * np.array([-1.0, 1.0]))
+    assert not contradict([], right)
 
 
 def test_too_few_contacts_and_white_light_tell_nothing() -> None:
     few = contacts(MIN_CONTACTS - 1, seed=0)
     assert calibrate_on_contacts([], None) is None
-    assert calibrate_on_contacts(few, lambda change, place: change[:, :2]) is None
     assert calibrate_on_contacts(few, None) is not None
     rng = np.random.default_rng(5)
     grey = []
@@ -116,22 +152,28 @@ def test_an_untouched_frame_has_no_contact() -> None:
     assert contact_of(still, np.ones(SIZE, bool), rng) is None
 
 
-def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
-    """Ball pictures of the sample as frames of a sensor without a network; nobody says that they are balls."""
+def bare_folder(folder: Path, sensor: Sensor, *, swapped: bool = False) -> Recording:
+    """Ball pictures of the sample as frames of a sensor; nobody says that they are balls."""
     sample = read_recording(SAMPLE)
-    for ball in sample.balls:
-        picture = cv2.imread(str(ball.path))
+    (folder / "untouched").mkdir()
+    targets = {ball.path: folder / ball.path.name for ball in sample.balls}
+    for source, target in {**targets, sample.flats[0]: folder / "untouched" / "flat.png"}.items():
+        picture = cv2.imread(str(source))
         assert picture is not None
-        cv2.imwrite(str(tmp_path / ball.path.name), rectify(sample.sensor, picture))
-    flat = cv2.imread(str(sample.flats[0]))
-    assert flat is not None
-    (tmp_path / "untouched").mkdir()
-    cv2.imwrite(str(tmp_path / "untouched" / "flat.png"), rectify(sample.sensor, flat))
+        rectified = rectify(sample.sensor, picture)
+        cv2.imwrite(str(target), rectified[..., ::-1] if swapped else rectified)
+    return read_folder(folder, sensor, reference=folder / "untouched")
+
+
+def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
+    sample = read_recording(SAMPLE)
     sensor = get_sensor("custom", width_px=427, height_px=320, mm_per_px=0.0634)
-    folder = read_folder(tmp_path, sensor, reference=tmp_path / "untouched")
-    found = build_reconstructor(folder)
+    found = build_reconstructor(bare_folder(tmp_path, sensor))
     assert "16 contacts in the frames" in " ".join(found.warnings)
-    assert "factor of two" in " ".join(found.warnings)
+    assert "factor of two or three" in " ".join(found.warnings)
+    flat = cv2.imread(str(tmp_path / "untouched" / "flat.png"))
+    assert flat is not None
+    assert ASSUMED_SCALE in found.rectified_map(np.ascontiguousarray(flat[..., ::-1])).flags
     law, off = found.method.law, []  # type: ignore[attr-defined]
     change, rng = ColourChange(found.method.reference), np.random.default_rng(0)  # type: ignore[attr-defined]
     for number, ball in enumerate(sample.balls[::4]):
@@ -145,9 +187,22 @@ def test_a_bare_folder_is_read_by_its_own_contacts(tmp_path: Path) -> None:
     assert np.median(np.concatenate(off)) < 12.0
 
 
+def test_red_changed_for_blue_is_named_by_the_contacts(tmp_path: Path) -> None:
+    said = {}
+    for swapped in (False, True):
+        folder = tmp_path / str(swapped)
+        folder.mkdir()
+        found = build_reconstructor(bare_folder(folder, get_sensor("gelslim3_markers"), swapped=swapped))
+        said[swapped] = " ".join(found.warnings)
+    assert "the scale is that of a usual gelslim3_markers" in said[False]
+    assert "contradict" not in said[False]
+    assert "contradict the ready network" in said[True]
+    assert "red changed for blue" in said[True]
+
+
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not at hand")
 def test_real_frames_are_read_better_than_by_the_network() -> None:
-    """Ten presses of a GelSlim as contacts, each half read by the law of the other: 6 degrees, the network 10."""
+    """Ten presses of a GelSlim as contacts, each half read by the law of the other: 5 degrees, the network 9."""
     where = REAL / "gelslim_heightmap" / "test_data"
     with np.load(where.parent / "abe_corr.npz", allow_pickle=False) as table:
         x, y = table["x"], table["y"]
@@ -174,4 +229,4 @@ def test_real_frames_are_read_better_than_by_the_network() -> None:
         for one in samples[half::2]:
             own.append(direction_error_deg(law.at(one.change, one.place), one.slopes))
             ready.append(direction_error_deg(network.at(one.change, one.place), one.slopes))
-    assert np.median(np.concatenate(own)) < 0.9 * np.median(np.concatenate(ready))
+    assert np.median(np.concatenate(own)) < 0.7 * np.median(np.concatenate(ready))

@@ -32,18 +32,20 @@ def recording(folder: Path, kind: str, *, flats: int = 1, marks: bool = False) -
     return Recording(folder, "bare", sensor, flats=tuple(names))
 
 
-def shipped() -> Path:
-    path = find_model("gelslim3")
+def shipped(kind: str = "gelslim3") -> Path:
+    path = find_model(kind)
     assert path is not None
     return path
 
 
-def test_it_fits_its_card() -> None:
-    method = load_network(shipped(), make_reference([flat(np.random.default_rng(0))]))
+@pytest.mark.parametrize("kind", ["gelslim3", "gelsight_mini", "digit"])
+def test_it_fits_its_card(kind: str) -> None:
+    method = load_network(shipped(kind), make_reference([flat(np.random.default_rng(0))]))
     assert isinstance(method.law, Network)
     assert method.card.other["licence"] == "MIT"
     assert method.card.other["versions"]["kornia"]
-    unseen, still = draw_samples(32, 77)
+    assert method.card.sensor == kind
+    unseen, still = draw_samples(32, 77, kind=kind)
     found = method.law.at(unseen.change, unseen.place)
     off = np.degrees(np.abs(np.angle((found @ [1, 1j]) * (unseen.slopes @ [1, -1j]))))
     assert np.median(off) == pytest.approx(method.card.held_out_direction_error_deg, rel=0.2)
@@ -52,9 +54,11 @@ def test_it_fits_its_card() -> None:
 
 
 def test_without_balls_it_is_used_and_named(tmp_path: Path) -> None:
-    found = build_reconstructor(recording(tmp_path, "gelslim3_markers"))
-    assert "no ball presses" in found.warnings[0]
-    assert found.method.name == "network"
+    for kind, off in (("gelslim3_markers", "10 to 12"), ("gelsight_mini", "9 to 11"), ("digit", "9 to 12")):
+        found = build_reconstructor(recording(tmp_path, kind))
+        assert "no ball presses" in found.warnings[0]
+        assert f"on real ones slopes pointed {off} degrees off" in found.warnings[0]
+        assert found.method.name == "network"
 
 
 def test_marks_that_the_sensor_should_not_have_are_named_and_filled(tmp_path: Path) -> None:
@@ -70,9 +74,10 @@ def test_marks_that_the_sensor_should_not_have_are_named_and_filled(tmp_path: Pa
 def test_other_sensors_and_missing_references_are_told_what_they_lack(tmp_path: Path) -> None:
     here = re.escape(str(tmp_path))
     with pytest.raises(
-        InputError, match=f"{here}: no ball presses to calibrate the light from.*Ready without balls: gelslim3"
+        InputError,
+        match=f"{here}: no ball presses to calibrate the light from.*balls: digit, gelsight_mini, gelslim3",
     ):
-        build_reconstructor(recording(tmp_path, "digit"))
+        build_reconstructor(recording(tmp_path, "gelsight_wedge"))
     with pytest.raises(InputError, match=f"{here}: no picture of the untouched gel.*--reference"):
         build_reconstructor(recording(tmp_path, "gelslim3", flats=0))
     with pytest.raises(InputError, match=r"no photometric method of that name.*polynomial, auto, lookup"):

@@ -4,38 +4,40 @@ A law that reads each contact as a surface is right but for its scale and its si
 true ones g, no curl in all contacts leaves W = scale times 1, since gel never stays at its place untilted (the
 untouched picture). Minimised over the coefficients c of a law is
 
-    sum of w (equations c)^2 / s0^2 + PRIOR sum of (slopes(c) - slopes of the prior)^2 / mean square of these
+    mean of w (equations c)^2 / s0^2 + (ANCHOR / contacts) mean of (slopes(c) - anchor)^2 / mean of anchor^2
 
-w Cauchy weights, s0 the residual at the start; after each round the scale is the prior's again. The prior is a
-network for such sensors or, without one, the constant law of the least curl, of a usual scale; contacts are dents.
-How the law may vary over the picture goes with the number of contacts.
+w Cauchy weights, s0 the residual of the anchor; after each round the scale is the anchor's again. The anchor is a
+law that is taken to hold all over the picture, so that c may vary with place even where nothing touched: without a
+prior the constant law of the least curl, of a usual scale, contacts being dents; with one (a network for such
+sensors) the mean of it and of the constant law that these contacts make of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 
 import numpy as np
 import scipy.linalg
 
-from tactilevision.photometric.contacts.moments import TERMS, Contact
+from tactilevision.photometric.contacts.moments import TERMS, Contact, design
 from tactilevision.photometric.methods.polynomial import POWERS, PRODUCTS, Polynomial
-from tactilevision.records import Bools, Floats
+from tactilevision.records import Floats
 
-MIN_CONTACTS = 4  # contacts; with six of screws three real sensors were read better than by the network
-MIN_SLOPE_SPREAD = (
-    0.2  # least over most power of slope by direction, of fewer: 19 to 86 degrees off have .13 at most
-)
-MIN_CURVED = 8  # contacts for products of two colours
-MIN_VARYING = 24  # contacts for a law that varies over the picture
-MIN_SPREAD = 1.0  # half the picture: a law that varies runs away where nothing touched
-PRIOR = 0.3  # weight of the prior; of 1 to .01 tried on four real sensors, all within a degree
+MIN_CONTACTS = 4  # contacts; fewer are said to be few
+MIN_VARYING = 3  # contacts for a law that varies over the picture; two turned one real sensor by 58 degrees
+MIN_SLOPE_SPREAD = 0.2  # least over most power of slope by direction: 19 to 86 degrees off have .13 at most
+ANCHOR = 10.0  # weight of the anchor over contacts; 3 to 20 tried on nine real sensors, all within a degree
+PRIOR = 0.3  # weight of the prior in the constant law; of 1 to .01 tried on four real sensors, all within a degree
 RIDGE = 1e-4  # of a term's own power
 MAX_ITERATIONS = 3  # of weighing equations anew; they settle in two
 OUTLYING = 2.0  # deviations at which an equation counts half
-USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors 1.6 to 3.5
+USUAL_CHANGE = 2.2  # colour change over slope, of three colours together; real sensors .8 to 3.5
 MIN_GAP = 4.0  # second least curl over the least: less, and contacts do not tell the law; real ones 14 to 60
 STEEPEST = 99.5  # percentile of slopes read in the contacts that bounds later ones
+CONTRADICTION_DEG = 45.0  # median angle; right networks 5 to 12, swapped colours or a mirrored picture 59 and more
+SPREADING = (0.7548776662, 0.5698402910)  # steps of a sequence that fills a square evenly (Roberts' R2)
+LINEAR = np.array([len(PRODUCTS[k]) == 1 and sum(POWERS[m]) == 0 for k, m in TERMS])  # terms of a constant law
 
 Prior = Callable[[Floats, Floats], Floats]
 
@@ -43,72 +45,98 @@ Prior = Callable[[Floats, Floats], Floats]
 def calibrate_on_contacts(contacts: Sequence[Contact], prior: Prior | None) -> Polynomial | None:
     """The law, or None where the contacts do not tell it.
 
-    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1. Fewer contacts than
-    MIN_CONTACTS tell nothing better than a prior; without one they do where they slope to all sides.
+    `prior` gives slopes (N, 2) of relative changes (N, 3) at places (N, 2) from -1 to 1.
     """
-    few = len(contacts) < MIN_CONTACTS
-    if not contacts or (few and prior is not None):
+    if not contacts:
         return None
-    equations, samples, change, place = (
-        np.concatenate([getattr(one, name) for one in contacts])
-        for name in ("equations", "samples", "change", "place")
+    seen = _joined(contacts)
+    constant = _least_curl(seen) if prior is None else _corrected(seen, prior(seen.change, seen.place))
+    if constant is None:
+        return None
+    if _slope_spread(seen.change @ constant.T) < MIN_SLOPE_SPREAD:
+        return None
+    elsewhere = _all_over(len(seen.change))
+    change, place = np.concatenate([seen.change, seen.change]), np.concatenate([seen.place, elsewhere])
+    anchor = change @ constant.T
+    if prior is not None:
+        anchor = 0.5 * (anchor + prior(change, place))
+    terms = np.concatenate([seen.samples, design(seen.change, elsewhere)])
+    coefficients = _solve(
+        seen.equations,
+        terms,
+        anchor,
+        scaled=len(seen.change),
+        weight=ANCHOR / len(contacts),
+        rounds=MAX_ITERATIONS if len(contacts) >= MIN_VARYING else 0,
     )
-    if prior is None:
-        constant = _least_curl(equations, samples, change, np.concatenate([one.outward for one in contacts]))
-        if constant is None:
-            return None
-        target = change @ constant.T
-        if few and _slope_spread(target) < MIN_SLOPE_SPREAD:
-            return None
-    else:
-        target = prior(change, place)
-    kept = _kept_terms(len(contacts), np.array([one.place.mean(axis=0) for one in contacts]))
-    terms = samples[:, kept]
-    both = np.concatenate([kept, kept])
-    slopes, coefficients = _solve(equations[:, both], terms, target)
     full = np.zeros((2, len(PRODUCTS), len(POWERS)))
-    at = np.array(TERMS)[kept]
+    at = np.array(TERMS)
     full[:, at[:, 0], at[:, 1]] = coefficients
+    slopes = seen.samples @ coefficients.T
     return Polynomial(full, float(np.percentile(np.hypot(*slopes.T), STEEPEST)))
 
 
-def _kept_terms(contacts: int, middles: Floats) -> Bools:
-    """Mask (K,) of the terms that so many contacts tell, with their middles (N, 2) from -1 to 1."""
-    spread = np.ptp(middles, axis=0).min() > MIN_SPREAD
-    order = (
-        {1: 0, 2: -1}
-        if contacts < MIN_CURVED
-        else {1: 2, 2: 1}
-        if contacts >= MIN_VARYING and spread
-        else {1: 0, 2: 0}
-    )
-    return np.array([sum(POWERS[m]) <= order[len(PRODUCTS[k])] for k, m in TERMS])
+def contradict(contacts: Sequence[Contact], prior: Prior) -> bool:
+    """Whether contacts that tell the light, without the prior, turn its slopes by more than CONTRADICTION_DEG."""
+    if not contacts:
+        return False
+    seen = _joined(contacts)
+    constant = _least_curl(seen)
+    if constant is None:
+        return False
+    own, told = seen.change @ constant.T, prior(seen.change, seen.place)
+    if _slope_spread(own) < MIN_SLOPE_SPREAD:
+        return False
+    turned = np.angle((own @ [1, 1j]) * np.conj(told @ [1, 1j]))
+    return bool(np.degrees(np.median(np.abs(turned))) > CONTRADICTION_DEG)
 
 
-def _solve(equations: Floats, terms: Floats, target: Floats) -> tuple[Floats, Floats]:
-    """Slopes (N, 2) of the samples, and coefficients (2, K), with the scale of the `target` slopes (N, 2)."""
-    power = float(np.sum(target**2))
+def _joined(contacts: Sequence[Contact]) -> Contact:
+    """All contacts as one."""
+    names = (one.name for one in fields(Contact))
+    return Contact(**{name: np.concatenate([getattr(one, name) for one in contacts]) for name in names})
+
+
+def _all_over(count: int) -> Floats:
+    """Places (count, 2) that fill the picture evenly, from -1 to 1."""
+    return np.asarray(2.0 * (np.arange(count)[:, None] * np.array(SPREADING) % 1.0) - 1.0, np.float64)
+
+
+def _solve(equations: Floats, terms: Floats, anchor: Floats, *, scaled: int, weight: float, rounds: int) -> Floats:
+    """Coefficients (2, K) of `terms` (N, K) near slopes `anchor` (N, 2), whose first `scaled` keep their power."""
+    power, own = float(np.sum(anchor**2)), float(np.sum(anchor[:scaled] ** 2))
     normal = terms.T @ terms / power
     normal[np.diag_indices_from(normal)] *= 1.0 + RIDGE
     held = scipy.linalg.block_diag(normal, normal)
-    wanted = (terms.T @ target / power).T.ravel()
+    wanted = (terms.T @ anchor / power).T.ravel()
     found = np.linalg.solve(held, wanted)
     start = float(np.mean((equations @ found) ** 2))
     weights = np.ones(len(equations))
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(rounds):
         curl = (equations * weights[:, None]).T @ equations / (len(equations) * start)
-        found = np.linalg.solve(curl + PRIOR * held, PRIOR * wanted)
-        slopes = terms @ found.reshape(2, -1).T
-        found *= np.sqrt(power / float(np.sum(slopes**2)))
+        found = np.linalg.solve(curl + weight * held, weight * wanted)
+        slopes = terms[:scaled] @ found.reshape(2, -1).T
+        found *= np.sqrt(own / float(np.sum(slopes**2)))
         weights = _cauchy(equations @ found)
-    coefficients: Floats = np.asarray(found.reshape(2, -1), np.float64)
-    return np.asarray(terms @ coefficients.T, np.float64), coefficients
+    return np.asarray(found.reshape(2, -1), np.float64)
 
 
-def _least_curl(equations: Floats, samples: Floats, change: Floats, outward: Floats) -> Floats | None:
+def _corrected(seen: Contact, told: Floats) -> Floats:
+    """The constant law (2, 3) near slopes `told` (N, 2) of the samples, of little curl."""
+    both = np.concatenate([LINEAR, LINEAR])
+    return _solve(
+        seen.equations[:, both],
+        seen.samples[:, LINEAR],
+        told,
+        scaled=len(told),
+        weight=PRIOR,
+        rounds=MAX_ITERATIONS,
+    )
+
+
+def _least_curl(seen: Contact) -> Floats | None:
     """The constant law (2, 3) of the least curl for its power, of a usual scale, that makes contacts dents."""
-    linear = np.array([len(PRODUCTS[k]) == 1 and sum(POWERS[m]) == 0 for k, m in TERMS])
-    reduced, terms = equations[:, np.concatenate([linear, linear])], samples[:, linear]
+    reduced, terms = seen.equations[:, np.concatenate([LINEAR, LINEAR])], seen.samples[:, LINEAR]
     power = terms.T @ terms / len(terms)
     power[np.diag_indices(3)] *= 1.0 + RIDGE
     weights = np.ones(len(reduced))
@@ -119,9 +147,9 @@ def _least_curl(equations: Floats, samples: Floats, change: Floats, outward: Flo
     if values[1] < MIN_GAP * values[0]:
         return None
     law = vectors[:, 0].reshape(2, 3)
-    slopes = change @ law.T
-    law = law * np.sqrt(np.sum(change**2) / np.sum(slopes**2)) / USUAL_CHANGE
-    return np.asarray(-law if np.sum(slopes * outward) > 0 else law, np.float64)
+    slopes = seen.change @ law.T
+    law = law * np.sqrt(np.sum(seen.change**2) / np.sum(slopes**2)) / USUAL_CHANGE
+    return np.asarray(-law if np.sum(slopes * seen.outward) > 0 else law, np.float64)
 
 
 def _slope_spread(slopes: Floats) -> float:

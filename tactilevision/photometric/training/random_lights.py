@@ -1,4 +1,4 @@
-"""Lights drawn at random round those of GelSlim 3.0, and how gel of any slope looks under them, in torch.
+"""Lights drawn at random round those of a kind of sensor, and how gel of any slope looks under them, in torch.
 
 Each of three colours is a strip of lamps beside the gel, beamed across it, with a part thrown back by the wall
 opposite. A lamp at L (mm, z towards the camera) shines on a place x with e = P B (L - x)/|L - x|^3, B a Gaussian
@@ -7,9 +7,10 @@ beam; gel of the slope (p, q) has the normal n = (-p, -q, 1)/sqrt(1 + p^2 + q^2)
     s(n.e) + gloss |e| max(n.m, 0)^16     s(v) = (v + sqrt(v^2 + (2 d |e|)^2))/2,  m half-way to the camera
 
 times the picture's fields (vignette, uneven ink, by kornia); the camera adds stray light, takes the power
-1/gamma, cuts at white, adds noise and rounds. The usual directions (blue from the top, green from the left, red
-from the lower right) are those of one real GelSlim 3.0 at its centre, each then turned by some 12 degrees, at any
-height, distance, strength and mixture. What no such light shows (double shadows, lens flare) is not in it.
+1/gamma, cuts at white, adds noise and rounds. Directions and bounds are a LightKind's (`light_kinds.py`); each
+lamp is then turned by some 12 degrees.
+The untouched gel may bulge: its own slope is added. A lamp may be shaded from pressed gel, in part or whole.
+What no such light shows (double shadows, lens flare) is not in it.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from tactilevision.photometric.training.light_kinds import LightKind
+from tactilevision.records import Pair
+
 if TYPE_CHECKING:
     import torch
 
-SIZE_MM = (27.1, 20.3)  # GelSlim 3.0's view
-AZIMUTH_DEG = (-55.0, 180.0, 42.0)  # red, green, blue; counted from x to the picture's top
-ASTRAY_DEG = 12.0  # degrees, one sigma by which lamps stand off these; cut at two
+ASTRAY_DEG = 12.0  # degrees, one sigma by which lamps stand off a kind's azimuths; cut at two
 GRID = (24, 32)  # of the untouched picture that a reader of light sees
 STRIP = 3  # lamps a colour; one more is its light thrown back
 
@@ -33,7 +35,8 @@ STRIP = 3  # lamps a colour; one more is its light thrown back
 @dataclass(frozen=True)
 class Scenes:
     """B scenes of L lamps: `place_mm` (B, L, 3), `aim_mm`, `beam_mm` (B, L, 2), `tint` (B, L, 3); the camera's
-    `stray` (B, 3), `gamma`, `gloss`, `soft_edge`, `noise_grey` (B, 1), and `fields` (B, 1, *GRID)."""
+    `stray` (B, 3), `gamma`, `gloss`, `soft_edge`, `noise_grey` (B, 1), and `fields` (B, 1, *GRID); `size_mm` of
+    what the picture shows; `bulge` (B, 2), the untouched gel's slope at the border."""
 
     place_mm: torch.Tensor
     aim_mm: torch.Tensor
@@ -45,54 +48,58 @@ class Scenes:
     soft_edge: torch.Tensor
     noise_grey: torch.Tensor
     fields: torch.Tensor
+    size_mm: Pair
+    bulge: torch.Tensor
 
 
-def draw_scenes(count: int, rng: torch.Generator) -> Scenes:
+def draw_scenes(count: int, rng: torch.Generator, kind: LightKind) -> Scenes:
     """`count` sets of lights and cameras. Kornia's fields follow torch's own generator, so seed that as well."""
     import torch
 
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
         return low + (high - low) * torch.rand(*shape, generator=rng)
 
-    mean_azimuth = torch.tensor(AZIMUTH_DEG)[None].expand(count, 3)
+    mean_azimuth = torch.tensor(kind.azimuth_deg)[None].expand(count, 3)
     azimuth = torch.deg2rad(mean_azimuth + ASTRAY_DEG * torch.randn(count, 3, generator=rng).clamp(-2, 2))
-    far = uniform(20.0, 60.0, count, 3)
-    high = far * torch.tan(
-        torch.deg2rad(
-            uniform(0.0, 1.0, count, 3) * torch.tensor([16.0, 20.0, 24.0]) + torch.tensor([6.0, 7.0, 9.0])
-        )
-    )
+    far = uniform(*kind.far_mm, count, 3)
+    lowest, highest = torch.tensor(kind.lowest_deg), torch.tensor(kind.highest_deg)
+    high = far * torch.tan(torch.deg2rad(uniform(0.0, 1.0, count, 3) * (highest - lowest) + lowest))
     towards = torch.stack([torch.cos(azimuth), -torch.sin(azimuth)], -1)
     along = torch.stack([-towards[..., 1], towards[..., 0]], -1)
-    spread = torch.linspace(-1, 1, STRIP)[None, None, :, None] * uniform(0.0, 5.0, count, 3, 1, 1)
+    spread = torch.linspace(-1, 1, STRIP)[None, None, :, None] * uniform(0.0, kind.half_length_mm, count, 3, 1, 1)
     flat = (towards * far[..., None])[:, :, None] + along[:, :, None] * spread
     place = torch.cat([flat, high[:, :, None, None].expand(count, 3, STRIP, 1)], -1).reshape(count, -1, 3)
-    aim = towards * uniform(0.0, 10.0, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
-    beam = uniform(8.0, 20.0, count, 3, 2)
-    tint = _draw_tints(count, uniform)
-    thrown_back = uniform(0.0, 0.5, count, 3, 1) * tint  # by the wall opposite: one lamp for a whole strip
+    aim = towards * uniform(*kind.aim_mm, count, 3, 1) + uniform(-3.0, 3.0, count, 3, 2)
+    beam = uniform(*kind.beam_mm, count, 3, 2)
+    tint = _draw_tints(count, uniform, kind)
+    thrown_back = (
+        uniform(0.0, kind.thrown_back, count, 3, 1) * tint
+    )  # by the wall opposite: one lamp for a whole strip
     mirrored = torch.cat([-towards * far[..., None], high[..., None]], -1)
     scenes = Scenes(
         torch.cat([place, mirrored], 1),
         torch.cat([aim.repeat_interleave(STRIP, 1), -aim], 1),
         torch.cat([beam.repeat_interleave(STRIP, 1), 2 * beam], 1),
         torch.cat([tint.repeat_interleave(STRIP, 1), thrown_back], 1),
-        uniform(0.0, 0.04, count, 3),
+        uniform(0.0, kind.stray, count, 3),
         uniform(1.0, 2.0, count, 1),
         uniform(0.0, 0.1, count, 1),
         uniform(0.01, 0.08, count, 1),
         uniform(0.3, 2.0, count, 1),
         draw_fields(count),
+        kind.size_mm,
+        torch.zeros(count, 2),
     )
-    return _exposed(scenes, uniform(0.6, 1.15, count, 1, 1))
+    scenes = _exposed(scenes, uniform(0.6, 1.15, count, 1, 1))
+    return dataclasses.replace(scenes, bulge=uniform(-kind.bulge, kind.bulge, count, 2)) if kind.bulge else scenes
 
 
-def _draw_tints(count: int, uniform: Callable[..., torch.Tensor]) -> torch.Tensor:
+def _draw_tints(count: int, uniform: Callable[..., torch.Tensor], kind: LightKind) -> torch.Tensor:
     """Share of each colour (count, 3 lamps, 3 channels) in the light of a strip."""
-    tint = uniform(0.0, 0.08, count, 3, 3)
-    # GelSlim's green and blue share a good part of their light, red keeps to itself
-    tint[:, 1, 2] = uniform(0.2, 0.7, count)
-    tint[:, 2, 1] = uniform(0.0, 0.3, count)
+    tint = uniform(*kind.leak, count, 3, 3)
+    # green and blue share a good part of their light, red keeps to itself
+    tint[:, 1, 2] = uniform(*kind.green_in_blue, count)
+    tint[:, 2, 1] = uniform(*kind.blue_in_green, count)
     tint[:, range(3), range(3)] = 1.0
     tint *= uniform(0.5, 1.0, count, 3, 1)
     return tint
@@ -113,9 +120,16 @@ def draw_fields(count: int) -> torch.Tensor:
     return torch.as_tensor(uneven(blank)).clamp(0.05, 1.0) / 0.5
 
 
-def shade(scenes: Scenes, place_mm: torch.Tensor, *, slopes: torch.Tensor) -> torch.Tensor:
-    """Linear light (B, N, 3), 1 is white, of gel at `place_mm` (B, N, 2 or 3) with `slopes` (B, N, 2)."""
-    light: torch.Tensor = _returned(scenes, place_mm, slopes) @ scenes.tint + scenes.stray[:, None]
+def shade(
+    scenes: Scenes, place_mm: torch.Tensor, *, slopes: torch.Tensor, lit: torch.Tensor | None = None
+) -> torch.Tensor:
+    """Linear light (B, N, 3), 1 is white, of gel at `place_mm` (B, N, 2 or 3) with `slopes` (B, N, 2).
+
+    `lit` (B, N, L) is the share of each lamp that arrives; None is all.
+    """
+    returned = _returned(scenes, place_mm, slopes)
+    returned = returned if lit is None else returned * lit
+    light: torch.Tensor = returned @ scenes.tint + scenes.stray[:, None]
     return light
 
 
@@ -130,14 +144,16 @@ def _returned(scenes: Scenes, place_mm: torch.Tensor, slopes: torch.Tensor) -> t
     ray = ray / square.sqrt()[..., None]
     off = (at[:, :, None, :2] - scenes.aim_mm[:, None]) / scenes.beam_mm[:, None]
     strength = torch.exp(-0.5 * (off * off).sum(-1)) / square
-    normal = pad(-slopes, (0, 1), value=1.0)[:, :, None]
+    half_mm = 0.5 * torch.tensor(scenes.size_mm)
+    total = slopes + scenes.bulge[:, None] * at[..., :2] / half_mm
+    normal = pad(-total, (0, 1), value=1.0)[:, :, None]
     normal = normal / normal.norm(dim=-1, keepdim=True)
     facing = (normal * ray).sum(-1)
     soft = 2 * scenes.soft_edge[:, None]
     back = 0.5 * (facing + torch.sqrt(facing * facing + soft * soft))
     half = ray + torch.tensor([0.0, 0.0, 1.0])
     shiny = (normal * half).sum(-1).clamp(min=0.0) / half.norm(dim=-1)
-    where = (2 * at[..., :2] / torch.tensor(SIZE_MM))[:, None]
+    where = (at[..., :2] / half_mm)[:, None]
     field = grid_sample(scenes.fields, where, padding_mode="border", align_corners=False)
     light: torch.Tensor = (back + scenes.gloss[:, None] * shiny**16) * strength * field[:, 0, 0, :, None]
     return light
@@ -152,19 +168,21 @@ def expose(scenes: Scenes, light: torch.Tensor, *, rng: torch.Generator, average
     return (grey + noise).round().clamp(0.0, 255.0)
 
 
-def lattice(count: int) -> torch.Tensor:
+def lattice(count: int, size_mm: Pair) -> torch.Tensor:
     """Places (count, GRID[0] GRID[1], 2) in mm of the blocks of the untouched picture."""
     import torch
 
     rows, columns = ((torch.arange(n) + 0.5) / n - 0.5 for n in GRID)
-    y, x = torch.meshgrid(rows * SIZE_MM[1], columns * SIZE_MM[0], indexing="ij")
+    y, x = torch.meshgrid(rows * size_mm[1], columns * size_mm[0], indexing="ij")
     return torch.stack([x, y], -1).reshape(1, -1, 2).expand(count, -1, 2)
 
 
 def _exposed(scenes: Scenes, white: torch.Tensor) -> Scenes:
     """Each colour at the brightness drawn for it where it is brightest, then all to `white` (B, 1, 1) together."""
     count = len(white)
-    returned = _returned(scenes, lattice(count), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2))
+    returned = _returned(
+        scenes, lattice(count, scenes.size_mm), scenes.place_mm.new_zeros(count, GRID[0] * GRID[1], 2)
+    )
     tint = scenes.tint.clone()
     for colour in range(3):
         lamps = [*range(STRIP * colour, STRIP * (colour + 1)), 3 * STRIP + colour]
