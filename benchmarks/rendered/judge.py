@@ -24,6 +24,7 @@ Array = npt.NDArray[np.floating]
 
 FACE = 0.7  # of the radius: the face without its edge
 BALL = 0.5  # of the contact's radius: the middle of a ball
+FOLDS = 4  # parts that balls are left out by, drawn by chance: every second one has one radius and a few columns
 NEAR_MM = (0.3, 1.5)  # mm beyond the edge, over which the outward fall is taken
 BESIDE_MM = (0.5, 3.0)  # mm beyond the edge, over which the surface is compared
 RING_MM = 0.08  # mm, half width of a ring
@@ -41,17 +42,17 @@ class Step:
 
 
 def judge(folder: Path, *, plain: bool) -> tuple[list[float], list[Step]]:
-    """Depth over truth of the balls that the other half of them calibrates, and each step by all balls.
+    """Depth over truth of balls that the other three quarters calibrate, and each step by all balls.
 
     `plain` leaves cast shadows as they are.
     """
     recording = read_recording(folder)
     truth = tomllib.loads((folder / "truth.toml").read_text())
     ratios: list[float] = []
-    for half in (0, 1) if "ball" in truth else ():
-        kept = replace(recording, balls=tuple(b for k, b in enumerate(recording.balls) if k % 2 != half))
-        reader = build_reconstructor(kept)
-        left_out = range(half, len(recording.balls), 2)
+    order = np.random.default_rng(0).permutation(len(truth.get("ball", ())))
+    for left_out in (order[fold::FOLDS] for fold in range(min(FOLDS, order.size))):
+        kept = tuple(ball for number, ball in enumerate(recording.balls) if number not in left_out)
+        reader = build_reconstructor(replace(recording, balls=kept))
         ratios += [_ball(folder, recording, reader, number, truth["ball"][number]) for number in left_out]
     reader = build_reconstructor(recording)
     if not plain:

@@ -27,7 +27,7 @@ from tactilevision.certificate.depth.pile_up import blur_place, combine, compute
 from tactilevision.certificate.depth.slope_gain import ring_gain_std
 from tactilevision.contact.bevel import SIDES
 from tactilevision.errors import InputError, TactilevisionError
-from tactilevision.integration.poisson import weighted
+from tactilevision.integration.half_squares import integrate_half_squares
 from tactilevision.mechanics.kappa import fast_kappa
 from tactilevision.mechanics.poisson_from_surface import SurfaceFit, SurfaceFitSettings, fit_poisson_ratio
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
@@ -60,7 +60,7 @@ Picture = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slopes:
-    """Mean slopes (h, w) over frames and squares, the share of readable pixels, and the frames' mean depth."""
+    """Mean slopes (2h, 2w) over frames and half squares, share of readable pixels, and the frames' mean depth."""
 
     dz_dx: Floats
     dz_dy: Floats
@@ -294,21 +294,24 @@ def _mean_slopes(
 
 def _shrink(picture: Picture, mm_per_px: Pair) -> Picture:
     rows, columns = picture.shape
-    size = (max(round(columns * mm_per_px[0] / SQUARE_MM), 2), max(round(rows * mm_per_px[1] / SQUARE_MM), 2))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    across, down = (max(round(n * mm / SQUARE_MM), 2) for n, mm in zip((columns, rows), mm_per_px, strict=True))
+    return np.asarray(cv2.resize(picture, (2 * across, 2 * down), interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _view(
     slopes: _Slopes, face: Footprint, point: CertifiedPoint, indenter: Indenter, mm_per_px: Pair
 ) -> SurfaceView:
-    (rows, columns), (height, width) = slopes.share.shape, face.mask.shape
-    scale = (mm_per_px[0] * width / columns, mm_per_px[1] * height / rows)
-    x = (np.arange(columns) - (columns - 1) / 2)[None, :] * scale[0] - face.centre_mm[0]
-    y = (np.arange(rows) - (rows - 1) / 2)[:, None] * scale[1] - face.centre_mm[1]
-    beside = (np.hypot(x, y) > indenter.radius_mm + WALL_MM) & (slopes.share > SOUND)
-    depth = weighted(slopes.dz_dx, slopes.dz_dy, weights=beside.astype(np.float64), mm_per_px=scale)
+    half = tuple(
+        mm * n / m for mm, n, m in zip(mm_per_px, face.mask.shape[::-1], slopes.share.shape[::-1], strict=True)
+    )
+    x, y = _places(slopes.share.shape, half, face)
+    share = np.where(np.hypot(x, y) > indenter.radius_mm + WALL_MM, slopes.share, 0.0)
+    depth, beside = integrate_half_squares(
+        slopes.dz_dx, slopes.dz_dy, share=share, least=SOUND, mm_per_px=(half[0], half[1])
+    )
+    scale = (2 * half[0], 2 * half[1])
     if indenter.bevel is not None:
-        along = SIDES[indenter.bevel]
+        along, (x, y) = SIDES[indenter.bevel], _places(depth.shape, scale, face)
         start = indenter.bevel_distance_mm or indenter.radius_mm + 2 * BEFORE_BEVEL_MM
         beside &= along[0] * x + along[1] * y < start - BEFORE_BEVEL_MM
     return SurfaceView(
@@ -322,3 +325,11 @@ def _view(
         point.depth_std_mm if np.isfinite(point.depth_std_mm) else 0.02 * point.depth_mm,
         point.press,
     )
+
+
+def _places(shape: tuple[int, ...], mm: Sequence[float], face: Footprint) -> tuple[Floats, Floats]:
+    """x (1, w) and y (h, 1) in mm of squares (h, w) from the face's centre; `mm` (x, y) of a square."""
+    rows, columns = shape
+    x = (np.arange(columns) - (columns - 1) / 2)[None, :] * mm[0] - face.centre_mm[0]
+    y = (np.arange(rows) - (rows - 1) / 2)[:, None] * mm[1] - face.centre_mm[1]
+    return np.asarray(x, np.float64), np.asarray(y, np.float64)
