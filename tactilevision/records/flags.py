@@ -12,6 +12,7 @@ BALLS = "balls"
 DEEPER = "deeper_than_gel"
 UNFIT = "unfit"
 INCONSISTENT = "inconsistent_light"
+STEEP = "steep"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -25,6 +26,8 @@ MEANING = {
     "that has moved, or contact over much of it",
     INCONSISTENT: "in places no slope has the colours that are seen: a shadow, a lamp that changed there, or a "
     "light that the method does not know; depth that rests on them is uncertain",
+    STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
+    "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 
