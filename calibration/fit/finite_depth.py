@@ -33,6 +33,7 @@ from tactilevision.mechanics.tables.profile import EDGE_OVER_H, POISSON_RANGE
 from tactilevision.mechanics.tables.punch import force_ratio
 from tactilevision.records import Estimate, Floats, Material, Pair
 
+SMALLEST_MM = 1e-4  # mm: depths of less are contact's first touch, and round to 0
 USUAL_FRICTION = 0.3  # Coulomb's coefficient of gel on a dry face; above it hardly anything changes
 FRICTIONS = (0.1, 0.2, 0.6, np.inf)  # Coulomb's coefficients that a dry face may have besides
 DEPTHS = 12  # depths at which the elements are asked, spread as the presses' own
@@ -90,7 +91,7 @@ def finite_depth(fitted: Fit, nu: Estimate, *, radius_mm: float) -> FiniteDepth 
         return None
     if beta_outside_theory(fitted.estimate("beta"), nu, a_over_h=radius_mm / data.gel.thickness_mm):
         return None
-    depth = data.depth_mm[data.depth_mm > 0]
+    depth = data.depth_mm[data.depth_mm > SMALLEST_MM]
     asked = np.unique(np.quantile(depth, np.linspace(0, 1, DEPTHS)).round(4)) if depth.size else depth
     return _of(radius_mm, data.gel.thickness_mm, stated_edge_mm(fitted, radius_mm), tuple(asked.tolist()))
 

@@ -24,6 +24,7 @@ ACROSS = 4  # directions to a sector
 CONVERGENCE_TOL = 0.03  # of the flank's spread about a circle: a round that moves the circle by less is the last
 INNER_PX = 12.0  # px that the profile reaches inside the edge: past the foot of a blurred flank
 OUTER_SHARE = 0.4  # of the radius that the profile reaches outside: the gel's own fall dies out there
+MAX_OUTER_SHARE = 0.8  # the same where steep slopes reach far: a layer's surface keeps to the law so far
 NEAR_PX = 4.0  # about the edge alone, this far outside
 MEDIAN_STD = 0.93  # of a median of one normal number, in what lies between its quartiles
 HALF = 0.6977  # sigma before the edge, where a blurred 1/sqrt(s) has half of its peak; by quadrature
@@ -69,16 +70,20 @@ def find_circular_edges(slopes: SlopeMap, mm_per_px: Pair, *, limit: float) -> l
         at = at[:: max(1, len(at) // MAX_SAMPLES)]
         rows, columns = np.divmod(at, labels.shape[1])
         x, y = columns * (2.0 * mm_per_px[0]), rows * (2.0 * mm_per_px[1])
-        edge = _fit_edge(slopes, mm_per_px, quick_circle(x, y, weight=squared.ravel()[at].astype(np.float64)))
+        circle = quick_circle(x, y, weight=squared.ravel()[at].astype(np.float64))
+        edge = _fit_edge(slopes, mm_per_px, circle, limit=limit)
         if edge is not None:
             edges.append(edge)
     return edges
 
 
-def _fit_edge(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float]) -> CircularEdge | None:
+def _fit_edge(
+    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], *, limit: float
+) -> CircularEdge | None:
     """The rim near a circle, None where it is not round and sharp.
 
-    Twice: first about the edge alone, by a circle that what lies outside makes too large.
+    Twice: first about the edge alone, by a circle that what lies outside makes too large. Its profile is taken
+    farther out where slopes beyond `limit` reach so far that little gentle gel is seen beside them.
     """
     px = min(mm_per_px)
     x, y, radius = circle
@@ -93,15 +98,27 @@ def _fit_edge(slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, flo
     if spread > OFF_ROUND_PX * px or not MIN_RADIUS_PX * px < radius < 2 * px * max(slopes.dz_dx.shape):
         return None
     centre = x + shift_x, y + shift_y
-    bounds = _bounds(radius, px, (1 + OUTER_SHARE) * radius + 8.0 * px)
-    places, values = _profiles(slopes, mm_per_px, (*centre, radius), bounds)
-    low, median, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
+    outer = (1 + OUTER_SHARE) * radius + 8.0 * px
+    places, median, highest, std = _profile(slopes, mm_per_px, (*centre, radius), outer)
     half, quarter = _flanks(places, np.stack([median, median]), np.array([0.5, 0.25]))
     blur = (half - quarter) / (QUARTER - HALF)
     if not blur < MAX_BLUR * radius:  # nor where it is not known
         return None
-    std = MEDIAN_STD * (high - low) / np.sqrt(np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1))
+    steep = float(places[~(highest < limit) & np.isfinite(highest)].max(initial=radius)) - radius
+    if 2.0 * steep > outer - radius:
+        outer = radius + min(2.0 * steep + px, MAX_OUTER_SHARE * radius)
+        places, median, highest, std = _profile(slopes, mm_per_px, (*centre, radius), outer)
     return CircularEdge(centre, half + HALF * blur, blur, uneven, places, median, highest, std)
+
+
+def _profile(
+    slopes: SlopeMap, mm_per_px: Pair, circle: tuple[float, float, float], outer: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Places (J,) across a rim up to `outer`; the median slope there, that of all but a fifth, and its std."""
+    places, values = _profiles(slopes, mm_per_px, circle, _bounds(circle[2], min(mm_per_px), outer))
+    low, middle, high, highest = _quantiles(values, 0.25, 0.5, 0.75, 0.8)
+    count = np.maximum(np.count_nonzero(np.isfinite(values), axis=0), 1)
+    return places, middle, highest, MEDIAN_STD * (high - low) / np.sqrt(count)
 
 
 def _bounds(radius: float, px: float, outer: float) -> Pair:

@@ -41,7 +41,10 @@ from tactilevision.photometric.illumination.colour_change import Planes, Window
 from tactilevision.records import Bools, Floats, Pair, SlopeMap
 
 FOOT_PX = 6.0  # px inside the edge from which slopes are read
-FAR = 0.4  # of the radius outside the edge, to which slopes are read
+FAR = (
+    0.4  # of the radius outside the edge, to which slopes are read; farther where a wall hides more than its half
+)
+HIDDEN_SHARE = 0.5  # of that, which a wall may hide: what lies behind more is no longer told by the rest
 CAMERA_PX = (0.8, 0.5)  # px: usual blur of the camera, and the spread of its logarithm
 EDGE_PX = (0.5, 0.8)  # px: usual blur by the edge's rounding, and the spread of its logarithm
 SLOPE_ERROR = 0.03  # of the mean slope round the edge: its relative deviation
@@ -182,16 +185,19 @@ def wall_light(lean: float) -> WallLight:
 def _fit_edge(edge: CircularEdge, limit: float, *, px: float, light: WallLight) -> PunchEdge | None:
     """The law through the gentle slopes beside a wall; None where too few of them are seen."""
     mean, s = edge.slopes, edge.places_mm - edge.radius_mm
-    far = max(FAR * edge.radius_mm, 8 * px)
     known = np.isfinite(mean)
     steep = known & ~(edge.highest < limit)
+    if not steep.any():
+        return None
+    hidden = float(s[steep].max())
+    far = max(FAR * edge.radius_mm, 8 * px, min(hidden / HIDDEN_SHARE, float(s[-1])))
     use = known & ~steep & (s > -FOOT_PX * px) & (s < far)
-    if not steep.any() or s[steep].max() > 0.5 * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
+    if hidden > HIDDEN_SHARE * far or np.count_nonzero(use & (s > 0)) < MIN_READ:
         return None
     std = np.sqrt(SLOPE_FLOOR**2 + (SLOPE_ERROR * mean) ** 2 + edge.std**2)[use]
     law = _Law(edge.radius_mm, px, far, light)
     unknown, covariance = law.fitted(s[use], mean[use], std)
-    shift, reach = float(unknown[0]), float(s[steep].max() + px)
+    shift, reach = float(unknown[0]), hidden + px
     falls, fall, rate = law.falls(unknown, reach - shift)
     with_edge = rate @ covariance[:, 0] / covariance[0, 0]  # all else following the edge
     inner = -3.0 * float(np.hypot(*np.exp(unknown[1:3])))

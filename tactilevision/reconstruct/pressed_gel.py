@@ -1,7 +1,8 @@
 """The gel beside a round flat face as theory has it: the surface that cast shadows are forecast from.
 
 What is read in shadow is too deep beside a face, and a forecast from such a surface ends too early. Round each
-flat face whose wall was found (integration/steep_edges.py) the surface is, w the face's depth and t its tilt,
+flat face whose wall was found (integration/steep_edges.py), or at least its rim (circular_edges.py), the surface
+is, w the face's depth and t its tilt,
 
     z = (w + t.x min(1, a/r)) m(r)     m = 1 for r < a,  m_1 + beta (m_2 - m_1) beside it
 
@@ -19,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.circular_edges import CircularEdge
 from tactilevision.integration.steep_edges import PunchEdge
 from tactilevision.mechanics.profile import PunchCase, seen_profile
 from tactilevision.mechanics.punch_equation import A_OVER_H_RANGE
@@ -33,13 +35,20 @@ FACE = 0.75  # of the radius, within which the face's plane is read: beyond, wal
 LIT_MM = (0.4, 2.5)  # mm beyond the edge, between which the map tells beta
 HANDED_OVER_MM = (2.0, 3.5)  # mm beyond the edge, between which the map takes over: there shadows end
 ALIKE = (0.15, 0.3)  # of the face's depth that the map may lie off the law, wholly and at all: shadows make .27
+# the same beside a rim whose wall could not be fitted, since shadows reach too far: they make .45 there
+ALIKE_UNFITTED = (0.5, 0.7)
 MIN_COUNT = 200  # pixels of gel that tell beta, and pixels of a face: fewer tell neither
 MIN_FACE_MM = 0.08  # mm: gentler faces cast no shadow that matters
 ROUNDED = 0.005  # of a/h: cases so near share a profile, which changes by less than .001 w
 
 
 def with_faces(
-    depth_mm: Depth, edges: Sequence[PunchEdge], *, lit: Bools | None, mm_per_px: Pair, thickness_mm: float
+    depth_mm: Depth,
+    edges: Sequence[PunchEdge | CircularEdge],
+    *,
+    lit: Bools | None,
+    mm_per_px: Pair,
+    thickness_mm: float,
 ) -> Depth:
     """A depth map (H, W) in mm with the surface of theory round the faces of `edges`; itself where there are none.
 
@@ -51,7 +60,9 @@ def with_faces(
     return depth_mm
 
 
-def _with_face(depth: Depth, edge: PunchEdge, *, lit: Bools | None, mm_per_px: Pair, thickness_mm: float) -> Depth:
+def _with_face(
+    depth: Depth, edge: PunchEdge | CircularEdge, *, lit: Bools | None, mm_per_px: Pair, thickness_mm: float
+) -> Depth:
     rows, columns = depth.shape
     x = (np.arange(columns) * mm_per_px[0] - edge.centre_mm[0])[None, :]
     y = (np.arange(rows) * mm_per_px[1] - edge.centre_mm[1])[:, None]
@@ -74,7 +85,9 @@ def _with_face(depth: Depth, edge: PunchEdge, *, lit: Bools | None, mm_per_px: P
         share = float(np.clip(between @ (depth - low)[told] / (between @ between), *SHARES))
     surface = low + share * (high - low)
     off = np.abs(depth - surface) / w
-    weight = _falling(beyond, *HANDED_OVER_MM) * _falling(off, *ALIKE)
+    weight = _falling(beyond, *HANDED_OVER_MM) * _falling(
+        off, *(ALIKE if isinstance(edge, PunchEdge) else ALIKE_UNFITTED)
+    )
     return np.asarray(depth + weight * (surface - depth), depth.dtype)
 
 

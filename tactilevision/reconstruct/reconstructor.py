@@ -40,7 +40,7 @@ from tactilevision.quality.inconsistent_light import Inconsistency, LightCheck
 from tactilevision.quality.reference_match import DEFAULT_BASELINE, ReferenceMatch
 from tactilevision.reconstruct.unshadowed import MIN_DEPTH_MM, undo_shadows
 from tactilevision.records import Bools, Bytes, Frame, HeightMap, Pair, Sensor, SlopeMap
-from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, add
+from tactilevision.records.flags import DEEPER, INCONSISTENT, SHADOW, STEEP, add
 from tactilevision.sensors import rectify
 from tactilevision.uncertainty.depth import DepthError, MapEvidence
 
@@ -163,6 +163,8 @@ class Reconstructor:
             flags = add(flags, (INCONSISTENT,))
         if self.keeps_shadows and surface.max() > MIN_DEPTH_MM:
             flags = add(flags, (SHADOW,))
+        if self.error and self.evidence and self.error.hides_much(surface, self.evidence):
+            flags = add(flags, (STEEP,))
         return surface, valid, std, flags
 
     def _mapped(self, rgb: Bytes) -> Mapped:

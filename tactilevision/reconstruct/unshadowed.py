@@ -5,8 +5,10 @@
 The forecast of shadows (`photometric/illumination/cast_shadow.py`) needs the depth that it mends. Gel in
 shadow is read too deep beside the wall, so a forecast from it is too short: round flat faces it starts from the
 surface that theory has there (`pressed_gel.py`). The light that its wall sends to the gel beside it goes, too
-(`interreflection.py`). Half steps from one map to the next settle where whole ones swing. What was given back is
-known to a share of itself, which the deviation holds.
+(`interreflection.py`). Where shadows reach so far that the wall's own law finds too little gentle gel beside
+it, a sharp round rim alone (integration/circular_edges.py) says where the face ends. Half steps from one map to
+the next settle where whole ones swing. What was given back is known to a share of itself, which the deviation
+holds.
 
 Assumes three near lamps found from balls. What it does to faces and the gel beside is measured on pictures of a
 path tracer in docs/evidence/rendered.md.
@@ -20,11 +22,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactilevision.integration.circular_edges import CircularEdge, find_circular_edges
 from tactilevision.integration.steep_edges import PunchEdge
-from tactilevision.photometric.illumination.cast_shadow import LightField, dimming, reached_by_all, visibility
+from tactilevision.photometric.illumination.cast_shadow import (
+    LightField,
+    dimming,
+    reached_by_all,
+    slopes_of,
+    visibility,
+)
 from tactilevision.photometric.illumination.interreflection import reflected, without
 from tactilevision.reconstruct.pressed_gel import with_faces
-from tactilevision.records import Bools, Bytes
+from tactilevision.records import Bools, Bytes, SlopeMap
 
 Mapped = tuple[npt.NDArray[np.floating[Any]], Bools, npt.NDArray[np.floating[Any]] | None, tuple[str, ...]]
 
@@ -33,6 +42,7 @@ STEP = 0.5  # of the way from one depth to the next: whole steps swing beyond .3
 MAX_ROUNDS = 10  # maps of one frame: what moves then moves by less than its deviation
 SETTLED_MM = 0.003  # mm, the most that 99 % of pixels move between rounds that end it
 GIVEN_BACK_STD = 0.35  # of what the map changed by: rms on three sensors of the path tracer
+RIM_SLOPE = 0.3  # slope of a rim that shadows are looked for beside: walls of faces from .1 mm on are steeper
 BRIGHTEST = 250  # grey levels that a pixel is given at most, lest it count as saturated
 
 
@@ -55,7 +65,8 @@ def undo_shadows(
         return (surface, valid, std, flags), None
     plain, depth, lit = surface.copy(), surface.copy(), None
     for _ in range(MAX_ROUNDS):
-        shape = with_faces(depth, edges(), lit=lit, mm_per_px=field.mm_per_px, thickness_mm=thickness_mm)
+        rims = edges() or _rims(depth, field)
+        shape = with_faces(depth, rims, lit=lit, mm_per_px=field.mm_per_px, thickness_mm=thickness_mm)
         seen = visibility(field.lamps, shape, field.mm_per_px)
         lit = reached_by_all(seen)
         own = without(rgb, reflected(field, shape))
@@ -68,6 +79,11 @@ def undo_shadows(
     if std is not None:
         std = np.hypot(std, given_back).astype(std.dtype)
     return (surface, valid, std, flags), given_back
+
+
+def _rims(depth: npt.NDArray[np.floating[Any]], field: LightField) -> Sequence[CircularEdge]:
+    """Sharp round rims of a depth map (H, W) mm."""
+    return find_circular_edges(SlopeMap(*slopes_of(depth, field.mm_per_px)), field.mm_per_px, limit=RIM_SLOPE)
 
 
 def _brightened(rgb: Bytes, factor: npt.NDArray[np.float32]) -> Bytes:

@@ -14,6 +14,7 @@ UNFIT = "unfit"
 ASSUMED_SCALE = "assumed_scale"
 INCONSISTENT = "inconsistent_light"
 SHADOW = "shadow"
+STEEP = "steep"
 MEANING = {
     UNFIT: "the light's calibration fails balls that it never saw: neither direction nor depth of what is pressed "
     "can be trusted",
@@ -31,6 +32,8 @@ MEANING = {
     "light that the method does not know; depth that rests on them is uncertain",
     SHADOW: "the sensor's lamps cast shadows beside so deep a contact, and this map keeps them: gel falls too "
     "steeply there. `depth` and `force` undo them, `live --shadows` and load_sensor(path, shadows=True) too",
+    STEEP: "slopes are steeper than any ball that told the light, and belong to no round flat face: what stands "
+    "behind them is read too shallow; smaller balls, or deeper presses of them, would tell",
     BORDER: "what looks pressed reaches the picture's border: a contact that is cut off, or light from outside",
 }
 

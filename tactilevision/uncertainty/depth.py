@@ -37,6 +37,8 @@ from tactilevision.uncertainty.zero_plane import zero_variance
 Picture = npt.NDArray[np.float32]
 Array = npt.NDArray[np.floating[Any]]
 GRID_MM = 0.18  # mm between points of the grid, about: finer than the deviation varies, but for edges
+# of the greatest depth: what too steep slopes may hide before a map says so; calibrated balls stay below .1
+MAX_HIDDEN_SHARE = 0.2
 TERMS = (
     "depth scale",
     "leakage",
@@ -154,6 +156,11 @@ class DepthError:
     def too_steep(self, steepest: float) -> bool:
         """Whether a picture whose greatest |slope| is `steepest` may hide depth behind steep slopes."""
         return steepest > self.steepest
+
+    def hides_much(self, depth_mm: Array, evidence: MapEvidence) -> bool:
+        """Whether slopes that are too steep may hide a good part of the greatest depth of `depth_mm` (H, W)."""
+        few = self._on_grid(depth_mm)
+        return self._hidden_mm(few, evidence) > MAX_HIDDEN_SHARE * float(few.max())
 
     @property
     def _step_mm(self) -> Pair:

@@ -142,3 +142,18 @@ def test_gentle_slopes_cost_nothing() -> None:
     assert find_circular_edges(slopes, (STEP, STEP), limit=LIMIT) == []
     restore(slopes, [], mm_per_px=(STEP, STEP))
     assert np.array_equal(slopes.dz_dx, before)
+
+
+@pytest.mark.parametrize(("limit", "w"), [(0.3, 0.8), (0.22, 0.7)])
+def test_a_wall_that_hides_more_than_a_fifth_of_the_radius_is_carried_through(limit: float, w: float) -> None:
+    """As after a calibration on gentle balls: slopes beyond `limit` are unread .4 mm and more beside the edge."""
+    depth = punch(w)
+    read = photographed(depth, top=limit / 0.8)
+    beside = np.hypot(*places()) - 2.0
+    unread = beside[np.hypot(read.dz_dx, read.dz_dy) > limit]
+    assert unread.max() > 0.4
+    short = face_over_gel(read)
+    restore(read, find_punch_edges(read, (STEP, STEP), limit=limit), mm_per_px=(STEP, STEP))
+    truth = true_over_gel(depth)
+    assert short < 0.75 * truth
+    assert face_over_gel(read) == pytest.approx(truth, rel=0.05)

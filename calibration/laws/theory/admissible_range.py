@@ -31,6 +31,7 @@ LOWEST = (0.56, 0.08, -0.24, -0.46, -0.57)  # beta of a neo-Hookean solid withou
 RUBBING = 0.10  # least beta of a punch that rubs at all
 A_OVER_H: Pair = (0.5, 1.2)  # where these figures are taken to hold
 STRAINS = 20  # depths at which the bend is taken
+ROUNDED = 5e-4  # of w/h beyond the table: less is rounding, not a deeper press
 MIN_STRAIN = 1e-3  # over less there is no bend to speak of
 
 
@@ -62,7 +63,7 @@ def beta_outside_theory(beta: Estimate, poisson_ratio: Estimate, *, a_over_h: fl
 def deeper_than_elements(deepest: float) -> str:
     """A sentence where presses go deeper (w/h) than finite elements are tabulated; else empty."""
     table = float(shipped_table().axes.depths[-1])
-    if deepest <= table:
+    if deepest <= table + ROUNDED:
         return ""
     return (
         f"presses go to {deepest:.2f} of the gel's thickness, finite elements are tabulated to {table:g}: what "

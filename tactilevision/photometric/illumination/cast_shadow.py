@@ -114,7 +114,7 @@ def _shade_and_missing(
     now, before = (np.asarray(one, np.float32) + SOFTENING_GREY for one in (rgb, reference))
     ratio = now / before
     change = [ratio[..., k] ** np.float32(field.lamps.power) for k in range(3)]
-    p, q = _slopes(depth_mm, field.mm_per_px)
+    p, q = slopes_of(depth_mm, field.mm_per_px)
     planes = [*change, *(light * away), p, q, np.hypot(p, q)]
     cells = np.stack([cv2.resize(np.float32(one), size, interpolation=cv2.INTER_AREA) for one in planes])
     weights, unmix = _weights(field, size)
@@ -145,11 +145,11 @@ def _weights(field: LightField, size: tuple[int, ...]) -> tuple[Picture, Picture
 
 
 def _of_lamps(field: LightField, depth_mm: npt.NDArray[np.floating]) -> Picture:
-    p, q = _slopes(depth_mm, field.mm_per_px)
+    p, q = slopes_of(depth_mm, field.mm_per_px)
     return np.asarray(shading(field.leans, p, q), np.float32)
 
 
-def _slopes(depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> tuple[Picture, Picture]:
+def slopes_of(depth_mm: npt.NDArray[np.floating], mm_per_px: Pair) -> tuple[Picture, Picture]:
     """dz/dx and dz/dy (H, W) of a depth map (H, W) in mm."""
     smooth = cv2.GaussianBlur(np.asarray(depth_mm, np.float32), (0, 0), SMOOTH_PX)
     q, p = np.gradient(smooth, mm_per_px[1], mm_per_px[0])
